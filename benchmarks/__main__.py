@@ -66,6 +66,9 @@ BENCHMARKS = {
     "links_coverage": Benchmark(
         "studies.elastic_campaigns", "intervals on clean beams", "run_coverage", in_parts=True
     ),
+    "links_ball": Benchmark(
+        "studies.elastic_campaigns", "balls of the model error on beams", "run_ball", in_parts=True
+    ),
     "links_answered": Benchmark(
         "studies.elastic_campaigns", "clean beams are answered", "run_answered", in_parts=True
     ),

@@ -18,9 +18,9 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.semidefinite.symmetric import diagonal
 from jointstiff.solver.deflection.balance import rotation_vector
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
-from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel, greatest_deviation
+from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.model_error import ModelError, measured_loads, with_scores
+from jointstiff.solver.deflection.model_error import ModelError, leave_folds_out
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links.cross_validation import FoldFit, Folds
 from jointstiff.solver.links.estimate import Companion, ElasticEstimate
@@ -28,6 +28,7 @@ from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -219,35 +220,35 @@ def _root(companion: Companion, entries: FloatArray) -> FloatArray:
 
 
 def folds_left_out(
-    robot: Robot, measurements: Measurements, folds: Folds, fits: list[FoldFit], model: ElasticPredictor
+    robot: Robot, measurements: Measurements, folds: Folds, fits: list[FoldFit], elastic: ElasticEstimate
 ) -> ModelError:
     """Return the model error by the postures of each fold, predicted by the fits to the other folds.
 
-    Each fit lacks a fold of postures instead of one, so that residuals are greater rather than less.
+    Without the readings of a fold, whitened rows A, the covariance ``C = L Lᵀ`` is ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Args:
         robot: n joints.
         measurements: N observations.
         folds: of them.
         fits: one a fold, each for one weight of the penalty.
-        model: of the whole set.
+        elastic: fitted to the whole set.
 
     Raises:
         RequestError: nothing loads the robot.
     """
-    summary, load = measured_loads(measurements)
-    _, index = np.unique(measurements.joints, axis=0, return_inverse=True)
-    scores, postures, leverages = [], [], [np.zeros(1)]
+    model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
+    covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
+    residuals, halves = [], []
     for indices, fit in zip(folds.held_out, fits, strict=True):
         part = measurements[indices]
         residual, rows = elastic_residuals(robot, part, folds.columns, fit.compliances[0])
-        observation = indices[np.nonzero(part.present)[0]]
-        loaded = load[observation] > 0.0
-        size = load[observation][loaded]
-        scores.append(np.linalg.norm(residual[loaded], axis=1) / np.sqrt(size))
-        postures.append(index.reshape(-1)[observation[loaded]])
-        if model.root is not None:
-            leverages.append(greatest_deviation(rows[loaded][..., model.kept] @ model.root) / size)
-    return with_scores(
-        summary, load, np.concatenate(postures), np.concatenate(scores), np.concatenate(leverages)
-    )
+        half = np.zeros((len(rows), 3, 1))
+        if model.root is not None and sigma is not None:
+            half = rows[..., model.kept] @ model.root
+            whitened = whitener(sigma**2 * covariance[indices][part.present]) @ half
+            known = whitened.reshape(-1, half.shape[-1])
+            factor = np.linalg.cholesky(np.eye(half.shape[-1]) - known.T @ known)
+            half = half @ np.linalg.inv(factor).T
+        residuals.append(residual)
+        halves.append(half)
+    return leave_folds_out(measurements, folds.held_out, residuals, halves)

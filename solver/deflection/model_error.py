@@ -10,6 +10,7 @@ inference with the jackknife+*, 2021).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Final
@@ -66,8 +67,8 @@ class ModelError:
     """Residuals of readings in postures that were left out of the fit."""
 
     postures: int  #: number P of postures that it rests on
-    #: (S,) ascending: length of a residual over the root of the size of its load [m]; inf where the others
-    #: do not determine it
+    #: (S,) ascending: length of a residual over the root of the size of its load [m], less what is the
+    #: readings' own in it; inf where the others do not determine it
     score: FloatArray
     share: FloatArray  #: (S,) of the postures' readings with that score at most, times P/(P + 1)
     force: float  #: unit of the size of a load [N]; zero where none was measured
@@ -131,7 +132,7 @@ def leave_postures_out(
         RequestError: no posture can be left out.
         JointstiffError: as the refits do.
     """
-    summary, load = measured_loads(measurements)
+    summary, load = _measured_loads(measurements)
     groups, postures = _postures(measurements, load > 0.0)
     if len(groups) < 2:
         raise _too_few()
@@ -149,21 +150,63 @@ def leave_postures_out(
         left_out[group] = p
     others = (left_out != np.arange(len(groups))[:, None]).astype(np.float64)
     fits = fit_subsets(blocks, others, plain.bounds)[0]
-    read = np.flatnonzero((left_out[observation] >= 0) & (load[observation] > 0.0))
-    posture = left_out[observation[read]]
-    compliance = fits[posture][:, blocks.visible]
-    predicted = np.einsum("rv,vir->ir", compliance, blocks.regressor[..., read])
-    length = np.linalg.norm(blocks.deflection[:, read] - predicted, axis=0)
-    length /= np.sqrt(load[observation[read]])
     # Leverages of all readings under load, also of postures that stay in every fit.
-    loaded = load[observation] > 0.0
+    loaded = np.flatnonzero(load[observation] > 0.0)
+    size, posture = load[observation[loaded]], left_out[observation[loaded]]
     half = blocks.regressor[..., loaded].transpose(2, 1, 0) @ model.root[blocks.visible]
-    leverage = greatest_deviation(half) / load[observation][loaded]
-    found = with_scores(summary, load, posture, length, leverage)
-    return replace(found, left_out=LeftOut(fits, postures))
+    read = posture >= 0
+    compliance = fits[posture[read]][:, blocks.visible]
+    predicted = np.einsum("rv,vir->ir", compliance, blocks.regressor[..., loaded[read]])
+    squares = np.square(blocks.deflection[:, loaded[read]] - predicted).sum(axis=0)
+    variance = np.square(half[read]).sum(axis=(1, 2))
+    noise = _reading_variance(measurements)[loaded[read]] + variance / (postures - 1)
+    found = _with_scores(summary, size[read], posture[read], squares, noise, variance)
+    greatest = float((greatest_deviation(half) / size).max())
+    return replace(found, leverage=greatest, left_out=LeftOut(fits, postures))
 
 
-def measured_loads(measurements: Measurements) -> tuple[ModelError, FloatArray]:
+def leave_folds_out(
+    measurements: Measurements,
+    parts: Sequence[IndexArray],
+    residuals: Sequence[FloatArray],
+    halves: Sequence[FloatArray],
+) -> ModelError:
+    """Compare what fits to all parts but one predict there with what was read.
+
+    Args:
+        measurements: N observations.
+        parts: the observations of each part.
+        residuals: (R, 3) of the readings of each part, by the fit to the others [m].
+        halves: (R, 3, p) roots of the covariances of these predictions [m]; zero if they are unknown.
+
+    Raises:
+        RequestError: nothing loads the robot.
+    """
+    summary, load = _measured_loads(measurements)
+    _, posture = np.unique(measurements.joints, axis=0, return_inverse=True)
+    of_reading = np.nonzero(measurements.present)[0]
+    order = np.concatenate([np.flatnonzero(np.isin(of_reading, part)) for part in parts])
+    lacked = np.concatenate([np.full(len(part), len(part) / len(measurements)) for part in parts])
+    loaded = load[of_reading[order]] > 0.0
+    order, half = order[loaded], np.concatenate(halves)[loaded]
+    observation = of_reading[order]
+    squares = np.square(np.concatenate(residuals)[loaded]).sum(axis=1)
+    variance = np.square(half).sum(axis=(1, 2))
+    share = lacked[np.argsort(np.concatenate(parts))][observation]
+    noise = _reading_variance(measurements)[order] + share * variance
+    size, least = load[observation], (1.0 - share) * variance
+    found = _with_scores(summary, size, posture.reshape(-1)[observation], squares, noise, least)
+    return replace(found, leverage=float((greatest_deviation(half) / size).max()))
+
+
+def _reading_variance(measurements: Measurements) -> FloatArray:
+    """Return the expected square of the noise of each reading (R,) as stated [m²]; zero if it is not."""
+    trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
+    sigma = measurements.sigma or 0.0
+    return np.asarray(sigma**2 * np.broadcast_to(trace, measurements.present.shape)[measurements.present])
+
+
+def _measured_loads(measurements: Measurements) -> tuple[ModelError, FloatArray]:
     """Return a model error without scores, whose greatest load has size 1, and the sizes (N,) of the loads.
 
     Raises:
@@ -175,21 +218,43 @@ def measured_loads(measurements: Measurements) -> tuple[ModelError, FloatArray]:
     summary = ModelError(0, np.zeros(0), np.zeros(0), float(force), float(moment), 0.0, 0.0)
     greatest = float(summary.load_size(measurements.force, measurements.moment).max())
     summary = replace(summary, force=greatest * float(force), moment=greatest * float(moment))
-    return summary, summary.load_size(measurements.force, measurements.moment)
+    load = summary.load_size(measurements.force, measurements.moment)
+    return replace(summary, least_load=float(load[load > 0.0].min())), load
 
 
-def with_scores(
-    summary: ModelError, load: FloatArray, posture: IndexArray, score: FloatArray, leverage: FloatArray
+def _with_scores(
+    summary: ModelError,
+    size: FloatArray,
+    posture: IndexArray,
+    squares: FloatArray,
+    noise: FloatArray,
+    least: FloatArray,
 ) -> ModelError:
-    """Return a model error with the scores (R,) of readings in postures (R,); NaN where undetermined."""
-    steps, share = merged_steps(posture, np.where(np.isnan(score), np.inf, score))
+    """Return a model error with the scores of R readings, without what is the readings' own in them.
+
+    A residual is the sum of the prediction's error and of the reading's own, which no ball about a prediction
+    has to hold. Their squares add up in the mean only: all scores shrink alike, so that quantiles keep
+    their order. No more is taken off than leaves what the readings themselves leave open.
+
+    Args:
+        summary: unit of the loads.
+        size: (R,) of the readings' loads.
+        posture: (R,) index of each reading's posture.
+        squares: (R,) of the residuals [m²]; NaN where undetermined.
+        noise: (R,) expected square of the reading's error, and of that of the prediction for the readings
+            that its fit lacks [m²].
+        least: (R,) expected square of the prediction's error by the readings' alone [m²].
+    """
+    known = np.isfinite(squares)
+    whole, own, least_left = (float((each / size)[known].mean()) for each in (squares, noise, least))
+    left = max(whole - own, min(least_left, whole)) / whole if known.any() and whole > 0.0 else 1.0
+    score = np.sqrt(np.where(known, left * squares / size, np.inf))
+    steps, share = merged_steps(posture, score)
     return replace(
         summary,
         postures=len(np.unique(posture)),
         score=steps,
         share=share,
-        least_load=float(load[load > 0.0].min()),
-        leverage=float(leverage.max()),
     )
 
 

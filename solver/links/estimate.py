@@ -63,9 +63,13 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """Weighted squares that share the optimum of an estimate."""
+    """Plain squares beside an estimate: what its uncertainties are computed with.
 
-    formulation: Formulation  #: of the whole set, targets weighted by what the loss leaves of them
+    Those whose weights give a robust loss's optimum count a residual that the loss makes zero many times, and
+    promise too much.
+    """
+
+    formulation: Formulation  #: of the whole set
     weight: float  #: λ of its penalty
     #: of one coordinate of one reading, of the residuals where these exceed what is stated [m]; None
     #: without degrees of freedom
@@ -100,9 +104,7 @@ class ElasticEstimate:
     effective_freedom: float  #: of the whole model: how many numbers the readings determine
     parameters: int  #: how many numbers the model has
     certificate: LinkCertificate  #: of optimality
-    #: program of weighted squares that shares the optimum, its weight of the penalty and its sigma: what
-    #: uncertainties are computed with
-    companion: Companion
+    companion: Companion  #: what uncertainties are computed with
 
     @property
     def unexplained(self) -> float:

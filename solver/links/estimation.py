@@ -92,11 +92,10 @@ def estimate_elastic(
     solution = fitted.solution
     compliances, least = _returned(formulation.compliances(solution.x), model)
     gap = _judged(problem, fitted, weight, compliances, scale)
-    rows, shared, shared_weight = problem.companion(rows, compliances, weight, fitted.threshold)
-    x = compliances[shared.columns] / shared.unit
-    freedom = _by_column(shared, effective_freedom(shared.program(shared_weight), x))
-    left = max(0.0, rows.readings - float(freedom.sum()))
-    sigma, chi_square = _residuals(rows, compliances, left, measurements.sigma)
+    weighted, shared, shared_weight = problem.companion(rows, compliances, weight, fitted.threshold)
+    freedom, left, sigma, chi_square = _residuals(
+        weighted, shared, shared_weight, compliances, measurements.sigma
+    )
     elements, prediction = _explained(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
     return ElasticEstimate(
@@ -114,23 +113,20 @@ def estimate_elastic(
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(least, solution.certificate.dual, gap, float(scale), solution.tolerance),
-        companion=_companion(shared, shared_weight, measurements.sigma, sigma, chi_square, left),
+        companion=_companion(problem, rows, compliances, weight, measurements.sigma),
     )
 
 
 def _companion(
-    formulation: Formulation,
-    weight: float,
-    stated: float | None,
-    sigma: float | None,
-    chi_square: float,
-    left: float,
+    problem: LossProblem, rows: ElasticRows, compliances: FloatArray, weight: float, stated: float | None
 ) -> Companion:
-    """Return it, its sigma raised where the residuals exceed what is stated."""
+    """Return the plain squares beside a fit, their sigma raised where the residuals exceed what is stated."""
+    weight = problem.weight_of_squares(compliances, weight)
+    _, left, sigma, chi_square = _residuals(rows, problem.formulation, weight, compliances, stated)
     if stated is None or sigma is None:
-        return Companion(formulation, weight, sigma, left)
+        return Companion(problem.formulation, weight, sigma, left)
     excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
-    return Companion(formulation, weight, sigma * max(1.0, excess), None)
+    return Companion(problem.formulation, weight, sigma * max(1.0, excess), None)
 
 
 def first_certified(
@@ -150,13 +146,20 @@ def first_certified(
 
 
 def _residuals(
-    rows: ElasticRows, compliances: FloatArray, left: float, sigma: float | None
-) -> tuple[float | None, float]:
-    """Sigma [m], of the residuals if it is not given, and chi-square under it."""
-    squares = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
+    rows: ElasticRows, squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
+) -> tuple[FloatArray, float, float | None, float]:
+    """Return the freedom (P,) of each column, what is left, sigma [m] and chi-square under it.
+
+    Sigma is of the residuals if it is not given.
+    """
+    x = compliances[squares.columns] / squares.unit
+    freedom = np.zeros(squares.width)
+    freedom[squares.columns] = effective_freedom(squares.program(weight), x)
+    left = max(0.0, rows.readings - float(freedom.sum()))
+    total = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
     if sigma is None and left >= _LEAST_FREEDOM:
-        sigma = sqrt(squares / left)
-    return sigma, squares / sigma**2 if sigma else 0.0
+        sigma = sqrt(total / left)
+    return freedom, left, sigma, total / sigma**2 if sigma else 0.0
 
 
 def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> float:
@@ -270,13 +273,6 @@ def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) ->
             effective_freedom=float(freedom[own].sum()),
             parameters=6 if model.name == "diagonal_links" else len(own),
         )
-
-
-def _by_column(formulation: Formulation, shares: FloatArray) -> FloatArray:
-    """(P,) numbers of the parameters (p,) at their columns."""
-    out = np.zeros(formulation.width)
-    out[formulation.columns] = shares
-    return out
 
 
 def _explained(

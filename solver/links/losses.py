@@ -30,6 +30,8 @@ _MEDIAN_NORM: Final = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
 """1.538: median of the norm of three standard normal coordinates."""
 _LEAST_SCALE: Final = 1e-6
 """Least robust scale relative to the mean deflection: exact readings have none."""
+_LEAST_WEIGHT: Final = 1e-9
+"""Least weight of the penalty beside squares."""
 
 
 def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
@@ -168,6 +170,20 @@ class LossProblem:
         seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
         formulation = formulate(weighted, self.model, seen)
         return weighted, formulation, 2.0 * self._total * threshold * weight / formulation.size**2
+
+    def weight_of_squares(self, compliances: FloatArray, weight: float) -> float:
+        """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
+
+        A residual counts by its direction under the absolute loss, and by its length under squares.
+
+        Args:
+            compliances: (P,) of the fit.
+            weight: λ of the fit.
+        """
+        if self.model.loss == "squared":
+            return weight
+        length = float(np.linalg.norm(self._required_targets.residuals(compliances), axis=1).mean())
+        return max(2.0 * self._total * length * weight / self.formulation.size**2, _LEAST_WEIGHT)
 
     @property
     def _required_targets(self) -> ElasticTargets:

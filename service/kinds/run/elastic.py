@@ -227,7 +227,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         predictor = ElasticPredictor.of(robot, elastic)
         error: ModelError | JointstiffError
         try:
-            error = folds_left_out(robot, measurements, self._folds, held_out, predictor)
+            error = folds_left_out(robot, measurements, self._folds, held_out, elastic)
         except JointstiffError as none:  # the run stands without it, and predictions say why
             error = none
         return to_elastic_model(predictor, error)

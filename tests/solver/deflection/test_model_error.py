@@ -49,7 +49,26 @@ def test_scores_are_those_of_fits_repeated_without_each_posture(method):
         # The linear model, as the refits have it.
         residual = predict(ROBOT, one, rest.compliance).residual[0]
         expected += list(np.linalg.norm(residual, axis=1) / np.sqrt(size))
-    np.testing.assert_allclose(found, sorted(expected), rtol=1e-6, atol=1e-12)
+    ratio = np.sqrt(np.square(found).mean() / np.square(expected).mean())
+    np.testing.assert_allclose(found, ratio * np.sort(expected), rtol=1e-6, atol=1e-12)
+    # On exact springs nearly all of a residual is the reading's own error, of six coordinates.
+    noise, mean = 6.0 * measurements.sigma**2, np.square(expected).mean()
+    assert ratio**2 * mean < 0.3 * noise
+    assert ratio**2 * mean > mean - 1.2 * noise
+
+
+def test_without_a_stated_noise_nothing_is_known_to_be_the_readings_own():
+    """But for what the missing posture would have told."""
+    measurements = replace(noisy(), sigma=None)
+    _, error = left_out(ROBOT, measurements)
+    _, stated = left_out(ROBOT, noisy())
+    residuals = []
+    for i in range(len(measurements)):
+        rest, _ = left_out(ROBOT, measurements[np.delete(np.arange(len(measurements)), i)])
+        residuals.append(predict(ROBOT, measurements[np.array([i])], rest.compliance).residual[0])
+    whole = np.square(residuals).sum(axis=-1).mean()
+    assert 0.95 * whole < np.square(error.score).mean() <= whole
+    assert np.square(stated.score).mean() < 0.3 * whole
 
 
 def test_too_few_postures_bound_nothing():

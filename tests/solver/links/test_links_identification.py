@@ -343,8 +343,9 @@ def test_absolute_residuals_have_the_least_mean_and_huber_lies_between(fanuc):
 def test_huber_with_a_threshold_that_no_residual_reaches_is_least_squares(elastic):
     """At the penalty whose weight has the same meaning: 2 h Σ‖d‖ / ‖z‖² times that of Huber's loss."""
     huber = estimate(*elastic, weight=1e-4, loss="huber", threshold=1e3)
-    same = huber.companion.weight
-    squared = estimate(*elastic, weight=same)
+    readings = np.linalg.norm(elastic[1].deflection, axis=-1) / np.sqrt(2.0)  # whitened: 2 sigma² each way
+    threshold, size = 1e3 * elastic[1].sigma, np.square(readings).sum()
+    squared = estimate(*elastic, weight=1e-4 * 2.0 * threshold * readings.sum() / size)
     rows = rows_of(*elastic)
     apart = np.linalg.norm(rows @ (huber.entries - squared.entries), axis=-1).max()
     assert apart < 1e-3 * np.linalg.norm(elastic[1].deflection, axis=-1).mean()
@@ -525,9 +526,8 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     model = ElasticModel("joints_and_links", COLUMNS)
     found = estimate_elastic(robot, fitted, folds, model, 1e-4)
     predictor = ElasticPredictor.of(robot, found)
-    error = folds_left_out(
-        robot, fitted, folds, [fit_fold(folds, model, k, plan.weights) for k in range(3)], predictor
-    )
+    fits = [fit_fold(folds, model, k, plan.weights) for k in range(3)]
+    error = folds_left_out(robot, fitted, folds, fits, found)
     assert error.postures == 25
     configurations = Configurations(robot, robot.joint_map.model_angles(held_out.joints))
     origin = configurations.to_base(np.zeros((len(held_out), 1, 3)))[:, 0]
