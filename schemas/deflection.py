@@ -199,8 +199,8 @@ class CaseResult(Message):
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
         default=None,
-        description="Null without a displacement, and where the run has no budget: elastic links, no known "
-        "uncertainty, or a run of an earlier version.",
+        description="Null without a displacement, and where the run has no budget: elastic links, or no "
+        "known uncertainty.",
     )
     remarks: list[str] = Field(description="Extrapolation, by name; or why there is no number or no bound.")
 

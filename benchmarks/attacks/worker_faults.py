@@ -1,4 +1,4 @@
-"""Workers that die at each step, run out of memory, or are of another version; and pickles in a backup."""
+"""Workers that die at each step or run out of memory; and pickles in a backup."""
 
 from __future__ import annotations
 
@@ -60,12 +60,6 @@ if "jointstiff.service.workers" in sys.orig_argv:
 """
 _UNABLE_SECONDS: Final = 30.0
 """With pauses of 2, 4, 8 and 16 s, a worker is started five times."""
-_OTHER_VERSION: Final = """
-import sys
-if "jointstiff.service.workers" in sys.orig_argv:
-    import jointstiff.service.workers.queue as queue
-    queue.VERSION -= 1
-"""
 
 
 @contextmanager
@@ -103,7 +97,6 @@ def worker_faults(
         }
         others = {
             "out of memory": pool.submit(_starved, sqlite(), configurations, resampling),
-            "of another version": pool.submit(_other, sqlite(), folder, configurations, resampling),
         }
         unable = pool.submit(_unable, sqlite(), folder)
         planted = pool.submit(_planted, sqlite(), folder, configurations, resampling)
@@ -183,22 +176,6 @@ def _starved(database: str, configurations: int, resampling: dict[str, int]) -> 
         for pid in service.workers():
             resource.prlimit(pid, resource.RLIMIT_DATA, (1 << 20, 1 << 20))
         return _ended(client, address, _CLEAR_SECONDS)
-
-
-def _other(database: str, folder: Path, configurations: int, resampling: dict[str, int]) -> dict[str, Any]:
-    """Start a worker of an earlier version, which has to leave the run alone, and then one of this one."""
-    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=90) as client:
-        address = _begun(client, configurations, resampling)
-        with (
-            _changed(folder, _OTHER_VERSION) as environment,
-            Service(database, 1, environment=environment) as old,
-        ):
-            time.sleep(30.0)
-            waits = client.get(address).json()["state"] == "queued" and old.workers()
-        if not waits:
-            return {**client.get(address).json(), "state": "taken by the other version"}
-        with Service(database, 1):
-            return _ended(client, address, _CLEAR_SECONDS)
 
 
 def _unable(database: str, folder: Path) -> tuple[float, int]:

@@ -179,9 +179,7 @@ class RunResult(Result):
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
-    complementary_stiffness: ComplementaryStiffness | None = Field(
-        default=None, description="Null only in runs of earlier versions."
-    )
+    complementary_stiffness: ComplementaryStiffness
     robust: RobustLoss | None = Field(
         default=None, description="Suspicious readings and weights, if the loss is `huber`."
     )

@@ -88,7 +88,7 @@ class EncoderArrays:
 
     @classmethod
     def from_archive(cls, archive: Mapping[str, npt.NDArray[Any]]) -> EncoderArrays | None:
-        """Read them back; None for a set without encoders, as earlier versions stored all."""
+        """Read them back; None for a set without encoders."""
         if f"{_PREFIX}joints" not in archive:
             return None
         names = ("joints", "present", "unloaded", "loaded")

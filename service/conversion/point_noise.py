@@ -72,7 +72,7 @@ class PointNoise:
 
     @classmethod
     def from_archive(cls, archive: Mapping[str, npt.NDArray[Any]]) -> PointNoise | None:
-        """Read them back; None for a set without, as earlier versions stored all."""
+        """Read them back; None for a set without."""
         if f"{_PREFIX}sigma" not in archive:
             return None
         return cls(*(archive[f"{_PREFIX}{name}"] for name in _NAMES))

@@ -21,7 +21,6 @@ from jointstiff.schemas.measurement.measurement_set import (
     Observation,
     Reading,
 )
-from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -146,18 +145,10 @@ def content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
     """Return SHA-256 of a set's header, its readings and what its frame stands for, not its name."""
-    text = header.model_dump_json(
-        include={"units", "encoders", "noise", "flange_targets", "load_point"},
-        # Sets without it keep the hash that earlier versions gave them.
-        exclude={"noise": _unstated(header.noise)} if header.noise else None,
-    )
+    text = header.model_dump_json(include={"units", "encoders", "noise", "flange_targets", "load_point"})
     if header.frame is not None and resolved is not None:
         text += f"{header.frame.forces} {resolved.model_dump_json()}"
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
-
-
-def _unstated(noise: Noise) -> set[str]:
-    return {name for name in Noise.model_fields if name != "sigma" and getattr(noise, name) is None}
 
 
 def _flatten(

@@ -28,7 +28,6 @@ from jointstiff.service.kinds.work import Work
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.composition import Resources
-from jointstiff.service.resources.stored_jobs import read_job
 from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import IdempotencyKey, JobRecord
 from jointstiff.service.versions import versions
@@ -241,7 +240,7 @@ class Jobs:
             raise NotFoundError(self.kind.resource, job_id)
 
     def _read(self, record: JobRecord) -> Job:
-        job: Job = read_job(self.kind.message, record)
+        job: Job = self.kind.message.model_validate_json(record.document)
         return job
 
     def _work(self, job_id: str) -> Work:

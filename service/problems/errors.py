@@ -4,7 +4,6 @@ StoreError                     a database that this software cannot work with: s
 ├── StoreUnavailableError      the database does not answer: try again, or look at the server
 ├── NotFoundError              no such record: check the id
 │   └── DeletedError           it was deleted: restore it
-├── OtherVersionError          another version stored what this one does not read: have it computed again
 ├── NotEndedError              a job that goes on cannot be deleted: cancel it first
 ├── ReferencedError            others refer to what is to be deleted: delete those first
 ├── AuthorisedError            the report of a run that is to be deleted was authorised: keep it
@@ -113,16 +112,6 @@ class DeletedError(NotFoundError):
         self.reason = f"the {kind.name} {_shown(identifier)} was deleted"
         self.remedy = f"restore it with POST /v1/{kind.collection}/{identifier}/restore"
         self.args = (f"{self.reason}: {self.remedy}",)
-
-
-class OtherVersionError(StoreError):
-    """A document that another version of Jointstiff stored, and that this one does not read."""
-
-    def __init__(self, resource: Resource, identifier: str) -> None:
-        super().__init__(
-            f"{resource.name} {_shown(identifier)} was stored by a version that this one does not read",
-            f"post the {resource.name} again; its measurement set is still there",
-        )
 
 
 class NotEndedError(StoreError):

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from pydantic import ValidationError
-
 from jointstiff.schemas.geometry.message import Geometry
 from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.schemas.job import Job
-from jointstiff.service.problems.errors import NotFoundError, OtherVersionError, Resource
-from jointstiff.service.store.records import JobRecord
+from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
 
@@ -22,24 +19,9 @@ def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
 
     Raises:
         NotFoundError: there is none, or it was deleted.
-        OtherVersionError: another version stored it.
     """
     record = store.jobs(Resource(message.kind, message.collection)).get(job_id)
-    return read_job(message, record)
-
-
-def read_job(message: type[AnyJob], record: JobRecord) -> AnyJob:
-    """Return the job of a record.
-
-    Raises:
-        OtherVersionError: another version stored it.
-    """
-    try:
-        return message.model_validate_json(record.document)
-    except ValidationError as error:
-        if error.errors(include_url=False)[0]["type"] == "json_invalid":
-            raise  # damaged, by whatever it was
-        raise OtherVersionError(Resource(message.kind, message.collection), record.id) from error
+    return message.model_validate_json(record.document)
 
 
 def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:

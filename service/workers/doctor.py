@@ -13,8 +13,6 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import OtherVersionError
-from jointstiff.service.resources.stored_jobs import read_job
 from jointstiff.service.store.inspection import Fault, Inspection
 from jointstiff.service.store.job_log import OPEN_STATES
 from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
@@ -66,8 +64,6 @@ def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str
             expected = _robot_hash(record) if isinstance(record, RobotRecord) else _set_hash(record)
             if expected != record.content_hash:
                 yield Fault("hash", where, "its content is not what was stored: the hash differs", _RESTORE)
-    except OtherVersionError as error:
-        yield Fault("version", where, error.reason, error.remedy)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is a fault of the document
         reason = (str(error) or type(error).__name__).splitlines()[0][:200]
         yield Fault("document", where, f"its document cannot be read ({reason})", _RESTORE)
@@ -86,11 +82,9 @@ def _set_hash(record: MeasurementSetRecord) -> str:
 
 def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
     if record.kind not in _KINDS:
-        yield Fault(
-            "kind", where, "this version knows no such kind of job", "install the version that made it"
-        )
+        yield Fault("kind", where, "there is no such kind of job", _RESTORE)
         return
-    job = read_job(_KINDS[record.kind].message, record)
+    job = _KINDS[record.kind].message.model_validate_json(record.document)
     if record.state not in OPEN_STATES and job.state != record.state:
         yield Fault("state", where, f"its row says {record.state}, its document {job.state}", _RESTORE)
     if record.state == "succeeded" and job.result is None:
@@ -100,7 +94,7 @@ def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
 def _endless(record: JobRecord, workflows: Mapping[str, str] | None) -> Iterator[Fault]:
     """Yield a fault if nobody will end a job."""
     state = (workflows or {}).get(record.id)
-    where, remedy = f"{record.kind} {record.id}", "start a worker, which takes it up again or ends it"
+    where, remedy = f"{record.kind} {record.id}", "start a worker, which ends it"
     if state is None:
         yield Fault("endless", where, f"it is {record.state}, and the engine does not know it", remedy)
     elif is_ended(state):
@@ -113,7 +107,7 @@ def _pickles(inspection: Inspection) -> Iterator[Fault]:
             "pickle",
             "the engine's tables",
             f"{count} rows hold a pickled object, which is never read",
-            "an earlier version wrote them, or someone who wants code to run: find out who writes here",
+            "someone wants code to run: find out who writes here",
         )
 
 

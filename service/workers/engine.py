@@ -28,8 +28,8 @@ from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.queue import (
     APPLICATION,
+    APPLICATION_VERSION,
     QUEUES,
-    VERSION,
     JobQueue,
     as_store_errors,
     engine_url,
@@ -97,7 +97,7 @@ class Engine:
             "name": APPLICATION,
             "system_database_url": engine_url(database),
             "dbos_system_schema": schema_of(store),
-            "application_version": str(VERSION),
+            "application_version": APPLICATION_VERSION,
             "executor_id": executor,
             "serializer": JsonSerializer(),
             "log_level": "CRITICAL",

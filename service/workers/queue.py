@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
@@ -20,35 +19,17 @@ from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.serialization import JsonSerializer, refuse_pickles
 
-VERSION: Final = 3
-"""Of the layout of workflows and steps: workers only carry on what has the same."""
 QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
 """Queue of each kind of workflow."""
 APPLICATION: Final = "jointstiff"
+APPLICATION_VERSION: Final = "1"
+"""The engine's own word for who may carry on what: all workers of a database, which has one version."""
 _ASKED: Final = 10_000
 """Jobs asked for in one query: neither database takes one with any number of parameters."""
 _ENDED: Final = ["SUCCESS", "ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"]
 
 # The engine says on each start that a cloud service could be had, and on each retry what it does.
 logging.getLogger("dbos").setLevel(logging.CRITICAL)
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of the workflow of a job."""
-
-    status: str  # the engine's word for it
-    version: int  # of the layout that it was enqueued with
-
-    @property
-    def ended(self) -> bool:
-        """Return whether it goes on no more."""
-        return is_ended(self.status)
-
-    @property
-    def outdated(self) -> bool:
-        """Return whether it waits for a worker of an earlier version."""
-        return not self.ended and self.version < VERSION
 
 
 class JobQueue:
@@ -84,10 +65,8 @@ class JobQueue:
         self._client.enqueue_in_transaction(connection, _announcement(job_id), kind, job_id)
 
     def pending(self) -> dict[str, tuple[str, str]]:
-        """Workflows of this version that a worker has taken and not ended: id → kind, executor."""
-        found = self._client.list_workflows(
-            status="PENDING", app_version=str(VERSION), load_input=False, load_output=False
-        )
+        """Workflows that a worker has taken and not ended: id → kind, executor."""
+        found = self._client.list_workflows(status="PENDING", load_input=False, load_output=False)
         return {each.workflow_id: (each.name, str(each.executor_id)) for each in found}
 
     def has_parts(self, job_id: str) -> bool:
@@ -102,19 +81,14 @@ class JobQueue:
         for identifier, kind in workflows:
             self._client.resume_workflows([identifier], queue_name=QUEUES[kind])
 
-    def outcomes(self, job_ids: list[str]) -> dict[str, Outcome]:
-        """Return what became of the workflows of some jobs; those that are not there are left out."""
+    def statuses(self, job_ids: list[str]) -> dict[str, str]:
+        """Return the engine's status of the workflows of some jobs; those that are not there are left out."""
         found = {}
         for first in range(0, len(job_ids), _ASKED):
             some = job_ids[first : first + _ASKED]
             for each in self._client.list_workflows(workflow_ids=some, load_input=False, load_output=False):
-                found[each.workflow_id] = Outcome(str(each.status), int(each.app_version or 0))
+                found[each.workflow_id] = str(each.status)
         return found
-
-    def renew(self, kind: str, job_id: str) -> None:
-        """Announce a job anew, in this version's layout; what was computed of it is lost."""
-        self._client.delete_workflows([job_id], delete_children=True)
-        self._client.enqueue(_announcement(job_id), kind, job_id)
 
     def forget_ended(self, age: timedelta, limit: int) -> list[str]:
         """Remove what the steps of ended jobs computed.
@@ -145,7 +119,7 @@ def _announcement(job_id: str) -> EnqueueOptions:
         "queue_name": QUEUES["job"],
         "workflow_name": "job",
         "workflow_id": job_id,
-        "app_version": str(VERSION),
+        "app_version": APPLICATION_VERSION,
     }
 
 

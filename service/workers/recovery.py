@@ -11,7 +11,7 @@ from jointstiff.service.problems.errors import WorkerLostError
 from jointstiff.service.store.deletion import KEEP_DELETED, Deletions
 from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
 from jointstiff.service.workers.engine import Engine
-from jointstiff.service.workers.queue import Outcome, job_of
+from jointstiff.service.workers.queue import is_ended, job_of
 
 BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""
@@ -61,7 +61,6 @@ class Recovery:
         self._inherited = dict(engine.inherited)
         self._idle: set[str] = set()
         self._lost: set[str] = set()
-        self._unknown: set[str] = set()
 
     def look(self) -> None:
         """Show a sign of life, and mend what is found.
@@ -130,36 +129,23 @@ class Recovery:
         self._engine.queue.resume((name, pending[name][0]) for name in names)
 
     def _look_after_jobs(self) -> None:
-        lost, missing = set[str](), set[str]()
-        for kind, jobs in self._jobs.items():
-            open_jobs = jobs.log.open_jobs()
-            outcomes = self._engine.queue.outcomes(open_jobs) if open_jobs else {}
-            unknown = set(open_jobs) - set(outcomes)
-            outdated = {job for job, outcome in outcomes.items() if outcome.outdated}
-            self._renew(kind, outdated | unknown & self._unknown)
-            lost |= self._fail_lost(jobs, outcomes)
-            missing |= unknown
-        self._lost, self._unknown = lost, missing
+        lost = set[str]()
+        for jobs in self._jobs.values():
+            lost |= self._fail_lost(jobs)
+        self._lost = lost
 
-    def _renew(self, kind: str, job_ids: set[str]) -> None:
-        """Announce again what waits for workers of an earlier version, as there will be none.
-
-        Also what the engine does not know: who did so before may have died half-way.
-        """
-        for job_id in job_ids:
-            self._jobs[kind].log.forget_steps([job_id])
-            self._engine.queue.renew(kind, job_id)
-
-    def _fail_lost(self, jobs: Jobs, outcomes: dict[str, Outcome]) -> set[str]:
-        """End open jobs whose workflow has ended without ending them, two looks in a row.
+    def _fail_lost(self, jobs: Jobs) -> set[str]:
+        """End open jobs whose workflow has ended without ending them, or is gone, two looks in a row.
 
         Returns:
             Those that look lost now.
         """
-        lost = {job for job, outcome in outcomes.items() if outcome.ended}
+        open_jobs = jobs.log.open_jobs()
+        statuses = dict.fromkeys(open_jobs, "unknown") | self._engine.queue.statuses(open_jobs)
+        lost = {job for job, status in statuses.items() if status == "unknown" or is_ended(status)}
         for job_id in lost & self._lost:
             jobs.fail(
-                job_id, WorkerLostError(f"the job engine gave up job {job_id}: {outcomes[job_id].status}")
+                job_id, WorkerLostError(f"the job engine does not carry on job {job_id}: {statuses[job_id]}")
             )
         return lost
 

@@ -8,7 +8,6 @@ from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.workers.queue import VERSION, Outcome
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -39,7 +38,6 @@ class QueueEngine:
         self.taken = {}
         self.ended = {}
         self.resumed = []
-        self.renewed = []
         self.forgotten = []
         self.shared_out = set()
 
@@ -54,12 +52,8 @@ class QueueEngine:
             self.resumed.append((name, kind))
             self.taken.pop(name)
 
-    def outcomes(self, job_ids):
-        return {name: outcome for name, outcome in self.ended.items() if name in job_ids}
-
-    def renew(self, kind, job_id):
-        self.renewed.append((kind, job_id))
-        self.ended[job_id] = Outcome("ENQUEUED", VERSION)
+    def statuses(self, job_ids):
+        return {name: status for name, status in self.ended.items() if name in job_ids}
 
     def forget_ended(self, _age, limit):
         return self.forgotten[:limit]

@@ -16,7 +16,7 @@ from jointstiff.service.store.records import JobEntry, MeasurementSetEntry
 
 
 class _Part(BaseModel):
-    """Part of a stored document; the rest of it is not looked at, whatever version wrote it."""
+    """Part of a stored document; the rest of it is not looked at."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -32,18 +32,18 @@ class _Verdict(_Part):
 
 class _Numbers(_Part):
     joints: list[JointNumbers]
-    assessment: _Verdict | None = None
+    assessment: _Verdict
 
 
 class _Options(_Part):
     method: Method
     weighting: Weighting
     positive: bool
-    elasticity: str = "joints"
-    complementary_stiffness: Literal["neglected", "included"] = "neglected"
-    priors: dict[str, object] = {}
-    stiffness_bounds: dict[str, object] = {}
-    stiffness_order: list[object] = []
+    elasticity: str
+    complementary_stiffness: Literal["neglected", "included"]
+    priors: dict[str, object]
+    stiffness_bounds: dict[str, object]
+    stiffness_order: list[object]
 
 
 class ReadRun(_Part):

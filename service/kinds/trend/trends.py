@@ -8,8 +8,6 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Final
 
-from pydantic import ValidationError
-
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.run.run import Run
@@ -209,7 +207,7 @@ class Trends:
     def _parse(self, run_id: str) -> ReadRun | None:
         try:
             return ReadRun.model_validate_json(self._store.jobs(_RUNS).get(run_id).document)
-        except (ValidationError, NotFoundError):  # of another version, or deleted meanwhile
+        except NotFoundError:  # deleted meanwhile
             return None
 
     def _run(self, robot_id: str, run_id: str) -> Candidate:

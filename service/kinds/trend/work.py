@@ -21,18 +21,18 @@ _OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a qua
 
 
 class JointNumbers(BaseModel):
-    """Part of a joint's result that a trend reads, of runs of any version."""
+    """Part of a joint's result that a trend reads."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     name: str
     status: str
-    verdict: str = "use"
+    verdict: str
     compliance: float | None
     standard_uncertainty: float | None
     stiffness: float | None
     stiffness_interval: tuple[float, float | None] | None
-    reason: str | None = None
+    reason: str | None
 
 
 @dataclass(frozen=True)

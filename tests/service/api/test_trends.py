@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 
@@ -12,7 +11,6 @@ from support.in_process import Client
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest
 from jointstiff.service.kinds.trend.trends import Trends
-from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -209,23 +207,6 @@ def test_a_robot_without_runs_says_what_is_missing(client):
     assert {one["state"] for one in trend["joints"]} == {"unjudged"}
     assert client.get("/v1/robots/nobody/trend").status_code == 404
     assert client.get(f"/v1/robots/{robot}/trend", params={"methode": "x"}).status_code == 422
-
-
-def test_a_run_of_an_earlier_version_enters(client, store):
-    """Its document lacks what came later: assessment, verdicts, treatment of K_c."""
-    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "old"})["id"]
-    run = measured(client, robot, 50)
-    jobs = store.jobs(Resource("run", "runs"))
-    record = jobs.get(run["id"])
-    document = json.loads(record.document)
-    del document["result"]["assessment"], document["request"]["complementary_stiffness"]
-    for one in document["result"]["joints"]:
-        del one["verdict"], one["one_sided"]
-    client.request("DELETE", f"/v1/runs/{run['id']}")
-    jobs.add(replace(record, id="earlier", document=json.dumps(document)))
-    trend = trend_of(client, robot)
-    assert [one["run_id"] for one in trend["campaigns"]] == ["earlier"]
-    assert joint(trend)["points"][0]["role"] == "baseline"
 
 
 def test_who_noted_what_stays_with_it(client, store, robot, runs):

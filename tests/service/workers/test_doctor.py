@@ -45,7 +45,7 @@ def test_a_healthy_database(url):
         ("UPDATE measurement_sets SET content_hash = 'another'", "hash", "measurement set "),
         ("UPDATE measurement_sets SET document = '{}'", "document", "measurement set "),
         ("UPDATE jobs SET document = substr(document, 1, 500)", "document", "run "),
-        ("UPDATE jobs SET document = replace(document, 'provenance', 'origin')", "version", "run "),
+        ("UPDATE jobs SET document = replace(document, 'provenance', 'origin')", "document", "run "),
         ("UPDATE jobs SET state = 'failed'", "state", "run "),
         ("UPDATE jobs SET state = 'running'", "endless", "run "),
         ("UPDATE jobs SET kind = 'dream'", "kind", "dream "),

@@ -16,7 +16,6 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.heartbeats import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import _patient, _until_ended
-from jointstiff.service.workers.queue import VERSION, Outcome
 from jointstiff.service.workers.recovery import Recovery
 
 SILENCE = timedelta(seconds=30)
@@ -80,7 +79,7 @@ def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store
 @pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
 def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: Outcome(status, VERSION)}
+    engine.ended = {run.id: status}
     recovery = recovery_of(store, runs, engine)
     recovery.look()
     assert runs.current(run.id).state == "queued"
@@ -90,15 +89,14 @@ def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
     assert "send it again" in ended.error.remedy
 
 
-def test_a_run_that_the_engine_does_not_know_is_announced_again(store, runs, engine):
-    """Who enqueued it anew may have died between taking the old announcement back and giving the new one."""
+def test_a_run_that_the_engine_does_not_know_fails(store, runs, engine):
     run = runs.create(request(stored_set(store)), None)
     recovery = recovery_of(store, runs, engine)
     recovery.look()
-    assert engine.renewed == []
-    recovery.look()
-    assert engine.renewed == [("run", run.id)]
     assert runs.current(run.id).state == "queued"
+    recovery.look()
+    ended = runs.current(run.id)
+    assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
 
 
 def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
@@ -115,7 +113,7 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
         dead = f"dead-{number}"
         engine.taken = {run.id: ("job", dead) for run in (poison, waiting, heavy)}
         engine.taken[f"{poison.id}-1"] = ("part", dead)
-        engine.ended = {run.id: Outcome("PENDING", VERSION) for run in (poison, waiting, heavy)}
+        engine.ended = {run.id: "PENDING" for run in (poison, waiting, heavy)}
         recovery.look()
     assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
 
@@ -123,7 +121,7 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
 def test_a_run_that_workers_die_over_before_it_is_shared_out_fails(store, runs, engine, monkeypatch):
     monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
     poison = runs.create(request(stored_set(store)), None)
-    engine.ended = {poison.id: Outcome("PENDING", VERSION)}
+    engine.ended = {poison.id: "PENDING"}
     engine.inherited = {poison.id: ("job", "alive")}
     for state in ("queued", "queued", "failed"):
         recovery_of(store, runs, engine).count_own_deaths()
@@ -134,7 +132,7 @@ def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, ru
     """The only worker takes its own name again: nobody else would count."""
     monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
     poison = runs.create(request(stored_set(store)), None)
-    engine.ended = {poison.id: Outcome("PENDING", VERSION)}
+    engine.ended = {poison.id: "PENDING"}
     engine.inherited = {poison.id: ("job", "alive"), f"{poison.id}-1": ("part", "alive")}
     for _ in range(2):
         recovery = recovery_of(store, runs, engine)
@@ -153,7 +151,7 @@ def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs
 
     monkeypatch.setattr(engine, "resume", refuse)
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: Outcome("ERROR", VERSION)}
+    engine.ended = {run.id: "ERROR"}
     engine.taken = {"part-1": ("part", "dead")}
     recovery = recovery_of(store, runs, engine)
     for _ in range(2):
@@ -165,32 +163,18 @@ def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs
 @pytest.mark.parametrize("status", ["ENQUEUED", "PENDING"])
 def test_a_run_that_goes_on_goes_on(store, runs, engine, status):
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: Outcome(status, VERSION)}
+    engine.ended = {run.id: status}
     recovery = recovery_of(store, runs, engine)
     for _ in range(3):
         recovery.look()
     assert runs.current(run.id).state == "queued"
 
 
-def test_a_run_that_waits_for_a_worker_of_an_earlier_version_is_announced_anew(store, runs, engine):
-    run = runs.create(request(stored_set(store)), None)
-    runs.log.report(run.id, 0, 120)
-    engine.ended = {run.id: Outcome("PENDING", VERSION - 1)}
-    recovery = recovery_of(store, runs, engine)
-    recovery.look()
-    recovery.look()
-    assert engine.renewed == [("run", run.id)]
-    assert runs.current(run.id).progress.done == 0
-    engine.ended = {run.id: Outcome("PENDING", VERSION + 1)}  # this worker is the outdated one
-    recovery.look()
-    assert len(engine.renewed) == 1
-
-
 def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, engine):
     ended, goes_on = (runs.create(request(stored_set(store)), None) for _ in range(2))
     for run in (ended, goes_on):
         runs.log.report(run.id, 0, 120)
-        engine.ended[run.id] = Outcome("PENDING", VERSION)
+        engine.ended[run.id] = "PENDING"
     runs.cancel(ended.id)
     before = runs.document(ended.id)
     engine.forgotten = [ended.id]

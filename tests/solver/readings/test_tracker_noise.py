@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.campaigns import METHODS, estimate, prepare
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, plan_experiment, simulate_positions
@@ -308,11 +308,3 @@ def test_decoupled_covariance_with_anisotropic_noise(replicated):
     found = identified(robot, sets[:75], method="decoupled_partial_pose")
     spread = np.array([e.compliance for e in found]).std(axis=0)
     np.testing.assert_allclose(spread, np.sqrt(np.diag(found[0].covariance)), rtol=0.25)
-
-
-def test_warnings_of_earlier_versions_load():
-    """They had no severity."""
-    old = QualityWarning.model_validate_json(
-        '{"code": "zero_load", "where": null, "message": "none", "remedy": "load it"}'
-    )
-    assert old.severity == "warning"
