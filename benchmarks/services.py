@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-import httpx
+import httpx2
 import psycopg
 
 from benchmarks.campaigns import small_campaign
@@ -119,8 +119,8 @@ class Service:
         deadline = time.monotonic() + _START_SECONDS
         while time.monotonic() < deadline and self.process.poll() is None:
             try:
-                httpx.get(f"{self.url}/health", timeout=5.0)
-            except httpx.TransportError:
+                httpx2.get(f"{self.url}/health", timeout=5.0)
+            except httpx2.TransportError:
                 time.sleep(0.02)
             else:
                 return
@@ -128,7 +128,7 @@ class Service:
         raise ServiceError(f"the service did not start: {log()}")
 
 
-def post_campaign(client: httpx.Client, configurations: int) -> str:
+def post_campaign(client: httpx2.Client, configurations: int) -> str:
     """Post robot and readings; the id of the set."""
     document = small_campaign(configurations=configurations).document
     robot = client.post("/v1/robots", json=document["robot"]).raise_for_status().json()

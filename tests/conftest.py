@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import psycopg
 import pytest
 from support import lanes
@@ -139,7 +139,7 @@ def service(request: pytest.FixtureRequest, services: Callable[[str], Service]) 
 
 
 @pytest.fixture
-def client(service: Service) -> Iterator[httpx.Client]:
+def client(service: Service) -> Iterator[httpx2.Client]:
     """An HTTP client of the running service."""
-    with httpx.Client(base_url=service.url, timeout=60.0) as session:
+    with httpx2.Client(base_url=service.url, timeout=60.0) as session:
         yield session

@@ -23,7 +23,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import Final
 
-import httpx
+import httpx2
 import numpy as np
 from fastapi.exceptions import RequestValidationError
 
@@ -246,7 +246,7 @@ def _asking(port: int) -> Iterator[list[float]]:
 def _health(database: Path, duration: float) -> Section:
     with (
         Service(f"sqlite:///{database}", 0) as service,
-        httpx.Client(base_url=service.url, timeout=120) as client,
+        httpx2.Client(base_url=service.url, timeout=120) as client,
     ):
         loads = _loads(client)
         rows, figures = [], []
@@ -265,7 +265,7 @@ def _health(database: Path, duration: float) -> Section:
     )
 
 
-def _loads(client: httpx.Client) -> dict[str, tuple[str, bytes, int]]:
+def _loads(client: httpx2.Client) -> dict[str, tuple[str, bytes, int]]:
     set_id = post_campaign(client, 19)
     largest = small_campaign(configurations=6_000).document
     robot = client.post("/v1/robots", json=largest["robot"]).raise_for_status().json()["id"]
@@ -292,7 +292,7 @@ def _repeated(address: str, body: bytes, threads: int, duration: float) -> int:
     end, counts = time.monotonic() + duration, [0] * threads
 
     def post(number: int) -> None:
-        with httpx.Client(timeout=120) as client:
+        with httpx2.Client(timeout=120) as client:
             while time.monotonic() < end:
                 client.post(address, content=body, headers=_JSON)
                 counts[number] += 1
@@ -344,8 +344,8 @@ def _elsewhere() -> Section:
 
 
 def _threads(database: str, count: int) -> Section:
-    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=200) as client:
-        requests: dict[str, Callable[[], httpx.Response]] = {
+    with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=200) as client:
+        requests: dict[str, Callable[[], httpx2.Response]] = {
             f"geometry of {6 * count}": lambda: client.post(
                 "/v1/geometries", content=_sweeps(count), headers=_JSON
             ),

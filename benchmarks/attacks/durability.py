@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-import httpx
+import httpx2
 from sqlalchemy import func, select
 
 from benchmarks.campaigns import small_campaign
@@ -96,7 +96,7 @@ def _disturbed(database: str, *, quick: bool) -> Outcome:
     configurations, resampling = _options(quick=quick)
     chance, outcome = random.Random(7), Outcome()  # noqa: S311 - moments, not secrets
     service = Service(database, 1)
-    with httpx.Client(base_url=service.url, timeout=60.0) as client:
+    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
         body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
         address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
         victims = [VICTIMS[number % len(VICTIMS)] for number in range(_kills(quick=quick))]
@@ -139,7 +139,7 @@ def _left(workers: list[int]) -> int:
     return sum(map(running, workers))
 
 
-def _ended(client: httpx.Client, address: str, outcome: Outcome) -> dict[str, Any]:
+def _ended(client: httpx2.Client, address: str, outcome: Outcome) -> dict[str, Any]:
     """The run when it has ended; that its progress never goes back is looked at meanwhile."""
     deadline, before = time.monotonic() + _END_SECONDS, 0
     while True:
@@ -219,7 +219,7 @@ def _posting(database: str, kills: int) -> tuple[int, Posted, list[str]]:
 def _post_on(url: str, stop: threading.Event, posted: Posted) -> None:
     """Post sets, quick runs and long runs in turn, each until it is answered, under a key of its own."""
     document = small_campaign().document
-    with httpx.Client(base_url=url, timeout=30.0) as client:
+    with httpx2.Client(base_url=url, timeout=30.0) as client:
         robot = _acknowledged(client, "/v1/robots", document["robot"], posted)
         readings = document["measurement_set"] | {"robot_id": robot["id"]}
         while not stop.is_set():
@@ -231,11 +231,11 @@ def _post_on(url: str, stop: threading.Event, posted: Posted) -> None:
             stop.wait(_PAUSE_SECONDS)  # the long runs all have to end
 
 
-def _acknowledged(client: httpx.Client, path: str, body: dict[str, Any], posted: Posted) -> dict[str, Any]:
+def _acknowledged(client: httpx2.Client, path: str, body: dict[str, Any], posted: Posted) -> dict[str, Any]:
     key = {"Idempotency-Key": uuid4().hex}
     while True:
         posted.tries += 1
-        with suppress(httpx.TransportError):
+        with suppress(httpx2.TransportError):
             response = client.post(path, json=body, headers=key)
             if response.is_success:
                 answer: dict[str, Any] = response.json()
@@ -248,10 +248,10 @@ def _acknowledged(client: httpx.Client, path: str, body: dict[str, Any], posted:
 def _lost(service: Service, posted: Posted) -> list[str]:
     """Answers that are not what is stored, and runs that do not end."""
     faults = []
-    with httpx.Client(base_url=service.url, timeout=60.0) as client:
+    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
         for (path, identifier), answer in posted.answers.items():
             response = client.get(f"{path}/{identifier}")
-            if response.status_code != httpx.codes.OK:
+            if response.status_code != httpx2.codes.OK:
                 faults.append(f"{path}/{identifier} is {response.status_code}")
             elif answer.get("state") in {"queued", "running"}:
                 ended = _ended(client, f"{path}/{identifier}", Outcome())
@@ -263,7 +263,7 @@ def _lost(service: Service, posted: Posted) -> list[str]:
     return faults
 
 
-def _unreadable(client: httpx.Client) -> list[str]:
+def _unreadable(client: httpx2.Client) -> list[str]:
     """Sets and runs that are listed, but cannot be read or do not end, acknowledged or not."""
     faults = []
     for path in ("/v1/measurement-sets", "/v1/runs"):

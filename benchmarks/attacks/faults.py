@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-import httpx
+import httpx2
 
 from benchmarks.attacks.restored import restored
 from benchmarks.attacks.worker_faults import worker_faults
@@ -128,7 +128,7 @@ def _meet(
     stop, faulty = threading.Event(), threading.Event()
     with (
         Service(database, 1, environment=environment) as service,
-        httpx.Client(base_url=service.url, timeout=90) as client,
+        httpx2.Client(base_url=service.url, timeout=90) as client,
     ):
         set_id = post_campaign(client, CONFIGURATIONS)
         body = {"measurement_set_id": set_id, "resampling": RESAMPLING}
@@ -155,7 +155,7 @@ def _post_on(
     url: str, stop: threading.Event, faulty: threading.Event, outcome: Outcome, created: list[str]
 ) -> None:
     robot = small_campaign().document["robot"]
-    with httpx.Client(base_url=url, timeout=90) as client:
+    with httpx2.Client(base_url=url, timeout=90) as client:
         while not stop.is_set():
             time.sleep(0.05)
             answer = client.post("/v1/robots", json=robot)
@@ -177,7 +177,7 @@ def _recovered(created: list[str]) -> float:
     return time.monotonic() - began
 
 
-def _ended(client: httpx.Client, address: str) -> dict[str, Any]:
+def _ended(client: httpx2.Client, address: str) -> dict[str, Any]:
     deadline = time.monotonic() + _END_SECONDS
     while True:
         found: dict[str, Any] = client.get(address).raise_for_status().json()

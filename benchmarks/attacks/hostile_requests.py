@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from copy import deepcopy
 from typing import Any, Final
 
-import httpx
+import httpx2
 
 from benchmarks.attacks.urdf_mutations import corpus, damaged, judged, model_of
 from benchmarks.campaigns import small_campaign
@@ -52,7 +52,7 @@ _METHODS: Final = ("GET", "GET", "GET", "DELETE", "PATCH", "PUT", "POST", "HEAD"
 _SENT_AS_THEY_ARE: Final = frozenset({"events"})  # streams, which end with their client
 Random = random.Random
 Request = tuple[str, str, dict[str, Any]]
-"""Method, path and what else `httpx` sends."""
+"""Method, path and what else `httpx2` sends."""
 
 
 def run(*, quick: bool, part: Part | None = None) -> list[Section]:
@@ -71,8 +71,8 @@ async def _send_block(
     generator = random.Random(f"hostile {block}")  # noqa: S311
     with Store.open("sqlite://") as store:
         app = create_app(store)
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
+        transport = httpx2.ASGITransport(app)
+        async with httpx2.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
             seeds = await _seeds(client, app.openapi())
             for kind, (method, path, options) in _requests(generator, seeds, models):
                 try:
@@ -85,7 +85,7 @@ async def _send_block(
                         raised.append(f"{method} {path[:40]}: {answer.status_code} {answer.text[:120]}")
 
 
-async def _seeds(client: httpx.AsyncClient, openapi: dict[str, Any]) -> list[tuple[str, str, Any]]:
+async def _seeds(client: httpx2.AsyncClient, openapi: dict[str, Any]) -> list[tuple[str, str, Any]]:
     """Return method, path and body of sound requests: the examples of the API, about what is stored."""
     document = small_campaign(configurations=19).document
     robot = (await client.post("/v1/robots", json=document["robot"])).raise_for_status().json()["id"]

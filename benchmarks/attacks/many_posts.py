@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from http.client import HTTPConnection
 from typing import Final
 
-import httpx
+import httpx2
 
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, post_campaign
@@ -24,7 +24,7 @@ _QUEUED: Final = 1_000
 
 def posts_at_once(kind: str, database: str, count: int) -> Section:
     """Post quick runs by 16 clients, and by one in a loop."""
-    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
+    with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=120) as client:
         body = json.dumps({"measurement_set_id": post_campaign(client, 19)}).encode()
         before = _listed(client)
         alone = min(
@@ -60,7 +60,7 @@ def queue_full(databases: Mapping[str, str], count: int) -> Section:
     """Post long runs that nobody carries out, more than may wait."""
     found = {}
     for kind, database in databases.items():
-        with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
+        with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=120) as client:
             body = {"measurement_set_id": post_campaign(client, 19), "resampling": {"size": 10}}
             posts = (client.post("/v1/runs?wait=0", json=body) for _ in range(count + 20))
             found[kind] = Counter((post.status_code, "Retry-After" in post.headers) for post in posts)
@@ -86,7 +86,7 @@ def _posted(port: int, body: bytes, keys: Sequence[str]) -> tuple[list[tuple[int
     return found, time.monotonic() - began
 
 
-def _listed(client: httpx.Client) -> set[str]:
+def _listed(client: httpx2.Client) -> set[str]:
     found, cursor = set(), None
     while True:
         page = client.get("/v1/runs", params={"limit": 100} | ({"cursor": cursor} if cursor else {})).json()

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
@@ -48,7 +48,7 @@ def _restored(new: Callable[[], str], seconds: float) -> tuple[int, int, str]:
     database, other = new(), new()
     stop, told = threading.Event(), dict[str, dict[str, Any]]()
     with tempfile.TemporaryDirectory(prefix="jointstiff-backup-") as folder:
-        with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+        with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
             set_id = post_campaign(client, 19)
             poster = threading.Thread(target=_post_on, args=(service.url, set_id, stop, told))
             poster.start()
@@ -58,14 +58,14 @@ def _restored(new: Callable[[], str], seconds: float) -> tuple[int, int, str]:
             stop.set()
             poster.join()
         restore(other, Path(folder) / "backup")
-    with Service(other, 0) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+    with Service(other, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         odd = sum(client.get(address).json() != answer for address, answer in before.items())
     return len(before), odd, "; ".join(f"{each.code}: {each.where}" for each in examine(other).faults)
 
 
 def _post_on(url: str, set_id: str, stop: threading.Event, told: dict[str, dict[str, Any]]) -> None:
     robot = small_campaign().document["robot"]
-    with httpx.Client(base_url=url, timeout=90) as client:
+    with httpx2.Client(base_url=url, timeout=90) as client:
         while not stop.is_set():
             for path, body in (("/v1/robots", robot), ("/v1/runs", {"measurement_set_id": set_id})):
                 answer = client.post(path, json=body).raise_for_status()

@@ -14,7 +14,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import httpx
+import httpx2
 
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, numbers, post_campaign
@@ -137,12 +137,12 @@ def worker_faults(
     )
 
 
-def _begun(client: httpx.Client, configurations: int, resampling: dict[str, int]) -> str:
+def _begun(client: httpx2.Client, configurations: int, resampling: dict[str, int]) -> str:
     body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
     return str(client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"])
 
 
-def _ended(client: httpx.Client, address: str, seconds: float) -> dict[str, Any]:
+def _ended(client: httpx2.Client, address: str, seconds: float) -> dict[str, Any]:
     deadline = time.monotonic() + seconds
     while True:
         run: dict[str, Any] = client.get(address).raise_for_status().json()
@@ -158,7 +158,7 @@ def _dies(
     with (
         _changed(folder, code) as environment,
         Service(database, 1, environment=environment) as service,
-        httpx.Client(base_url=service.url, timeout=90) as client,
+        httpx2.Client(base_url=service.url, timeout=90) as client,
     ):
         address = _begun(client, configurations, resampling)
         began = time.monotonic()
@@ -169,7 +169,7 @@ def _dies(
 
 def _starved(database: str, configurations: int, resampling: dict[str, int]) -> dict[str, Any]:
     """Take a worker all further memory in the middle; the one that follows has enough."""
-    with Service(database, 1) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+    with Service(database, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         address = _begun(client, configurations, resampling)
         while client.get(address).json()["progress"]["done"] == 0:
             time.sleep(0.05)
@@ -185,7 +185,7 @@ def _unable(database: str, folder: Path) -> tuple[float, int]:
     with _changed(folder, code) as environment, Service(database, 1, environment=environment) as service:
         began, told = time.monotonic(), float("inf")
         while time.monotonic() - began < _UNABLE_SECONDS:
-            found = httpx.get(f"{service.url}/health", timeout=20).json()
+            found = httpx2.get(f"{service.url}/health", timeout=20).json()
             if found["failing_workers"]:
                 told = min(told, time.monotonic() - began)
             time.sleep(0.2)
@@ -203,7 +203,7 @@ class _Planted:
 def _planted(database: str, folder: Path, configurations: int, resampling: dict[str, int]) -> str:
     """Return what becomes of a job whose row in a backup holds a pickle."""
     ran = folder / "ran"
-    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+    with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         address = _begun(client, configurations, resampling)
     pickled = base64.b64encode(pickle.dumps(_Planted(ran))).decode()
     with closing(sqlite3.connect(database.removeprefix("sqlite:///"))) as connection, connection:
@@ -212,6 +212,6 @@ def _planted(database: str, folder: Path, configurations: int, resampling: dict[
     restored = f"sqlite:///{folder / 'restored.db'}"
     restore(restored, folder / "backup", overwrite=False)
     seen = "pickle" in {fault.code for fault in examine(restored).faults}
-    with Service(restored, 1) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+    with Service(restored, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         state = str(_ended(client, address, _CLEAR_SECONDS)["state"])
     return "RUN" if ran.exists() else state if seen else "not seen by the doctor"

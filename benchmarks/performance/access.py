@@ -11,7 +11,7 @@ from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import httpx
+import httpx2
 
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section, times_table
@@ -72,7 +72,7 @@ def _key(database: str) -> str:
 def _prepare(address: str, headers: dict[str, str]) -> bytes:
     """Post robot and readings; return the body of the runs to come."""
     campaign = small_campaign().document
-    with httpx.Client(base_url=address, headers=headers, timeout=60.0) as client:
+    with httpx2.Client(base_url=address, headers=headers, timeout=60.0) as client:
         robot = client.post("/v1/robots", json=campaign["robot"]).raise_for_status().json()["id"]
         readings = campaign["measurement_set"] | {"robot_id": robot}
         stored = client.post("/v1/measurement-sets", json=readings).raise_for_status().json()["id"]

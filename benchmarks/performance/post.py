@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx
+import httpx2
 
 from benchmarks.campaigns import LARGE_NOISE, Campaign, default_settings, small_campaign
 from benchmarks.performance.peers import cvxpy_clarabel, stacked_rows
@@ -28,7 +28,7 @@ from jointstiff.solver.identification import identify
 __all__ = ["run"]
 
 POST = "POST /v1/runs, keep-alive (http.client)"
-SLOW_CLIENT = "POST /v1/runs, keep-alive (httpx)"
+SLOW_CLIENT = "POST /v1/runs, keep-alive (httpx2)"
 HEALTH = "GET /health (http.client)"
 NAIVE = "rows → fresh cvxpy + Clarabel, in process"
 _HEADERS = {"Content-Type": "application/json"}
@@ -80,7 +80,7 @@ def _times(campaign: Campaign, rounds: int) -> Times:
         candidates: dict[str, Callable[[], object]] = {
             POST: partial(_post, _connection(stack, address), "/v1/runs", body),
             NAIVE: partial(cvxpy_clarabel, A, d),
-            SLOW_CLIENT: partial(_httpx_post, stack.enter_context(httpx.Client(base_url=address)), body),
+            SLOW_CLIENT: partial(_httpx2_post, stack.enter_context(httpx2.Client(base_url=address)), body),
             HEALTH: partial(_get, _connection(stack, address), "/health"),
         }
         return interleaved(candidates, rounds=rounds, warm_up=5)
@@ -138,7 +138,7 @@ def _post(connection: HTTPConnection, path: str, body: bytes) -> bytes:
     return answer
 
 
-def _httpx_post(client: httpx.Client, body: bytes) -> bytes:
+def _httpx2_post(client: httpx2.Client, body: bytes) -> bytes:
     return client.post("/v1/runs", content=body, headers=_HEADERS).raise_for_status().content
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-import httpx
+import httpx2
 
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.services import Service, post_campaign
@@ -97,7 +97,7 @@ def _cost(command: list[str]) -> tuple[float, float]:
 
 def _idle(database: str) -> Section:
     """Sum the memory of service and worker once both have computed, and so hold cvxpy."""
-    with Service(database, 1) as service, httpx.Client(base_url=service.url, timeout=120.0) as client:
+    with Service(database, 1) as service, httpx2.Client(base_url=service.url, timeout=120.0) as client:
         request: dict[str, object] = {"measurement_set_id": post_campaign(client, 19)}
         client.post("/v1/runs", json=request).raise_for_status()
         request["resampling"] = {"size": 10, "repetitions": 2000}

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from statistics import quantiles
 from typing import Any, Final
 
-import httpx
+import httpx2
 import psycopg
 
 from benchmarks.campaigns import default_settings, small_campaign
@@ -127,7 +127,7 @@ def _different(*several: Times) -> int:
     return sum(len({json.dumps(result) for result in times.results.values()}) > 1 for times in several)
 
 
-def _poster(client: httpx.Client, configurations: int) -> Callable[[int], dict[str, Any]]:
+def _poster(client: httpx2.Client, configurations: int) -> Callable[[int], dict[str, Any]]:
     """Posts a run on a stored set, waits for its end, and returns its numbers."""
     set_id = post_campaign(client, configurations)
 
@@ -160,7 +160,7 @@ def _answers(database: str, *, quick: bool) -> Section:
     )
 
 
-def _health(client: httpx.Client, checks: int) -> list[float]:
+def _health(client: httpx2.Client, checks: int) -> list[float]:
     seconds = []
     for _ in range(checks):
         start = time.perf_counter()
@@ -210,18 +210,18 @@ def _settled(database: str, run_id: str) -> tuple[int, int]:
     return int(step), int(done)
 
 
-def _start(client: httpx.Client, set_id: str, size: int, repetitions: int) -> str:
+def _start(client: httpx2.Client, set_id: str, size: int, repetitions: int) -> str:
     resampling = {"size": size, "repetitions": repetitions}
     body = {"measurement_set_id": set_id, "resampling": resampling}
     return str(client.post("/v1/runs?wait=0", json=body).raise_for_status().json()["id"])
 
 
-def _get(client: httpx.Client, run_id: str) -> dict[str, Any]:
+def _get(client: httpx2.Client, run_id: str) -> dict[str, Any]:
     run: dict[str, Any] = client.get(f"/v1/runs/{run_id}").raise_for_status().json()
     return run
 
 
-def _ended(client: httpx.Client, run_id: str) -> dict[str, Any]:
+def _ended(client: httpx2.Client, run_id: str) -> dict[str, Any]:
     """The run once it has ended, followed by its events as the page does.
 
     To ask twenty times a second would take a tenth of a processor from the workers.
@@ -242,5 +242,5 @@ def _until(met: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def _client(service: Service) -> httpx.Client:
-    return httpx.Client(base_url=service.url, timeout=120.0)
+def _client(service: Service) -> httpx2.Client:
+    return httpx2.Client(base_url=service.url, timeout=120.0)

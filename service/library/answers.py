@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any, TypeVar
 
-import httpx
+import httpx2
 from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.problem import Problem
@@ -15,7 +15,7 @@ from jointstiff.service.problems.table import http_problem
 Resource = TypeVar("Resource", bound=BaseModel)
 
 
-def resource_in(response: httpx.Response, kind: type[Resource]) -> Resource:
+def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:
     """Return the resource that an answer holds.
 
     Raises:
@@ -27,7 +27,7 @@ def resource_in(response: httpx.Response, kind: type[Resource]) -> Resource:
         raise alien(f"which is no {kind.__name__}") from error
 
 
-def problem_in(response: httpx.Response) -> Problem:
+def problem_in(response: httpx2.Response) -> Problem:
     """Return the problem that an answer holds, or the problem that it holds none."""
     try:
         return resource_in(response, Problem)

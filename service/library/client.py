@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, cast
 from uuid import uuid4
 
-import httpx
-from tenacity import RetryCallState, Retrying, retry_if_exception, stop_before_delay, wait_exponential
+import httpx2
 
 from jointstiff.schemas.comparison import Comparison
 from jointstiff.schemas.deflection import DeflectionResult
@@ -40,6 +40,8 @@ from jointstiff.service.problems.table import http_problem
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
+_FIRST_PAUSE: Final = 0.2
+_LONGEST_PAUSE: Final = 2.0
 
 
 class Client:
@@ -56,7 +58,7 @@ class Client:
         key: str | None = None,
         *,
         warn: Callable[[str], object] | None = None,
-        transport: httpx.BaseTransport | None = None,
+        transport: httpx2.BaseTransport | None = None,
         patience: float = PATIENCE_SECONDS,
     ) -> None:
         """Make a client.
@@ -79,18 +81,11 @@ class Client:
             raise RefusedError(http_problem(401, "what was given cannot be a key", "copy the whole key"))
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
-            self._http = httpx.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
-        except httpx.InvalidURL as error:
+            self._http = httpx2.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
+        except httpx2.InvalidURL as error:
             raise RefusedError(silence(url, error)) from error
         self._warn, self._patience = warn, patience
         self._answered = False
-        self._retrying = Retrying(
-            retry=retry_if_exception(lambda error: self._answered and isinstance(error, AwayError)),
-            stop=stop_before_delay(patience),
-            wait=wait_exponential(multiplier=0.2, max=2.0),
-            before_sleep=self._announce,
-            reraise=True,
-        )
         self.robots = Collection(self.send, "robots", Robot, RobotSummary)
         self.measurement_sets = Collection(
             self.send, "measurement-sets", MeasurementSet, MeasurementSetSummary
@@ -178,7 +173,7 @@ class Client:
         document: Document | None = None,
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
-    ) -> httpx.Response:
+    ) -> httpx2.Response:
         """Send a request until it is answered; return the answer.
 
         A document is posted with the key, or with one of its own; with files, as the `options` of a form.
@@ -194,24 +189,29 @@ class Client:
         elif document is not None:
             headers = {"Content-Type": "application/json", "Idempotency-Key": key or uuid4().hex}
             parts |= {"content": json.dumps(plain(document)), "headers": headers}
-        return self._retrying(self._try, verb, path, parts)
+        end, pause = time.monotonic() + self._patience, _FIRST_PAUSE
+        while True:
+            try:
+                return self._try(verb, path, parts)
+            except AwayError as error:
+                if not self._answered or time.monotonic() + pause >= end:
+                    raise
+                if pause == _FIRST_PAUSE and self._warn is not None:
+                    self._warn(f"{error.problem.detail}; trying again for {self._patience:.0f} s")
+            time.sleep(pause)
+            pause = min(2.0 * pause, _LONGEST_PAUSE)
 
-    def _try(self, verb: str, path: str, parts: dict[str, Any]) -> httpx.Response:
+    def _try(self, verb: str, path: str, parts: dict[str, Any]) -> httpx2.Response:
         try:
             response = self._http.request(verb, path, **parts)
-        except httpx.DecodingError as error:
+        except httpx2.DecodingError as error:
             raise alien("which cannot be decoded") from error
-        except httpx.InvalidURL as error:
+        except httpx2.InvalidURL as error:
             raise RefusedError(silence(self._http.base_url, error)) from error
-        except httpx.TransportError as error:
+        except httpx2.TransportError as error:
             raise AwayError(silence(self._http.base_url, error)) from error
         self._answered = True
         if not response.is_success:
-            away = response.status_code == httpx.codes.SERVICE_UNAVAILABLE
+            away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
             raise (AwayError if away else RefusedError)(problem_in(response))
         return response
-
-    def _announce(self, attempt: RetryCallState) -> None:
-        lost = attempt.outcome.exception() if attempt.outcome is not None else None
-        if attempt.attempt_number == 1 and self._warn is not None and isinstance(lost, AwayError):
-            self._warn(f"{lost.problem.detail}; trying again for {self._patience:.0f} s")

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Final, Generic, TypeVar
 from urllib.parse import quote
 
-import httpx
+import httpx2
 
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Progress
@@ -21,7 +21,7 @@ _LOOK_SECONDS: Final = 0.2
 Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
 Summary = TypeVar("Summary", bound=Message)
-Send = Callable[..., httpx.Response]
+Send = Callable[..., httpx2.Response]
 
 
 def plain(document: Document) -> dict[str, Any]:

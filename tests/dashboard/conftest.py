@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 from support.browsing import (
@@ -67,9 +67,9 @@ def site(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ser
 
 
 @pytest.fixture(scope="session")
-def api(site: Any) -> Iterator[httpx.Client]:
+def api(site: Any) -> Iterator[httpx2.Client]:
     """The API beside the page."""
-    with httpx.Client(base_url=site.url, timeout=60.0) as session:
+    with httpx2.Client(base_url=site.url, timeout=60.0) as session:
         yield session
 
 
@@ -126,7 +126,7 @@ def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
 
 
 @pytest.fixture(scope="session")
-def stored(api: httpx.Client) -> Stored:
+def stored(api: httpx2.Client) -> Stored:
     """One of everything, in the service's database."""
     robot = post(api, "/v1/robots", robot_document(default_arm()))["id"]
 
@@ -154,7 +154,7 @@ def stored(api: httpx.Client) -> Stored:
     return Stored(robot, first, second, run, comparison, pair, plan, made, compensated(api, run), geometry)
 
 
-def compensated(api: httpx.Client, run: str) -> str:
+def compensated(api: httpx2.Client, run: str) -> str:
     """Return a small program, corrected by a run."""
     options = {
         "run_id": run,

@@ -7,7 +7,7 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urlsplit
 
-import httpx
+import httpx2
 import pytest
 from support.browsing import post
 
@@ -57,7 +57,7 @@ def other_site():
 
 @pytest.fixture(scope="module")
 def api(services):
-    with httpx.Client(base_url=services("sqlite").url, timeout=60.0) as session:
+    with httpx2.Client(base_url=services("sqlite").url, timeout=60.0) as session:
         yield session
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import httpx
+import httpx2
 from playwright.sync_api import expect
 from support.browsing import campaign, post
 
@@ -39,7 +39,7 @@ def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):
     page.get_by_role("button", name="Take back from the archive").click()
     expect(page.get_by_role("button", name="Archive", exact=True)).to_be_visible()
 
-    with httpx.Client(base_url=visited.url, timeout=60.0) as api:
+    with httpx2.Client(base_url=visited.url, timeout=60.0) as api:
         document = campaign(load="pull", seed=31)
         robot = post(api, "/v1/robots", document["robot"] | {"name": "noted arm"})["id"]
         readings = document["measurement_set"] | {"robot_id": robot, "name": "noted set"}

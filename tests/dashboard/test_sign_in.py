@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 
-import httpx
+import httpx2
 import pytest
 from playwright.sync_api import expect
 from support.browsing import post
@@ -46,7 +46,7 @@ def site(bundle, database):
 @pytest.fixture(scope="module")
 def run(site):
     headers = {"Authorization": f"Bearer {KEY.text}"}
-    with httpx.Client(base_url=site.url, headers=headers, timeout=60.0) as api:
+    with httpx2.Client(base_url=site.url, headers=headers, timeout=60.0) as api:
         campaign = simulate_campaign(default_arm(), configurations=6)
         robot = post(api, "/v1/robots", campaign["robot"])["id"]
         readings = post(api, "/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot})["id"]

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from support.browsing import post
 from support.guide_files import ROOT, blocks_of, write_files
@@ -119,7 +119,7 @@ def runnable(text: str, url: str, ids: list[str]) -> str:
 
 def post_sets(folder: Path, url: str) -> list[str]:
     ids = []
-    with httpx.Client(base_url=url, timeout=60.0) as client:
+    with httpx2.Client(base_url=url, timeout=60.0) as client:
         for name in ("motor", "secondary"):
             campaign = json.loads((folder / f"{name}.json").read_text())
             robot = post(client, "/v1/robots", campaign["robot"])["id"]

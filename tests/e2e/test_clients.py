@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from support.browsing import DASHBOARD, post, run_npm
 from support.guide_files import ROOT
@@ -70,7 +70,7 @@ def documented_robot():
 def stored(url):
     """Return ids for the placeholders of the examples."""
     ids = {}
-    with httpx.Client(base_url=url, timeout=60.0) as client:
+    with httpx2.Client(base_url=url, timeout=60.0) as client:
         for name, encoders in (("MOTOR", "motor"), ("SECONDARY", "secondary")):
             campaign = simulate_campaign(default_arm(encoders), encoders=encoders)
             robot = ids.setdefault(
@@ -122,7 +122,7 @@ def test_typescript_client(url, bodies, tmp_path):
     (tmp_path / "node_modules").symlink_to(DASHBOARD / "node_modules")
     (tmp_path / "package.json").write_text('{"type": "module"}')
     (tmp_path / "post.ts").write_text(typescript(url, bodies))
-    (tmp_path / "openapi.json").write_bytes(httpx.get(f"{url}/openapi.json").content)
+    (tmp_path / "openapi.json").write_bytes(httpx2.get(f"{url}/openapi.json").content)
     made = run_npm(
         "run", "types", "--", str(tmp_path / "openapi.json"), "--output", str(tmp_path / "schema.d.ts")
     )

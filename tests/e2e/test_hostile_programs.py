@@ -8,7 +8,7 @@ import threading
 import time
 from contextlib import suppress
 
-import httpx
+import httpx2
 import pytest
 from support.processes import Service
 from support.programs import options, path, tool_poses
@@ -46,20 +46,20 @@ def post(client, run, text, **query):
 
 
 def test_sigterm_ends_a_service_that_reads_a_hostile_program(service):
-    with httpx.Client(base_url=service.url, timeout=100.0) as client:
+    with httpx2.Client(base_url=service.url, timeout=100.0) as client:
         run = run_of(client)
         assert post(client, run, program_text("krl", tool_poses(path(3)))).status_code == 201
         hostile = "\n".join(f"x{i}=({'(' * 40}{i}{')' * 40})" for i in range(140_000))  # no two of a shape
 
         def send():
-            with suppress(httpx.HTTPError):
+            with suppress(httpx2.HTTPError):
                 post(client, run, hostile)
 
         sender = threading.Thread(target=send)
         sender.start()
         time.sleep(1.5)
         began = time.monotonic()
-        with httpx.Client(base_url=service.url, timeout=10.0) as other:
+        with httpx2.Client(base_url=service.url, timeout=10.0) as other:
             assert other.get("/v1/runs").status_code == 200
         assert time.monotonic() - began < 10.0  # a deadline, not a figure
         service.process.send_signal(signal.SIGTERM)
@@ -69,7 +69,7 @@ def test_sigterm_ends_a_service_that_reads_a_hostile_program(service):
 
 
 def test_the_service_waits_for_the_workers_of_a_long_program(service):
-    with httpx.Client(base_url=service.url, timeout=100.0) as client:
+    with httpx2.Client(base_url=service.url, timeout=100.0) as client:
         run = run_of(client)
         text = program_text("krl", tool_poses(path(10_050)))
         assert post(client, run, text, wait=0).status_code == 202

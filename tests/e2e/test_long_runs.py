@@ -15,7 +15,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import psycopg
 import pytest
 from sqlalchemy import func, select
@@ -70,7 +70,7 @@ def database(new_database: Callable[[], str]) -> str:
 
 
 @pytest.fixture(scope="module")
-def client(database: str) -> Iterator[httpx.Client]:
+def client(database: str) -> Iterator[httpx2.Client]:
     """A client of a service whose two workers were started apart from it, all on a new database at once."""
     with ExitStack() as stack:
         workers = [stack.enter_context(working(database, name)) for name in ("here", "elsewhere")]
@@ -81,12 +81,12 @@ def client(database: str) -> Iterator[httpx.Client]:
 
 
 @pytest.fixture(scope="module")
-def set_id(client: httpx.Client, campaign: dict[str, Any]) -> str:
+def set_id(client: httpx2.Client, campaign: dict[str, Any]) -> str:
     return post_campaign(client, campaign)
 
 
 def test_a_run_that_is_not_waited_for_is_accepted_and_ends_by_itself(
-    client: httpx.Client, set_id: str, undisturbed: dict[str, Any]
+    client: httpx2.Client, set_id: str, undisturbed: dict[str, Any]
 ) -> None:
     answer = post_run(client, set_id, RESAMPLING)
     assert answer.status_code == 202
@@ -109,7 +109,7 @@ def test_a_run_that_is_not_waited_for_is_accepted_and_ends_by_itself(
 
 
 def test_a_run_that_is_waited_for_is_created(
-    client: httpx.Client, set_id: str, undisturbed: dict[str, Any]
+    client: httpx2.Client, set_id: str, undisturbed: dict[str, Any]
 ) -> None:
     answer = post_run(client, set_id, RESAMPLING, wait=30)
     assert answer.status_code == 201
@@ -121,7 +121,7 @@ def test_a_run_that_is_waited_for_is_created(
     assert [name for name, _ in followed(client, address)] == ["end"]
 
 
-def test_a_small_run_does_not_wait_for_a_large_one(client: httpx.Client, set_id: str) -> None:
+def test_a_small_run_does_not_wait_for_a_large_one(client: httpx2.Client, set_id: str) -> None:
     large = [post_run(client, set_id, LONGEST | {"seed": seed}).headers["location"] for seed in range(6)]
     small = post_run(client, set_id, RESAMPLING | {"repetitions": 4_000}, wait=30).json()
     assert small["state"] == "succeeded"
@@ -132,7 +132,7 @@ def test_a_small_run_does_not_wait_for_a_large_one(client: httpx.Client, set_id:
 
 
 def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
-    client: httpx.Client, set_id: str, database: str
+    client: httpx2.Client, set_id: str, database: str
 ) -> None:
     address = post_run(client, set_id, LONGEST).headers["location"]
     until(lambda: client.get(address).json()["progress"]["done"] > 0)
@@ -153,7 +153,7 @@ def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
 
 
 def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
-    client: httpx.Client, set_id: str, campaign: dict[str, Any]
+    client: httpx2.Client, set_id: str, campaign: dict[str, Any]
 ) -> None:
     options = {"resampling": RESAMPLING | {"repetitions": 5_000}}
     answer = client.post("/v1/comparisons?wait=0", json=options | {"measurement_set_id": set_id})
@@ -175,7 +175,7 @@ def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
     assert table.text.count("\r\n") == 8 * 6 + 1
 
 
-def test_a_cancelled_comparison_stays_as_it_is(client: httpx.Client, set_id: str) -> None:
+def test_a_cancelled_comparison_stays_as_it_is(client: httpx2.Client, set_id: str) -> None:
     resampling = LONGEST | {"repetitions": 50_000}
     body = {"measurement_set_id": set_id, "resampling": resampling}
     address = client.post("/v1/comparisons?wait=0", json=body).headers["location"]
@@ -187,7 +187,7 @@ def test_a_cancelled_comparison_stays_as_it_is(client: httpx.Client, set_id: str
     assert client.get(f"{address}/table.csv").status_code == 409
 
 
-def test_a_key_belongs_to_one_long_run(client: httpx.Client, set_id: str) -> None:
+def test_a_key_belongs_to_one_long_run(client: httpx2.Client, set_id: str) -> None:
     key = {"Idempotency-Key": "the same"}
     resampling = RESAMPLING | {"repetitions": 10_000}
     first = post_run(client, set_id, resampling, headers=key)
@@ -210,7 +210,7 @@ def test_a_key_belongs_to_one_long_run(client: httpx.Client, set_id: str) -> Non
     ],
 )
 def test_what_cannot_be_drawn_is_refused_and_nothing_is_stored(
-    client: httpx.Client, campaign: dict[str, Any], resampling: dict[str, int], wait: int, where: str
+    client: httpx2.Client, campaign: dict[str, Any], resampling: dict[str, int], wait: int, where: str
 ) -> None:
     set_id = post_campaign(client, campaign)
     answer = post_run(client, set_id, resampling, wait=wait)
@@ -221,7 +221,7 @@ def test_what_cannot_be_drawn_is_refused_and_nothing_is_stored(
 
 
 def test_a_method_that_the_readings_cannot_support_is_refused_before_it_is_queued(
-    client: httpx.Client,
+    client: httpx2.Client,
 ) -> None:
     one_target = simulate_campaign(default_arm(), load="pull", targets={"P1": (0.1, 0.0, 0.1)})
     set_id = post_campaign(client, one_target)
@@ -231,7 +231,7 @@ def test_a_method_that_the_readings_cannot_support_is_refused_before_it_is_queue
     assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
 
 
-def test_a_run_that_is_not_there(client: httpx.Client) -> None:
+def test_a_run_that_is_not_there(client: httpx2.Client) -> None:
     assert client.get("/v1/runs/nothing/events").status_code == 404
     assert client.post("/v1/runs/nothing/cancel").status_code == 404
 
@@ -311,24 +311,24 @@ def test_a_worker_adopts_what_another_one_left(
 # Requests
 
 
-def connected(service: subprocess.Popen[str]) -> httpx.Client:
-    return httpx.Client(base_url=service.url, timeout=60.0)
+def connected(service: subprocess.Popen[str]) -> httpx2.Client:
+    return httpx2.Client(base_url=service.url, timeout=60.0)
 
 
-def post_campaign(client: httpx.Client, campaign: dict[str, Any]) -> str:
+def post_campaign(client: httpx2.Client, campaign: dict[str, Any]) -> str:
     robot = client.post("/v1/robots", json=campaign["robot"]).raise_for_status().json()
     readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
     return client.post("/v1/measurement-sets", json=readings).raise_for_status().json()["id"]
 
 
 def post_run(
-    client: httpx.Client, set_id: str, resampling: dict[str, int], *, wait: int = 0, **options: Any
-) -> httpx.Response:
+    client: httpx2.Client, set_id: str, resampling: dict[str, int], *, wait: int = 0, **options: Any
+) -> httpx2.Response:
     body = {"measurement_set_id": set_id, "resampling": resampling}
     return client.post("/v1/runs", params={"wait": wait}, json=body, **options)
 
 
-def followed(client: httpx.Client, address: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def followed(client: httpx2.Client, address: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """Names and data of a run's events until the stream ends."""
     with client.stream("GET", f"{address}/events") as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
@@ -341,7 +341,7 @@ def followed(client: httpx.Client, address: str) -> Iterator[tuple[str, dict[str
                 yield name, json.loads(value)
 
 
-def further(client: httpx.Client, address: str, done: int) -> int:
+def further(client: httpx2.Client, address: str, done: int) -> int:
     """How many draws are done, as soon as it is more than that; the run must not have ended by then."""
     until(lambda: client.get(address).json()["progress"]["done"] > done)
     run = client.get(address).json()

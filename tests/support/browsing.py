@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 from playwright.sync_api import ConsoleMessage, Page, expect
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -102,7 +102,7 @@ def campaign(**options: Any) -> dict[str, Any]:
     )
 
 
-def post(api: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
+def post(api: httpx2.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
     """What the API made of a body."""
     answer = api.post(path, json=body)
     assert answer.status_code == 201, answer.text

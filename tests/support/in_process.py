@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import anyio
-import httpx
+import httpx2
 import uvicorn
 
 from jointstiff.service.api.connections import BoundedProtocol
@@ -25,15 +25,15 @@ class Client:
         self._app = create_app(store, posture=posture)
         self._url = f"http://{host}"
 
-    def request(self, method: str, path: str, **options: Any) -> httpx.Response:
-        async def send() -> httpx.Response:
-            transport = httpx.ASGITransport(self._app)
-            async with httpx.AsyncClient(transport=transport, base_url=self._url) as client:
+    def request(self, method: str, path: str, **options: Any) -> httpx2.Response:
+        async def send() -> httpx2.Response:
+            transport = httpx2.ASGITransport(self._app)
+            async with httpx2.AsyncClient(transport=transport, base_url=self._url) as client:
                 return await client.request(method, path, **options)
 
         return anyio.run(send)
 
-    def get(self, path: str, **options: Any) -> httpx.Response:
+    def get(self, path: str, **options: Any) -> httpx2.Response:
         return self.request("GET", path, **options)
 
 

@@ -8,7 +8,7 @@ import threading
 import time
 import uuid
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from support.campaigns import METHODS, estimate, prepare
@@ -35,7 +35,7 @@ def post(client, path, body, status=201, **headers):
 
 @pytest.fixture(scope="module")
 def robot_id(service, campaign):
-    with httpx.Client(base_url=service.url, timeout=60.0) as session:
+    with httpx2.Client(base_url=service.url, timeout=60.0) as session:
         return post(session, "/v1/robots", campaign["robot"])["id"]
 
 

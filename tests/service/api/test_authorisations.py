@@ -7,7 +7,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import anyio
-import httpx
+import httpx2
 import pytest
 from support.records import RUN, job_record
 
@@ -44,9 +44,9 @@ def ask(store):
         app = apps[name]
 
         async def send():
-            transport = httpx.ASGITransport(app)
+            transport = httpx2.ASGITransport(app)
             headers = {"Authorization": f"Bearer {KEYS[role].text}"}
-            async with httpx.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
+            async with httpx2.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
                 return await client.request(method, path, headers=headers, **options)
 
         return anyio.run(send)

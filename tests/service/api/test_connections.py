@@ -10,7 +10,7 @@ import time
 from contextlib import ExitStack, closing
 from urllib.parse import urlsplit
 
-import httpx
+import httpx2
 import pytest
 from support.in_process import served
 
@@ -69,7 +69,7 @@ def test_a_header_has_its_time(sent, serve, connect):
     connection = connect(url)
     connection.sendall(sent)
     assert ended(connection) == b""
-    assert httpx.get(f"{url}/live").status_code == 204
+    assert httpx2.get(f"{url}/live").status_code == 204
 
 
 def test_a_header_that_drips_has_its_time_after_an_answer_too(serve, connect):
@@ -93,7 +93,7 @@ def test_a_body_that_keeps_its_rate_has_more(serve):
             time.sleep(0.1)
 
     url = serve(BODY_SECONDS=0.2, BODY_RATE=0.1)
-    answer = httpx.post(f"{url}/v1/robots", content=parts(), headers={"Content-Type": "application/json"})
+    answer = httpx2.post(f"{url}/v1/robots", content=parts(), headers={"Content-Type": "application/json"})
     assert answer.status_code == 422
 
 
@@ -104,14 +104,14 @@ def test_an_answer_that_is_not_read_is_given_up(serve, connect):
     asked = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 200
     with pytest.raises(OSError):  # the service stops reading, then ends the connection
         connection.sendall(asked * 1000)
-    assert httpx.get(f"{url}/live").status_code == 204
+    assert httpx2.get(f"{url}/live").status_code == 204
 
 
 def test_the_oldest_silent_connection_makes_room(serve, connect):
     url = serve(CONNECTIONS=4)
     oldest = connect(url)
     connections = [connect(url) for _ in range(3)]
-    assert httpx.get(f"{url}/live").status_code == 204
+    assert httpx2.get(f"{url}/live").status_code == 204
     assert ended(oldest) == b""
     connections[-1].sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
     assert ended(connections[-1]).startswith(b"HTTP/1.1 204")
@@ -126,8 +126,8 @@ def test_one_that_does_not_read_makes_room(serve, connect):
     deadline = time.monotonic() + 30  # until it is seen that they do not read
     while True:
         try:
-            assert httpx.get(f"{url}/live").status_code == 204
-        except httpx.TransportError:
+            assert httpx2.get(f"{url}/live").status_code == 204
+        except httpx2.TransportError:
             assert time.monotonic() < deadline
         else:
             return
@@ -138,7 +138,7 @@ def test_unfinished_bodies_are_bounded_together(serve, connect):
     connections = [connect(url) for _ in range(4)]
     for connection in connections[:3]:
         connection.sendall(BODY + b" " * 90_000)
-        assert httpx.get(f"{url}/live").status_code == 204
+        assert httpx2.get(f"{url}/live").status_code == 204
     connections[3].sendall(BODY + b" " * 90_000)
     answer = ended(connections[3])
     assert answer.startswith(b"HTTP/1.1 503")
@@ -150,7 +150,7 @@ def test_unfinished_bodies_are_bounded_together(serve, connect):
         connection.close()
     robot = ROBOTS["modified DH"]
     while (
-        httpx.post(f"{url}/v1/robots", json=robot).status_code == 503
+        httpx2.post(f"{url}/v1/robots", json=robot).status_code == 503
     ):  # until the others are seen to be gone
         pass
 
@@ -178,15 +178,15 @@ def test_bodies_that_are_worked_on_count_until_they_are_done(leaves, tmp_path, c
         assert refused
         for connection in refused:
             assert ended(connection).startswith(b"HTTP/1.1 503")
-        assert httpx.get(f"{url}/live").status_code == 204
+        assert httpx2.get(f"{url}/live").status_code == 204
         other.execute("ROLLBACK")
         answers = [ended(connection) for connection in waiting if connection not in refused]
         assert not any(answer and answer[9:12] not in (b"201", b"503") for answer in answers)
         headers = {"Content-Type": "application/json"}
-        while httpx.post(f"{url}/v1/robots", content=body, headers=headers).status_code == 503:
+        while httpx2.post(f"{url}/v1/robots", content=body, headers=headers).status_code == 503:
             pass  # until the work for those who left has ended
         for _ in range(4):  # all is given back
-            assert httpx.post(f"{url}/v1/robots", content=body, headers=headers).status_code == 201
+            assert httpx2.post(f"{url}/v1/robots", content=body, headers=headers).status_code == 201
 
 
 def test_the_bounds_are_as_documented():

@@ -6,7 +6,7 @@ import dataclasses
 import uuid
 from datetime import UTC, datetime, timedelta
 
-import httpx
+import httpx2
 import pytest
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
@@ -197,7 +197,7 @@ class TestJobs:
 @pytest.fixture(scope="module")
 def set_id(service):
     campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
-    with httpx.Client(base_url=service.url, timeout=60.0) as client:
+    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
         robot = client.post("/v1/robots", json=campaign["robot"]).json()
         body = campaign["measurement_set"] | {"robot_id": robot["id"]}
         return client.post("/v1/measurement-sets", json=body).json()["id"]

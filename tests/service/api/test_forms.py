@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-import httpx
+import httpx2
 import pytest
 from fastapi import HTTPException, Request
 from hypothesis import given
@@ -53,7 +53,7 @@ names = st.text(
 @examples(150)
 def test_what_an_http_library_writes_comes_back(files):
     fields = [("files", file) for file in files] + [("options", (None, b"{}"))]
-    request = httpx.Request("POST", "http://x/", files=fields)
+    request = httpx2.Request("POST", "http://x/", files=fields)
     sent = [*(("files", name, content) for name, content in files), ("options", None, "{}")]
     assert read(request.headers["content-type"], request.read()) == sent
 

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import anyio
-import httpx
+import httpx2
 import pytest
 from support.in_process import Client, served
 
@@ -34,14 +34,14 @@ def test_health_is_answered_while_all_threads_wait_for_the_database(tmp_path):
         served(store) as url,
         closing(sqlite3.connect(path, isolation_level=None)) as other,
         ThreadPoolExecutor(posts) as pool,
-        httpx.Client(base_url=url, timeout=60.0) as client,
+        httpx2.Client(base_url=url, timeout=60.0) as client,
     ):
         other.execute("BEGIN IMMEDIATE")
         began = threading.Barrier(posts + 1)
 
-        def post() -> httpx.Response:
+        def post() -> httpx2.Response:
             began.wait()
-            return httpx.post(f"{url}/v1/robots", json=ROBOT, timeout=60.0)
+            return httpx2.post(f"{url}/v1/robots", json=ROBOT, timeout=60.0)
 
         waiting = [pool.submit(post) for _ in range(posts)]
         began.wait()
@@ -99,9 +99,9 @@ def test_an_unexpected_error_has_security_headers_too():
         app = create_app(store)
         app.state.failing_workers = lambda: 1 // 0
 
-        async def ask() -> httpx.Response:
-            transport = httpx.ASGITransport(app, raise_app_exceptions=False)
-            async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+        async def ask() -> httpx2.Response:
+            transport = httpx2.ASGITransport(app, raise_app_exceptions=False)
+            async with httpx2.AsyncClient(transport=transport, base_url="http://localhost") as client:
                 return await client.get("/health")
 
         answer = anyio.run(ask)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-import httpx
+import httpx2
 import pytest
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -23,7 +23,7 @@ def addresses(openapi) -> dict[str, set[str]]:
     return {path: taken[path] | {"OPTIONS", *(["HEAD"] if "GET" in taken[path] else [])} for path in taken}
 
 
-def allowed(answer: httpx.Response) -> set[str]:
+def allowed(answer: httpx2.Response) -> set[str]:
     return set(answer.headers["allow"].split(", "))
 
 
@@ -47,7 +47,7 @@ def test_head_is_get_without_content(client, addresses):
         assert without_time_and_name(head) == without_time_and_name(get), address
 
 
-def without_time_and_name(answer: httpx.Response) -> dict[str, str]:
+def without_time_and_name(answer: httpx2.Response) -> dict[str, str]:
     return {name: value for name, value in answer.headers.items() if name not in {"date", "x-request-id"}}
 
 

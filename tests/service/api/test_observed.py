@@ -8,7 +8,7 @@ import select
 import socket
 from contextlib import ExitStack
 
-import httpx
+import httpx2
 import pytest
 from prometheus_client import generate_latest
 from support.in_process import Client, served
@@ -44,7 +44,7 @@ def test_an_unexpected_error_names_its_request(store, monkeypatch):
 
     monkeypatch.setattr(store.robots, "page", fail)
     with served(store) as url:
-        answer = httpx.get(f"{url}/v1/robots")
+        answer = httpx2.get(f"{url}/v1/robots")
     assert answer.status_code == 500
     assert answer.json()["request_id"] == answer.headers["x-request-id"]
 
@@ -67,7 +67,7 @@ def test_metrics_are_shown_on_a_port_of_their_own(client):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with _showing(client._app.state.metrics, "127.0.0.1", port):
-        answer = httpx.get(f"http://127.0.0.1:{port}/metrics")
+        answer = httpx2.get(f"http://127.0.0.1:{port}/metrics")
     assert "jointstiff_request_seconds_count" in answer.text
 
 
@@ -81,7 +81,7 @@ def test_silent_connections_to_the_metrics_end_and_are_few(client):
         assert silent[-1].recv(1) == b""  # there is no room for it
         assert not select.select(silent[:-1], [], [], 0)[0]
         assert silent[0].recv(1) == b""
-        assert httpx.get(f"http://127.0.0.1:{port}/metrics").status_code == 200
+        assert httpx2.get(f"http://127.0.0.1:{port}/metrics").status_code == 200
 
 
 def test_a_line_of_the_log_has_what_belongs_to_the_request(client, caplog):
@@ -116,7 +116,7 @@ def test_logs_as_json_have_exceptions_and_warnings(monkeypatch, capsys):
 
 
 def test_what_is_no_request_gets_a_problem_document_with_all_headers(store):
-    with served(store) as url, socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as connection:
+    with served(store) as url, socket.create_connection(("127.0.0.1", httpx2.URL(url).port)) as connection:
         connection.sendall(b"nonsense\r\n\r\n")
         answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
     head, _, body = answer.partition("\r\n\r\n")

@@ -4,7 +4,7 @@ import asyncio
 import re
 from concurrent.futures import ThreadPoolExecutor
 
-import httpx
+import httpx2
 from fastapi import FastAPI
 
 from jointstiff.service.api.page import install_page
@@ -44,7 +44,7 @@ def test_a_page_and_documentation_that_were_not_built_say_so(tmp_path):
     install_page(app, tmp_path, tmp_path / "docs")
 
     async def ask(path):
-        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://page") as client:
+        async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://page") as client:
             return await client.get(path)
 
     with ThreadPoolExecutor(1) as own_loop:  # the browser's tests leave one running in this thread

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import anyio
-import httpx
+import httpx2
 import pytest
 from support.in_process import Client
 from typer.testing import CliRunner
@@ -26,7 +26,7 @@ def client():
         yield Client(store, Posture.of("127.0.0.1", ("cell3",), access_control=True))
 
 
-def assert_refused(answer: httpx.Response, status: int) -> None:
+def assert_refused(answer: httpx2.Response, status: int) -> None:
     assert answer.status_code == status
     problem = Problem.model_validate_json(answer.content)
     assert problem.status == status
@@ -60,7 +60,7 @@ def test_foreign_names_are_not(client, host, method, path):
 
 
 def test_two_names_are_none(client):
-    headers = httpx.Headers([("Host", "localhost"), ("Host", "evil.example")])
+    headers = httpx2.Headers([("Host", "localhost"), ("Host", "evil.example")])
     assert_refused(client.get("/health", headers=headers), 421)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
-import httpx
+import httpx2
 import pytest
 from typer.testing import CliRunner
 
@@ -90,9 +90,9 @@ def sent_by(**options):
 
     def answer(request):
         heard.append(request.headers.get("Authorization"))
-        return httpx.Response(200, json={})
+        return httpx2.Response(200, json={})
 
-    Client("http://service", transport=httpx.MockTransport(answer), **options).ping()
+    Client("http://service", transport=httpx2.MockTransport(answer), **options).ping()
     return heard[0]
 
 

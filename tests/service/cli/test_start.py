@@ -13,7 +13,7 @@ pytestmark = pytest.mark.process
 NUMERICS = {"numpy", "scipy", "pinocchio", "cvxpy", "clarabel"}
 DATABASE = {"sqlalchemy", "alembic", "psycopg", "dbos"}
 WEB = {"fastapi", "starlette", "uvicorn"}
-OTHERS = {"httpx", "rich"}
+OTHERS = {"httpx2", "rich"}
 COMMANDS = (
     "geometry",
     "identify",
@@ -76,7 +76,9 @@ def test_help_of_all_commands_together_needs_little():
 def test_identification_needs_no_web_and_no_database(command, campaign):
     found = imported_by(PROGRAM, command, campaign)
     assert "clarabel" in found
-    assert not found & (DATABASE | WEB | {"httpx", "jointstiff.schemas.geometry", "jointstiff.solver.paired"})
+    assert not found & (
+        DATABASE | WEB | {"httpx2", "jointstiff.schemas.geometry", "jointstiff.solver.paired"}
+    )
 
 
 def test_an_import_computes_nothing(tmp_path):
@@ -84,7 +86,7 @@ def test_an_import_computes_nothing(tmp_path):
     table.write_text("point,x [mm],y [mm],z [mm]\nP1_A_unloaded,1,2,3\n")
     found = imported_by(PROGRAM, "import", str(table), "--point-name", "{label}_{target}_{state}")
     assert "jointstiff.service.importing.reading" in found
-    assert not found & (NUMERICS | DATABASE | WEB | {"httpx"})
+    assert not found & (NUMERICS | DATABASE | WEB | {"httpx2"})
 
 
 def test_a_worker_serves_nothing():

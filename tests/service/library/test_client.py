@@ -8,7 +8,7 @@ import threading
 import time
 import uuid
 
-import httpx
+import httpx2
 import pytest
 
 from jointstiff.schemas.campaign import Campaign
@@ -27,7 +27,7 @@ def campaign():
     return document
 
 
-class LossyTransport(httpx.HTTPTransport):
+class LossyTransport(httpx2.HTTPTransport):
     """Carries every request to the service, and loses the first answer to each."""
 
     def __init__(self):
@@ -41,7 +41,7 @@ class LossyTransport(httpx.HTTPTransport):
             self.seen.add(mark)
             answer.read()
             answer.close()
-            raise httpx.ReadError("the connection was lost")
+            raise httpx2.ReadError("the connection was lost")
         return answer
 
 
@@ -56,7 +56,7 @@ def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, c
     assert run.state == comparison.state == "succeeded"
     assert len(warnings) == 4
     assert all("the connection was lost; trying again" in warning for warning in warnings)
-    with httpx.Client(base_url=service.url) as plain:
+    with httpx2.Client(base_url=service.url) as plain:
         for collection, query, identifier in [
             ("robots", {"name": campaign["robot"]["name"]}, robot.id),
             ("measurement-sets", {"robot_id": robot.id}, stored.id),
@@ -67,7 +67,7 @@ def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, c
             assert [item["id"] for item in items] == [identifier]
 
 
-class AwayTransport(httpx.BaseTransport):
+class AwayTransport(httpx2.BaseTransport):
     """A service that answered once and whose database is away since."""
 
     def __init__(self):
@@ -76,9 +76,9 @@ class AwayTransport(httpx.BaseTransport):
     def handle_request(self, _request):
         self.requests += 1
         if self.requests == 1:
-            return httpx.Response(200, json={})
+            return httpx2.Response(200, json={})
         problem = Problem(type="urn:x", title="away", status=503, detail="the database does not answer")
-        return httpx.Response(503, content=problem.model_dump_json())
+        return httpx2.Response(503, content=problem.model_dump_json())
 
 
 def test_patience_ends(monkeypatch):
@@ -98,22 +98,22 @@ def test_patience_ends(monkeypatch):
 
 ESCAPE = "\x1b]0;owned\x07"
 ALIEN = {
-    "a page": httpx.Response(200, html="<html>"),
-    "a list": httpx.Response(200, json=[1]),
-    "no id": httpx.Response(201, json={}),
-    "an id that would steer a terminal": httpx.Response(201, json={"id": "\x1b[2J"}),
-    "not a text": httpx.Response(200, content=b"\xff\xfe\x00"),
-    "nested": httpx.Response(200, content=b"[" * 100_000),
-    "nothing": httpx.Response(204),
-    "a redirect": httpx.Response(301, headers={"location": "http://elsewhere"}),
-    "a status of its own": httpx.Response(599),
-    "no run": httpx.Response(201, json={"id": "r1"}),
+    "a page": httpx2.Response(200, html="<html>"),
+    "a list": httpx2.Response(200, json=[1]),
+    "no id": httpx2.Response(201, json={}),
+    "an id that would steer a terminal": httpx2.Response(201, json={"id": "\x1b[2J"}),
+    "not a text": httpx2.Response(200, content=b"\xff\xfe\x00"),
+    "nested": httpx2.Response(200, content=b"[" * 100_000),
+    "nothing": httpx2.Response(204),
+    "a redirect": httpx2.Response(301, headers={"location": "http://elsewhere"}),
+    "a status of its own": httpx2.Response(599),
+    "no run": httpx2.Response(201, json={"id": "r1"}),
 }
 
 
 @pytest.mark.parametrize("answer", ALIEN.values(), ids=ALIEN.keys())
 def test_an_answer_that_is_not_the_services_is_refused(answer):
-    transport = httpx.MockTransport(lambda _: answer)
+    transport = httpx2.MockTransport(lambda _: answer)
     with Client("http://nowhere", transport=transport) as client:
         with pytest.raises(RefusedError, match="the answer is not from Jointstiff") as refused:
             client.runs.create({})
@@ -122,11 +122,11 @@ def test_an_answer_that_is_not_the_services_is_refused(answer):
 
 def test_an_answer_that_cannot_be_decoded_is_refused():
     def garbled(_request):
-        stream = httpx.ByteStream(b"not compressed")
-        return httpx.Response(200, headers={"content-encoding": "gzip"}, stream=stream)
+        stream = httpx2.ByteStream(b"not compressed")
+        return httpx2.Response(200, headers={"content-encoding": "gzip"}, stream=stream)
 
     with (
-        Client("http://nowhere", transport=httpx.MockTransport(garbled)) as client,
+        Client("http://nowhere", transport=httpx2.MockTransport(garbled)) as client,
         pytest.raises(RefusedError, match="cannot be decoded"),
     ):
         client.ping()
@@ -134,7 +134,7 @@ def test_an_answer_that_cannot_be_decoded_is_refused():
 
 def test_what_a_service_says_does_not_steer_the_terminal():
     problem = Problem(type="urn:x", title=ESCAPE, status=422, detail=ESCAPE, remedy=ESCAPE)
-    transport = httpx.MockTransport(lambda _: httpx.Response(422, content=problem.model_dump_json()))
+    transport = httpx2.MockTransport(lambda _: httpx2.Response(422, content=problem.model_dump_json()))
     with (
         Client("http://nowhere", transport=transport) as client,
         pytest.raises(RefusedError, match="owned") as refused,
@@ -173,7 +173,7 @@ def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, camp
             starting.start()
             run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
             starting.join()
-            listed = httpx.get(f"{address}/v1/runs").json()["items"]
+            listed = httpx2.get(f"{address}/v1/runs").json()["items"]
         assert run.state == "succeeded"
         assert len(warnings) == 1
         assert [item["id"] for item in listed] == [run.id]
@@ -225,9 +225,9 @@ def test_a_key_is_sent_as_a_bearer_token(key, sent):
 
     def answer(request):
         seen.append(request.headers.get("authorization"))
-        return httpx.Response(200, json={})
+        return httpx2.Response(200, json={})
 
-    with Client("http://nowhere", key, transport=httpx.MockTransport(answer)) as client:
+    with Client("http://nowhere", key, transport=httpx2.MockTransport(answer)) as client:
         client.ping()
     assert seen == [sent]
 

@@ -12,7 +12,7 @@ import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.simulator import default_arm, simulate_campaign, truth
 
-HEAVY = ("numpy", "pinocchio", "cvxpy", "pydantic", "httpx", "rich", "sqlalchemy", "fastapi", "dbos")
+HEAVY = ("numpy", "pinocchio", "cvxpy", "pydantic", "httpx2", "rich", "sqlalchemy", "fastapi", "dbos")
 
 
 @pytest.fixture(scope="module")

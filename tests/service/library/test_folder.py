@@ -6,7 +6,7 @@ import json
 import os
 
 import anyio
-import httpx
+import httpx2
 import pytest
 from support.guide_files import EXAMPLES
 from support.in_process import served
@@ -24,7 +24,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
-class InProcess(httpx.BaseTransport):
+class InProcess(httpx2.BaseTransport):
     """Carries requests to an application in this process; it can be away."""
 
     def __init__(self, store):
@@ -34,16 +34,16 @@ class InProcess(httpx.BaseTransport):
 
     def handle_request(self, request):
         if self.is_away:
-            raise httpx.ConnectError("connection refused")
+            raise httpx2.ConnectError("connection refused")
         if self.refuses_with is not None:
             problem = Problem(type="urn:x", title="no", status=self.refuses_with, detail="not now")
-            return httpx.Response(self.refuses_with, content=problem.model_dump_json())
+            return httpx2.Response(self.refuses_with, content=problem.model_dump_json())
 
         async def send():
             body = request.read()
-            again = httpx.Request(request.method, request.url, headers=request.headers, content=body)
-            answer = await httpx.ASGITransport(self._app).handle_async_request(again)
-            return httpx.Response(answer.status_code, headers=answer.headers, content=await answer.aread())
+            again = httpx2.Request(request.method, request.url, headers=request.headers, content=body)
+            answer = await httpx2.ASGITransport(self._app).handle_async_request(again)
+            return httpx2.Response(answer.status_code, headers=answer.headers, content=await answer.aread())
 
         return anyio.run(send)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -63,7 +63,7 @@ def campaign(**options):
 @pytest.fixture(scope="module")
 def robot_id(service):
     body = campaign(configurations=1)["robot"]
-    return httpx.post(f"{service.url}/v1/robots", json=body, timeout=60.0).json()["id"]
+    return httpx2.post(f"{service.url}/v1/robots", json=body, timeout=60.0).json()["id"]
 
 
 def test_the_hash_of_a_set_stays():
