@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jointstiff.schemas import assessment as messages
-from jointstiff.schemas.run.joints import JointResult, UncertaintyBudget
-from jointstiff.service.conversion.message import message
+from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget
+from jointstiff.service.conversion.message import message, messages_of
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.inference.assessment import Assessment
@@ -37,10 +37,10 @@ def to_joints(
     budgets: Sequence[UncertaintyBudget | None],
 ) -> list[JointResult]:
     """Return the joints, each with its verdict and its budget."""
-    return [
-        message(JointResult, joint, verdict=verdict, budget=budget)
-        for joint, verdict, budget in zip(joints, verdicts, budgets, strict=True)
-    ]
+    known = [joint.one_sided for joint in joints if joint.one_sided is not None]
+    bounds = iter(messages_of(OneSidedBounds, known))
+    one_sided = [None if joint.one_sided is None else next(bounds) for joint in joints]
+    return messages_of(JointResult, joints, verdict=verdicts, budget=budgets, one_sided=one_sided)
 
 
 def to_geometry_assessment(findings: Sequence[GeometryFinding]) -> messages.Assessment:

@@ -12,7 +12,6 @@ from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
-from jointstiff.solver.regression.regressor import joint_torque
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -64,8 +63,7 @@ def balance(
     loaded = near
     for _ in range(_STEPS):
         deflection = loaded.q - unloaded.q
-        jacobian = loaded.jacobian_at(loaded.to_base(cases.load_point[:, None]))[:, 0]
-        torque = joint_torque(loaded, jacobian, cases.force, cases.moment)
+        jacobian, torque = loaded.load(cases.load_point, cases.force, cases.moment)
         stiffness = wrench_stiffness(loaded, jacobian, cases.force, cases.moment)
         if weight is not None:
             own, own_stiffness = weight.torque_and_stiffness(robot, loaded.q, loaded)

@@ -23,7 +23,6 @@ from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
 from jointstiff.solver.observability.identifiability import Spectrum
 from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
 from jointstiff.solver.regression.pose import skew
-from jointstiff.solver.regression.regressor import joint_torque
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -109,7 +108,7 @@ class JointModel(ForwardModel):
     def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
         """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), angles of the model [rad]."""
         step = share[:, None] * self.compliance
-        torque = _load_torque(wanted, goal)[1]
+        torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
         commanded: FloatArray = goal.q - step * torque
         if self.weight is None:
             return commanded
@@ -122,13 +121,13 @@ class JointModel(ForwardModel):
 
     def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
         """Return ``J diag(c) τ`` (B, 3) [m]."""
-        turned = self.compliance * _load_torque(cases, unloaded)[1]
+        turned = self.compliance * unloaded.load(cases.load_point, cases.force, cases.moment)[1]
         jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
     def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
         """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
-        jacobian, torque = _load_torque(cases, unloaded)
+        jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         stiffness = np.abs(wrench_stiffness(unloaded, jacobian, cases.force, cases.moment))
         softening = self.compliance * np.einsum("bij->bi", stiffness)  # each row's sum, faster than `sum`
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
@@ -294,9 +293,3 @@ class JointDeflection(Deflection):
             return np.full((len(direction), 2), np.nan)
         value = np.einsum("bi,bi->b", direction, self.displacement)
         return np.asarray(free + (value - rows @ self.model.compliance)[:, None])
-
-
-def _load_torque(cases: LoadCases, here: Configurations) -> tuple[FloatArray, FloatArray]:
-    """Return J_v (B, 3, n) of the load points [m/rad], and the torques (B, n) [N·m] in given postures."""
-    jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
-    return jacobian, joint_torque(here, jacobian, cases.force, cases.moment)

@@ -16,7 +16,6 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import (
     BLOCK_LENGTH,
     RegressorBlock,
-    joint_torque,
     regressor_blocks,
 )
 from jointstiff.solver.robot.axis_displacement import displaced_axis
@@ -107,7 +106,7 @@ def _torques(
     part = block.measurements
 
     def torque(force: FloatArray, moment: FloatArray) -> FloatArray:
-        return joint_torque(block.configurations, block.load_jacobian, force, moment)
+        return block.configurations.joint_torque(block.load_jacobian, force, moment)
 
     if uncertainty.scale:
         yield "force_scale", uncertainty.scale * block.torque

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from jointstiff.solver.convex.constraints import Constraints
@@ -31,7 +32,7 @@ class Settings:
     huber_threshold: float = 2.8  #: for the loss `huber`, in units of sigma
     complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
 
-    @property
+    @cached_property
     def constraints(self) -> Constraints:
         """Return what is known of the compliances for certain.
 

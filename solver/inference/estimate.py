@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
@@ -109,7 +110,7 @@ class Estimate:
         """Origin of sigma."""
         return "given" if self.sigma_given else "residuals"
 
-    @property
+    @cached_property
     def sigma_test(self) -> SigmaTest | None:
         """Return the test of a stated sigma; None if not stated, or without residual freedom."""
         return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None

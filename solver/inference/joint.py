@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -62,12 +62,10 @@ class JointCompliance:
     prior_to_data: float | None = None
     reason: str | None = None  #: why there is no number, or what holds it
 
-    @property
-    def stiffness(self) -> float | None:
-        """Stiffness [N·m/rad]; None for a rigid joint and where the inverse overflows."""
-        return stiffness_of(self.compliance)
+    stiffness: float | None = field(init=False)  #: [N·m/rad]; None for a rigid joint and where it overflows
+    #: interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid
+    stiffness_interval: tuple[float, float | None] | None = field(init=False)
 
-    @property
-    def stiffness_interval(self) -> tuple[float, float | None] | None:
-        """Interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid."""
-        return stiffness_interval(self.compliance_interval)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", stiffness_of(self.compliance))
+        object.__setattr__(self, "stiffness_interval", stiffness_interval(self.compliance_interval))

@@ -10,7 +10,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import joint_torque
 from jointstiff.solver.robot.configuration import Configurations
 
 _ROUNDS: Final = 8
@@ -88,7 +87,7 @@ class SpringModel:
 def _regressor(at: Configurations, m: Measurements) -> tuple[FloatArray, FloatArray]:
     """A (N, T, 3, n) and the torques (N, n), as method.md §2."""
     load = at.jacobian_at(at.to_base(m.load_point[:, None]))[:, 0]
-    torque = joint_torque(at, load, m.force, m.moment)
+    torque = at.joint_torque(load, m.force, m.moment)
     points = m.position
     if m.in_flange.any():
         points = np.where(m.in_flange[..., None], at.to_base(points), points)

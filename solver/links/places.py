@@ -11,7 +11,6 @@ from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks, products
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.pose import skew
-from jointstiff.solver.regression.regressor import joint_torque
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 
@@ -56,7 +55,7 @@ class ElasticPlaces:
         moves[..., :3, 3:] = -skew(at - origin) @ R
         about = moment[:, None] + np.cross(loaded - origin, force[:, None])
         wrench = np.concatenate([force[:, None, None] @ R, about[:, :, None] @ R], axis=-1)[:, :, 0]
-        torque = joint_torque(configurations, load_jacobian, force, moment)
+        torque = configurations.joint_torque(load_jacobian, force, moment)
         return cls(columns, jacobian, moves, torque, wrench)
 
     @property

@@ -50,25 +50,6 @@ class RegressorBlock:
     measurements: Measurements  #: the observations themselves
 
 
-def joint_torque(
-    configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
-) -> FloatArray:
-    """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2; paper, eq. 12).
-
-    Args:
-        configurations: N configurations.
-        load_jacobian: (N, 3, n) J_v at the load points [m/rad].
-        force: (N, 3) on the robot, axes of R0 [N].
-        moment: (N, 3) on the robot about the load point, axes of R0 [N·m].
-
-    Returns:
-        (N, n) torques [N·m].
-    """
-    by_force: FloatArray = np.einsum("nij,ni->nj", load_jacobian, force)
-    by_moment: FloatArray = np.einsum("nij,ni->nj", configurations.angular_jacobian, moment)
-    return by_force + by_moment
-
-
 def regressor_blocks(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> Iterator[RegressorBlock]:
@@ -90,7 +71,7 @@ def regressor_blocks(
     Raises:
         SolverError: the load finds no balance with joints of that compliance.
     """
-    if len(measurements) <= BLOCK_LENGTH:
+    if len(measurements.joints) <= BLOCK_LENGTH:
         yield (
             _unloaded(robot, measurements) if compliance is None else _block(robot, measurements, compliance)
         )
@@ -105,7 +86,7 @@ def _unloaded(robot: Robot, measurements: Measurements) -> RegressorBlock:
     if kept is not None and kept[0] is robot:
         return RegressorBlock(measurements=measurements, **kept[1])
     block = _block(robot, measurements, None)
-    if len(measurements) <= _MOST_KEPT:
+    if len(measurements.joints) <= _MOST_KEPT:
         parts = {name: part for name, part in vars(block).items() if name != "measurements"}
         _KEPT[measurements] = robot, parts
     return block
@@ -124,7 +105,7 @@ def unloaded_block(configurations: Configurations, part: Measurements) -> Regres
     points = part.position
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
-    load_jacobian, torque = _load(configurations, part)
+    load_jacobian, torque = configurations.load(part.load_point, part.force, part.moment)
     return _assembled(configurations, load_jacobian, torque, points, part)
 
 
@@ -135,7 +116,7 @@ def _deflected_block(
     halfway = Configurations(robot, q + 0.5 * deflection)
     in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
     in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
-    load_jacobian, _ = _load(halfway, part)
+    load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
     return _assembled(halfway, load_jacobian, torque, halfway.to_base(in_flange), part)
 
 
@@ -145,7 +126,8 @@ def _balance(
     """Deflections (B, n) [rad] and torques (B, n) [N·m] with ``δθ = c ∘ τ(q + δθ)``, by fixed point."""
     deflection = np.zeros(q.shape)
     for _ in range(_BALANCE_ROUNDS):
-        _, torque = _load(Configurations(robot, q + deflection), part)
+        bent = Configurations(robot, q + deflection)
+        torque = bent.load(part.load_point, part.force, part.moment)[1]
         change = np.abs(compliance * torque - deflection).max()
         deflection = compliance * torque
         if not np.abs(deflection).max() <= _LARGEST_DEFLECTION:
@@ -157,13 +139,6 @@ def _balance(
         where="complementary_stiffness",
         remedy="neglect the complementary stiffness, or check the units of force and length",
     )
-
-
-def _load(configurations: Configurations, part: Measurements) -> tuple[FloatArray, FloatArray]:
-    """J_v at the load point (B, 3, n) [m/rad] and the load's torques (B, n) [N·m]."""
-    load_points = configurations.to_base(part.load_point[:, None])
-    load_jacobian = configurations.jacobian_at(load_points)[:, 0]
-    return load_jacobian, joint_torque(configurations, load_jacobian, part.force, part.moment)
 
 
 def _assembled(

@@ -27,6 +27,7 @@ class Configurations:
     #: flange that passes through the origin of R0 [m/rad], the last three the flange's angular velocity
     #: [rad/rad]
     jacobian: FloatArray
+    angular_jacobian: FloatArray  #: (N, 3, n) J_ω, its last three rows
     flange_rotation: FloatArray  #: (N, 3, 3) axes of the flange in R0
     flange_translation: FloatArray  #: (N, 3) origin of the flange frame in R0 [m]
 
@@ -53,14 +54,10 @@ class Configurations:
         self.jacobian, self.q = jacobian, q.view()
         for array in (self.q, self.jacobian, self.flange_rotation, self.flange_translation):
             array.setflags(write=False)
+        self.angular_jacobian = self.jacobian[:, 3:]
 
     def __len__(self) -> int:
         return len(self.jacobian)
-
-    @property
-    def angular_jacobian(self) -> FloatArray:
-        """Return J_ω (N, 3, n), axes of R0 [rad/rad]."""
-        return self.jacobian[:, 3:]
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
         """Return J_v of the flange-fixed points now at the given places (method.md §1).
@@ -81,6 +78,26 @@ class Configurations:
         out[:, :, 1] = v[:, :, 1] + wz * x - wx * z
         out[:, :, 2] = v[:, :, 2] + wx * y - wy * x
         return out
+
+    def load(self, point: FloatArray, force: FloatArray, moment: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what loads do to the joints.
+
+        Args:
+            point: (N, 3) where the forces act, flange frame [m].
+            force: (N, 3) on the robot, axes of R0 [N].
+            moment: (N, 3) on the robot about the load point, axes of R0 [N·m].
+
+        Returns:
+            (N, 3, n) J_v at the load points [m/rad], and (N, n) torques [N·m].
+        """
+        jacobian = self.jacobian_at(self.to_base(point[:, None]))[:, 0]
+        return jacobian, self.joint_torque(jacobian, force, moment)
+
+    def joint_torque(self, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray) -> FloatArray:
+        """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2; paper, eq. 12), with J_v as `load` returns it."""
+        by_force: FloatArray = np.einsum("nij,ni->nj", load_jacobian, force)
+        by_moment: FloatArray = np.einsum("nij,ni->nj", self.angular_jacobian, moment)
+        return by_force + by_moment
 
     def to_base(self, points: FloatArray) -> FloatArray:
         """Transform points (N, T, 3) from the flange frame to R0 [m]."""

@@ -27,6 +27,9 @@ class Robot:
     #: (3, n, 3, 4) terms of the placement ``[R t]`` of each such frame in the one before: it is ``terms[0]
     #: + sin(q) terms[1] + cos(q) terms[2]`` (Rodrigues), lengths in m
     joint_terms: FloatArray
+    n: int  #: number of moving joints
+    joint_names: tuple[str, ...]  #: names of the moving joints, from the base on
+    limits: FloatArray  #: (n, 2) least and greatest model angles [rad]; ∓inf where there is no limit
 
     def __init__(self, chain: KinematicChain, joint_map: JointMap | None = None) -> None:
         """Build the model.
@@ -51,24 +54,10 @@ class Robot:
         self.flange_joint_id = n
         self.axes = np.array([joint.axis for joint in chain.revolute])
         self.joint_terms = _joint_terms(self.model, self.axes)
-
-    @property
-    def n(self) -> int:
-        """Return the number of moving joints."""
-        return len(self.axes)
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Return the names of the moving joints, from the base on."""
-        return self.chain.joint_names
-
-    @property
-    def limits(self) -> FloatArray:
-        """Return least and greatest model angles (n, 2) [rad]; ∓inf where there is no limit."""
-        limits = np.array(
-            [joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE) for joint in self.chain.revolute]
-        )
-        return np.where(np.abs(limits) >= UNLIMITED_ANGLE, np.copysign(np.inf, limits), limits)
+        self.n, self.joint_names = n, chain.joint_names
+        limits = np.array([joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE) for joint in chain.revolute])
+        self.limits = np.where(np.abs(limits) >= UNLIMITED_ANGLE, np.copysign(np.inf, limits), limits)
+        self.limits.setflags(write=False)
 
 
 def _build_model(chain: KinematicChain) -> tuple[pin.Model, pin.SE3]:

@@ -24,11 +24,7 @@ def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> Budget 
     if budget is None:
         return None
     shown, total = budget.joints, budget.total()
-
-    def square(matrix: FloatArray) -> list[list[float]]:
-        part: list[list[float]] = matrix[np.ix_(shown, shown)].tolist()
-        return part
-
+    square = np.ix_(shown, shown)
     return Budget(
         joints=[names[j] for j in shown],
         components=[
@@ -38,12 +34,12 @@ def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> Budget 
                 included=part.included,
                 degrees_of_freedom=part.degrees_of_freedom,
                 contributions=part.spread.uncertainty[shown].tolist(),
-                correlation=square(part.spread.correlation),
+                correlation=part.spread.correlation[square].tolist(),
             )
             for part in budget.components
         ],
         standard_uncertainty=total.uncertainty[shown].tolist(),
-        correlation=square(total.correlation),
+        correlation=total.correlation[square].tolist(),
         probability=budget.probability,
         coverage_factor=budget.coverage_factor,
         expanded_uncertainty=(budget.coverage_factor * total.uncertainty[shown]).tolist(),

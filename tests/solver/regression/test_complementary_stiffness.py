@@ -20,7 +20,7 @@ from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression import regressor
 from jointstiff.solver.regression.complementary_stiffness import complementary_stiffness, neglected_readings
-from jointstiff.solver.regression.regressor import joint_torque, regressor_blocks
+from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.resampling.blocks import gram_blocks
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -73,7 +73,7 @@ class TestMatrix:
             configurations = Configurations(robot, angles)
             place = configurations.to_base(measurements.load_point[:, None])
             jacobian = configurations.jacobian_at(place)[:, 0]
-            return joint_torque(configurations, jacobian, measurements.force, measurements.moment)
+            return configurations.joint_torque(jacobian, measurements.force, measurements.moment)
 
         differences = [(at(q + s) - at(q - s)) / (2 * step) for s in step * np.eye(6)]
         np.testing.assert_allclose(complementary_stiffness(block), np.stack(differences, axis=-1), atol=1e-5)
