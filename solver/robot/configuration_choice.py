@@ -18,6 +18,8 @@ _TURNS: Final = np.arange(-2, 3) * _TURN
 """Full turns that are tried about an angle [rad]."""
 _TOLERANCE: Final = 1e-4
 """Angle by which a stated range or a joint's limit may be missed [rad]: programs are rounded."""
+_NEAR_SINGULAR: Final = 0.04
+"""Least singular value up to which a solution may be taken for one that is missing."""
 _AHEAD: Final = 4096
 _LEAST_AHEAD: Final = 16
 """Most and fewest poses of a path that are looked at together."""
@@ -31,6 +33,7 @@ class Unreached(IntEnum):
     OUT_OF_LIMITS = 2
     NOT_AS_STATED = 3
     AMBIGUOUS = 4
+    NOT_FOLLOWED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +78,13 @@ def choose_postures(
     joints, unreached = given.copy(), np.zeros(count, dtype=np.intp)
     cartesian = np.flatnonzero(np.isnan(given[:, 0]))
     branches = np.full((count, 8, 6), np.nan)
-    branches[cartesian] = found = inverse.branches(poses[cartesian])
+    complete = np.ones(count, dtype=np.bool_)
+    found, complete[cartesian] = inverse.solutions(poses[cartesian])
+    branches[cartesian] = found
     lost = cartesian[np.isnan(found[:, :, 0]).all(axis=1)]
     unreached[lost] = Unreached.OUT_OF_REACH
     path = np.setdiff1d(np.arange(count), lost)
-    choice = _Choice(inverse.robot, branches, stated)
+    choice = _Choice(inverse, poses, branches, complete, stated)
     previous, at, ahead = start, 0, _AHEAD
     while at < len(path):
         i = path[at]
@@ -93,6 +98,9 @@ def choose_postures(
             stop = np.flatnonzero(tested[run] | ~np.isnan(given[run, 0]))
             run = run[: stop[0]] if len(stop) else run
             done, joints[run], unreached[run] = choice.nearest(run, previous)
+            if unreached[run[0]]:
+                at += 1
+                continue
             ahead = min(_AHEAD, 4 * ahead) if done == len(run) else max(_LEAST_AHEAD, 2 * done)
             at += done
             i = path[at - 1]
@@ -110,10 +118,19 @@ def _out_of_limits(robot: Robot, joints: FloatArray, unreached: IndexArray) -> I
 
 
 class _Choice:
-    """Solutions (m, 8, 6) in angles of the model [rad], NaN where there is none, with what is stated."""
+    """Poses and their solutions (m, 8, 6) in angles of the model [rad], with what is stated."""
 
-    def __init__(self, robot: Robot, branches: FloatArray, stated: FloatArray) -> None:
-        self._robot, self._branches, self._stated = robot, branches, stated
+    def __init__(
+        self,
+        inverse: InverseKinematics,
+        poses: FloatArray,
+        branches: FloatArray,
+        complete: BoolArray,
+        stated: FloatArray,
+    ) -> None:
+        """Take solutions, NaN where there is none, and (m,) whether they are all."""
+        self._inverse, self._robot, self._poses = inverse, inverse.robot, poses
+        self._branches, self._complete, self._stated = branches, complete, stated
 
     def as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
         """Return the controller's angles (6,) of one pose, and why there are none."""
@@ -123,18 +140,25 @@ class _Choice:
             return np.full(6, np.nan), Unreached.NOT_AS_STATED
         if previous is None:
             spread = np.abs(found - found[0]).max()
-            return found[0], Unreached.AMBIGUOUS if spread > _TOLERANCE else Unreached.NO
-        return found[np.argmin(np.abs(found - previous).max(axis=1))], Unreached.NO
+            if spread > _TOLERANCE:
+                return found[0], Unreached.AMBIGUOUS
+        chosen = found[0 if previous is None else np.argmin(np.abs(found - previous).max(axis=1))]
+        if not self._complete[i]:
+            least = self._inverse.least_singular(self._robot.joint_map.model_angles(chosen[None]))
+            return chosen, Unreached.NOT_FOLLOWED if least[0] < _NEAR_SINGULAR else Unreached.NO
+        return chosen, Unreached.NO
 
     def nearest(self, run: IndexArray, previous: FloatArray) -> tuple[int, FloatArray, FloatArray]:
         """Follow the nearest solutions along poses, as long as one solution keeps its place in the list.
 
         Returns:
-            How many were followed, at least one; controller's angles (m, 6), NaN behind; reasons (m,),
-            all zero.
+            How many were followed, at least one; controller's angles (m, 6), NaN behind; reasons (m,), of
+            the first one where its branch is not known.
         """
         here = self._robot.joint_map.model_angles(previous[None])[0]
         b = int(np.nanargmin(_apart(self._branches[run[0]], here)))
+        if not self._complete[run[0]] and not self._continues(self._branches[run[:1], b], here[None])[0]:
+            return self._followed(run, here)
         kept = self._branches[run, b]  # (m, 6)
         step = _apart(kept[1:], kept[:-1])
         others = _apart(self._branches[run[1:]], kept[1:, None])
@@ -142,12 +166,28 @@ class _Choice:
         # By the triangle inequality nothing is nearer to the posture before than a solution that is this
         # far from all others.
         sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
+        few = np.flatnonzero(~self._complete[run[1:]])
+        sure[few] &= self._continues(kept[1:][few], kept[:-1][few])
         breaks = np.flatnonzero(~sure)
         done = int(breaks[0]) + 1 if len(breaks) else len(run)
         angles = np.full((len(run), 6), np.nan)
         angles[:done] = np.unwrap(np.vstack([here, kept[:done]]), axis=0)[1:]
         angles[:done] = self._robot.joint_map.controller_angles(angles[:done])
         return done, angles, np.zeros(len(run))
+
+    def _followed(self, run: IndexArray, here: FloatArray) -> tuple[int, FloatArray, FloatArray]:
+        """Follow the branch to the first pose of a run, where it may be missing among the solutions."""
+        angles, reasons = np.full((len(run), 6), np.nan), np.zeros(len(run))
+        found = self._inverse.followed(self._poses[run[0]], here)
+        if found is None:
+            reasons[0] = Unreached.NOT_FOLLOWED
+        else:
+            angles[0] = self._robot.joint_map.controller_angles(found[None])[0]
+        return 1, angles, reasons
+
+    def _continues(self, angles: FloatArray, before: FloatArray) -> BoolArray:
+        """Return whether solutions (k, 6) [rad], full turns aside, continue the branch of those before."""
+        return self._inverse.continues(before + _wrapped(angles - before), before)
 
 
 def _apart(angles: FloatArray, from_: FloatArray) -> FloatArray:

@@ -32,6 +32,12 @@ _SNAP: Final = 1e-2
 _BLOCK: Final = 4096
 """Poses whose solutions are held as objects at a time."""
 _DAMPING: Final = 1e-12
+_ONE: Final = 1e-3
+"""Difference of two solutions [rad] that are taken for one."""
+_SINGULAR: Final = 2e-3
+"""Least singular value up to which branches cannot be told apart."""
+_LEAST_STEP: Final = 1.0 / 1024.0
+"""Share of a straight line that is followed in one step at least."""
 
 
 class InverseKinematics:
@@ -62,51 +68,123 @@ class InverseKinematics:
         Returns:
             (m, 8, 6) angles of the model in [−π, π] [rad], filled up with NaN.
         """
+        return self.solutions(poses)[0]
+
+    def solutions(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return all solutions of poses (m, 4, 4) of the flange in R0 [m], and where none may be missing.
+
+        Newton's method, which begins at the branches of the nearest chain that decomposes, loses some near
+        singularities: then a branch has no solution, or two have the same.
+
+        Returns:
+            (m, 8, 6) angles of the model in [−π, π] [rad], filled up with NaN, and (m,) whether they are all.
+        """
         angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
+        complete = np.ones(len(poses), dtype=np.bool_)
         for start in range(0, len(poses), _BLOCK):
             block = slice(start, start + _BLOCK)
-            angles[block] = self._closed_form(poses[block])
+            angles[block], complete[block] = self._closed_form(poses[block])
         if not self._exact:
             case, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
             polished, reached = self.polished(poses[case], angles[case, branch])
             polished[~reached] = np.nan
+            complete[case[~reached]] = False
             angles[case, branch] = polished
-        return angles
+            complete &= ~_twice(angles)
+            sharp = self.least_singular(polished[reached]) < _SINGULAR
+            complete[case[reached][sharp]] = False
+        return angles, complete
 
-    def _closed_form(self, poses: FloatArray) -> FloatArray:
-        """Return the solver's solutions (m, 8, 6) [rad], filled up with NaN."""
+    def _closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the solver's solutions (m, 8, 6) [rad], filled up with NaN, and whether all are exact."""
         angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
         solutions = [self._solver.calculate_IK(pose) for pose in poses]
         found = [solution.Q for solution in solutions]
         counts = np.array([len(each) for each in found])
         if not counts.any():
-            return angles
+            return angles, np.full(len(poses), self._exact)
         pose, rows = np.repeat(np.arange(len(poses)), counts), np.concatenate([q for q in found if len(q)])
+        least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
+        complete = counts <= BRANCHES
         if self._exact:  # least squares where the pose is out of reach; near it, Newton's method decides
-            kept = ~np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
-            pose, rows = pose[kept], rows[kept]
+            pose, rows, complete = pose[~least_squares], rows[~least_squares], np.ones_like(complete)
+        else:
+            complete[pose[least_squares]] = False
         branch = np.arange(len(pose)) - np.searchsorted(pose, pose)
         few = branch < BRANCHES
         angles[pose[few], branch[few]] = rows[few]
-        return angles
+        return angles, complete
 
     def nearest(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the solution nearest to given angles, full turns added to come near them.
+
+        Where solutions may be missing, it is the one that Newton's method finds from the given angles, if
+        these are so near that no other solution lies as near.
 
         Args:
             poses: (m, 4, 4) of the flange in R0 [m].
             near: (m, 6) angles of the model [rad].
 
         Returns:
-            Angles (m, 6) of the model [rad], and (m,) whether the pose is reached.
+            Angles (m, 6) of the model [rad], and (m,) whether the pose is reached on the branch of `near`.
         """
-        angles = self.branches(poses)
+        angles, complete = self.solutions(poses)
         angles += 2.0 * np.pi * np.round((near[:, None] - angles) / (2.0 * np.pi))
         far = np.nan_to_num(np.abs(angles - near[:, None]).max(axis=2), nan=np.inf)
-        best = np.argmin(far, axis=1)
-        chosen = angles[np.arange(len(poses)), best]
-        reached = np.isfinite(chosen).all(axis=1)
+        chosen = angles[np.arange(len(poses)), np.argmin(far, axis=1)]
+        reached = np.isfinite(chosen).all(axis=1) & complete
+        rows = np.flatnonzero(~complete)
+        chosen[rows], reached[rows] = self.continued(poses[rows], near[rows])
         return np.where(reached[:, None], chosen, near), reached
+
+    def continued(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Follow Newton's method from given angles (m, 6) [rad] to poses (m, 4, 4) [m] on the same branch.
+
+        Returns:
+            Angles (m, 6) of the model [rad], and (m,) whether they continue the branch for sure.
+        """
+        q, reached = self.polished(poses, near)
+        return q, reached & self.continues(q, near)
+
+    def continues(self, q: FloatArray, near: FloatArray) -> BoolArray:
+        """Return whether postures (m, 6) continue the branch of others: no other solution is as near.
+
+        The Jacobian changes by some σ where the angles change by σ, so that within half of the least singular
+        value at a solution there is no other one.
+        """
+        step = np.abs(q - near).max(axis=1, initial=0.0)
+        known = np.flatnonzero(np.isfinite(step))
+        sure = np.zeros(len(q), dtype=np.bool_)
+        least = self.least_singular(q[known])
+        sure[known] = (step[known] <= 0.5 * least) & (least > _SINGULAR)
+        return sure
+
+    def least_singular(self, q: FloatArray) -> FloatArray:
+        """Return the least singular value (m,) of the flange's Jacobian, in metres and radians."""
+        if not len(q):
+            return np.zeros(0)
+        jacobian = _jacobian(Configurations(self.robot, q))
+        return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
+
+    def followed(self, pose: FloatArray, near: FloatArray) -> FloatArray | None:
+        """Follow the branch of angles (6,) [rad] along the straight line to a pose (4, 4) [m].
+
+        Returns:
+            Angles (6,) of the model [rad]; None where the branch cannot be told from another one.
+        """
+        begin = flange_poses(self.robot, near[None])[0]
+        q, done, step = near[None], 0.0, 1.0
+        while done < 1.0:
+            step = min(step, 1.0 - done)
+            goal = _between(begin, pose, done + step)
+            found, sure = self.continued(goal[None], q)
+            if sure[0]:
+                q, done, step = found, done + step, 2.0 * step
+            else:
+                step *= 0.5
+            if step < _LEAST_STEP:
+                return None
+        return np.asarray(q[0])
 
     def polished(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Follow Newton's method from given angles (m, 6) [rad] to poses (m, 4, 4) [m].
@@ -126,9 +204,7 @@ class InverseKinematics:
         for _ in range(_STEPS):
             here = Configurations(self.robot, q[left])
             apart = _twist(here, poses[left])
-            jacobian = np.concatenate(
-                [here.jacobian_at(here.flange_translation[:, None])[:, 0], here.angular_jacobian], axis=1
-            )
+            jacobian = _jacobian(here)
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, apart[..., None]))[..., 0]
             rest = apart - (jacobian @ step[..., None])[..., 0]
@@ -147,6 +223,35 @@ def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
     poses = np.tile(np.eye(4), (len(q), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = here.flange_rotation, here.flange_translation
     return poses
+
+
+def _jacobian(here: Configurations) -> FloatArray:
+    """Return Jacobians (m, 6, 6) of the flange, displacement first, axes of R0."""
+    linear = here.jacobian_at(here.flange_translation[:, None])[:, 0]
+    return np.concatenate([linear, here.angular_jacobian], axis=1)
+
+
+def _between(begin: FloatArray, end: FloatArray, share: float) -> FloatArray:
+    """Return the pose (4, 4) at a share of the straight line between two, turned by the same share."""
+    from scipy.spatial.transform import Rotation
+
+    if share >= 1.0:
+        return end
+    pose = np.eye(4)
+    pose[:3, 3] = (1.0 - share) * begin[:3, 3] + share * end[:3, 3]
+    turn = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
+    pose[:3, :3] = Rotation.from_rotvec(share * turn).as_matrix() @ begin[:3, :3]
+    return pose
+
+
+def _twice(angles: FloatArray) -> BoolArray:
+    """Return where two of the solutions (m, 8, 6) [rad] are one."""
+    found = np.zeros(len(angles), dtype=np.bool_)
+    for i in range(1, BRANCHES):
+        apart = angles[:, i:] - angles[:, :-i]
+        apart = np.abs(apart - 2.0 * np.pi * np.round(apart / (2.0 * np.pi))).max(axis=2)
+        found |= (np.nan_to_num(apart, nan=np.inf) < _ONE).any(axis=1)
+    return found
 
 
 def _twist(here: Configurations, poses: FloatArray) -> FloatArray:

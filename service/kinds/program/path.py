@@ -36,6 +36,10 @@ _REASONS: Final = {
         "no posture within the limits has the configuration that is stated",
         "check tool and base, and that the joint map gives the controller's angles",
     ),
+    Unreached.NOT_FOLLOWED: (
+        "the arm is so near a singularity that its branch cannot be followed",
+        "move the part away from the singularity, or write the target as joint angles",
+    ),
     Unreached.AMBIGUOUS: (
         "the arm's configuration is not stated here",
         "give `start`: the controller's angles near this target",
