@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { understand } from "../src/lib/campaign";
+import { notFinite, understand } from "../src/lib/campaign";
 
 const SET = {
   name: "cell 3",
@@ -26,8 +26,9 @@ describe("what a file is", () => {
     expect(typeof read === "string" ? {} : read.set).not.toHaveProperty("robot_id");
   });
   it.each([
-    ["", "not_json"],
-    ["NaN", "not_json"],
+    ["", "empty"],
+    ["nan", "not_json"],
+    ["NaN", "not_finite"],
     ["[1]", "not_object"],
     ["{}", "not_a_set"],
     ['{"sweeps": []}', "sweeps"],
@@ -61,5 +62,16 @@ describe("what it says", () => {
       if (typeof read === "string") throw new Error(read);
       expect(read.facts).toMatchObject({ units: null, forces: null, sigma: null, name: null, targets: [] });
     }
+  });
+});
+
+describe("a number that is not finite", () => {
+  it.each([
+    ['{"measurement_set": {"noise": {"sigma": NaN}}}', "NaN in measurement_set.noise.sigma"],
+    ['{"a": "NaN", "observations": [{"joints": [0, -Infinity]}]}', "-Infinity in observations[0].joints[1]"],
+    ['{"a": "NaN \\" Infinity"}', null],
+    ["{NaN", null],
+  ])("is named by its field: %s", (content, expected) => {
+    expect(notFinite(content)).toBe(expected);
   });
 });

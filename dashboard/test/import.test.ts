@@ -36,6 +36,7 @@ const fault = (part: Partial<ImportFault>): ImportFault => ({
   reason: "r",
   remedy: "m",
   option: null,
+  words: [],
   ...part,
 });
 
@@ -150,7 +151,12 @@ describe("what no file says", () => {
       load: "force",
       force: "0, 0, -1500",
     });
-    expect(withStated(template, stated)).toEqual({ ...template, force: [0, 0, -1500], units: { force: "N" } });
+    expect(withStated(template, stated)).toEqual({
+      ...template,
+      length_unit: "mm",
+      force: [0, 0, -1500],
+      units: { force: "N" },
+    });
   });
 });
 

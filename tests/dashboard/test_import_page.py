@@ -62,3 +62,54 @@ def test_from_a_table_to_its_result_in_five_taps(visit, api, stored):
     page.locator("input[type=file]").set_input_files(table("day 3.csv", with_load_point(READINGS)))
     page.get_by_role("button", name="Read it the same way").tap()
     expect(page.get_by_role("radio", name="motor encoders")).to_be_checked()
+
+
+def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
+    """Columns before and after, the load point typed: five taps, the robot chosen as after *Add a robot*."""
+    robot = {**robot_document(default_arm()), "name": "arm of the five taps"}
+    added = [post(api, "/v1/robots", {**robot, "joint_map": None}), post(api, "/v1/robots", robot)]
+    text = READINGS.replace("unloaded", "before").replace("loaded", "after")
+    visited = visit("tablet upright")
+    page = visited.page
+    taps = 0
+
+    def tap(locator):
+        nonlocal taps
+        taps += 1
+        locator.tap()
+
+    visited.go(f"#/?robot={added[0]['id']}")
+    with page.expect_file_chooser() as chooser:
+        tap(page.get_by_text("Choose file"))
+    taps += 1  # choosing it
+    chooser.value.set_files(table("day 4.csv", text))
+    tap(page.get_by_role("radio", name="motor encoders"))
+    tap(page.get_by_label("Load point, x, y, z"))
+    page.keyboard.type("-60, 20, 180")
+    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+    tap(page.get_by_role("button", name="Identify"))
+    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
+    assert taps <= 5
+
+
+def test_words_that_may_be_states_are_one_question(visit, stored):
+    text = READINGS.replace("unloaded", "pre").replace("loaded", "post")
+    visited = visit("tablet upright")
+    page = visited.page
+    visited.go("#/")
+    page.locator("input[type=file]").set_input_files(table("day 5.csv", text))
+    expect(page.get_by_text("may be states, but are not known")).to_have_count(1)
+    expect(page.get_by_text("1 fault first")).to_be_visible()
+    page.get_by_role("group", name="Columns without load").get_by_role("radio", name="pre").tap()
+    expect(page.get_by_text("may be states, but are not known")).to_have_count(0)
+    expect(page.get_by_role("columnheader").filter(has_text="post").first).to_be_visible()
+
+
+def test_a_number_that_is_not_finite_names_its_field(visit, stored):
+    visited = visit("tablet")
+    page = visited.page
+    visited.go("#/")
+    content = '{"measurement_set": {"observations": [], "noise": {"sigma": NaN}}}'
+    page.locator("input[type=file]").set_input_files(table("campaign.json", content))
+    expect(page.get_by_text("NaN in measurement_set.noise.sigma")).to_be_visible()
+    expect(page.get_by_text("Choose another file")).to_be_visible()

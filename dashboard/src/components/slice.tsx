@@ -1,6 +1,6 @@
 /** A slice through a map: a cell a place, coloured by its value; tap or arrow keys choose one. */
 import { useMemo } from "preact/hooks";
-import { type MapPlace, type Slice } from "../lib/map";
+import type { MapPlace, Slice } from "../lib/map";
 import { fixed } from "../lib/format";
 import { text } from "../i18n";
 

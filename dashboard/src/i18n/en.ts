@@ -132,12 +132,13 @@ export const en = {
     clean: "No findings: the readings passed all integrity checks.",
     findings: (count: number) => plural(count, "finding", "findings"),
     moreOfKind: (count: number) => `${count} more of this kind`,
-    storedOnce: "Stored. The same file dropped again is not stored twice.",
     faults: {
       not_json: [
         "This is not a JSON file",
         "Choose a campaign file written by your measuring program or by “jointstiff simulate”.",
       ],
+      not_finite: ["A number in this file is not finite", "Correct the field that is named, or leave the reading out."],
+      empty: ["This file is empty", "Export it again."],
       mixed: [
         "A campaign and tables together",
         "A campaign has its readings already: drop it alone, or the tables alone.",
@@ -237,6 +238,8 @@ export const en = {
     withoutTemplate: "Read without it",
     saveTemplate: "Save as template",
     templateFirst: (name: string) => `Template “${name}”: now drop the tables that are to be read by it.`,
+    columnsFirst: "Choose the columns that were not understood",
+    unusual: "This is right",
     faultsFirst: (count: number) => `${plural(count, "fault", "faults")} first: each says what to do`,
     missing: {
       joints: "Joint angles are missing: choose their columns, or add a file that has them",
@@ -248,6 +251,7 @@ export const en = {
       load_point: "State the load point",
       encoders: "State which encoders close the position loop",
       "units.force": "Choose the unit of the force",
+      accept_unusual: "Confirm the unusual values",
     } satisfies Record<ImportAnswer["missing_fields"][number], string>,
     reading: {
       nameColumns: "Name the columns by hand",
@@ -256,6 +260,7 @@ export const en = {
       delimiter: "Between cells",
       delimiters: { "": "detected", comma: "comma", semicolon: "semicolon", tab: "tab", whitespace: "blanks" },
       allowMissing: "Leave incomplete readings out",
+      unloadedWord: "Columns without load are those with",
       byOrder: "Match rows by their order",
       texts: { sheet: "Sheet", point_name: "Names of points", file_name: "Names of files" },
       textsHelp: {
@@ -278,6 +283,8 @@ export const en = {
     going: "Identifying…",
     ready: "Ready",
     notReady: "Choose a file first",
+    anotherFile: "Choose another file, or a stored set",
+    readFindings: "Read the findings; the next tap identifies all the same",
     robotFirst: "Choose the robot",
     recent: "Latest runs",
     recentNone: "No runs yet. The first one appears here.",
@@ -1031,6 +1038,7 @@ export const en = {
     setsNone: "No measurement sets yet",
     setsNoneHint: "Drop a measurement file on the Identify page.",
     joints: (count: number) => plural(count, "joint", "joints"),
+    setCount: (count: number) => plural(count, "set", "sets"),
     name: "Name",
     namePlaceholder: "KR 240 cell 3",
     description: "Kinematics",

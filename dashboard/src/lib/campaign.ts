@@ -35,15 +35,16 @@ export interface Facts {
   firstJoints: number[] | null;
 }
 
-export type Fault = "not_json" | "not_object" | "not_a_set" | "sweeps";
+export type Fault = "not_json" | "not_finite" | "empty" | "not_object" | "not_a_set" | "sweeps";
 
 /** Read a file's text. Only its outline is looked at here: the service says what is wrong inside. */
 export function understand(content: string): Campaign | Fault {
   let document: unknown;
+  if (content.trim() === "") return "empty";
   try {
     document = JSON.parse(content.replace(/^\ufeff/, ""));
   } catch {
-    return "not_json";
+    return notFinite(content) === null ? "not_json" : "not_finite";
   }
   if (!isFields(document)) return "not_object";
   if (Array.isArray(document["sweeps"]) || Array.isArray(document["poses"])) return "sweeps";
@@ -51,6 +52,32 @@ export function understand(content: string): Campaign | Fault {
   if (isFields(inside)) return campaign(inside, document["robot"], document["run"]);
   return Array.isArray(document["observations"]) ? campaign(document, null, null) : "not_a_set";
 }
+
+/** Where NaN or Infinity stands in a text that is JSON but for it, as `NaN in measurement_set.noise.sigma`; else null. */
+export function notFinite(content: string): string | null {
+  const marked = content
+    .replace(/^\ufeff/, "")
+    .replace(/"(?:[^"\\]|\\.)*"|-?\b(?:NaN|Infinity)\b/g, (token) =>
+      token.startsWith('"') ? token : `"${MARK}${token}"`,
+    );
+  const found = (value: unknown, path: string): string | null => {
+    if (typeof value === "string") return value.startsWith(MARK) ? `${value.slice(MARK.length)} in ${path}` : null;
+    if (typeof value !== "object" || value === null) return null;
+    for (const [key, part] of Object.entries(value)) {
+      const place = found(part, Array.isArray(value) ? `${path}[${key}]` : `${path}${path && "."}${key}`);
+      if (place !== null) return place;
+    }
+    return null;
+  };
+  try {
+    return found(JSON.parse(marked), "");
+  } catch {
+    return null;
+  }
+}
+
+/** Before a number that JSON does not have. */
+const MARK = "not finite: ";
 
 function campaign(given: Fields, robot: unknown, run: unknown): Campaign {
   const { robot_id: robotId, ...set } = given;

@@ -7,7 +7,7 @@ import {
   DirectionalLight,
   GridHelper,
   HemisphereLight,
-  LineBasicMaterial,
+  type LineBasicMaterial,
   PerspectiveCamera,
   Scene,
   SRGBColorSpace,

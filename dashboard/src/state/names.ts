@@ -3,12 +3,14 @@ import { api, every } from "../api/client";
 import type { MeasurementSetSummary, RobotSummary } from "../api/types";
 import { forget, useCached } from "./cache";
 import type { Loading } from "./load";
+import { text } from "../i18n";
 
 export interface Names {
   robots: RobotSummary[];
   sets: MeasurementSetSummary[];
   /** What lists leave out; its names still stand on runs. */
   archived: { robots: RobotSummary[]; sets: MeasurementSetSummary[] };
+  /** Of robots of one name with serial number, date and number of sets. */
   robot: (id: string) => string;
   set: (id: string) => string;
 }
@@ -31,7 +33,7 @@ async function loadNames(): Promise<Names> {
     every(api.robots.list, away, 1000),
     every(api.sets.list, away, 1000),
   ]);
-  const robotNames = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.name]));
+  const robotNames = toldApart([...robots, ...oldRobots], [...sets, ...oldSets]);
   const setNames = new Map([...sets, ...oldSets].map((set) => [set.id, set.name]));
   return {
     robots,
@@ -40,4 +42,20 @@ async function loadNames(): Promise<Names> {
     robot: (id) => robotNames.get(id) ?? id.slice(0, 8),
     set: (id) => setNames.get(id) ?? id.slice(0, 8),
   };
+}
+
+/** The name of each robot; where several have it, with what tells them apart. */
+export function toldApart(
+  robots: Pick<RobotSummary, "id" | "name" | "created_at">[],
+  sets: Pick<MeasurementSetSummary, "robot_id" | "serial_number">[],
+): Map<string, string> {
+  return new Map(
+    robots.map(({ id, name, created_at }) => {
+      const own = sets.filter((set) => set.robot_id === id);
+      const serials = own.flatMap(({ serial_number }) => serial_number ?? []);
+      const hints = [...new Set(serials), created_at.slice(0, 10), text.robots.setCount(own.length)];
+      const alone = robots.filter((other) => other.name === name).length === 1;
+      return [id, alone ? name : [name, ...hints].join(" · ")];
+    }),
+  );
 }

@@ -1,6 +1,6 @@
 /** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
 import type { ImportOptions } from "../api/types";
-import { type Campaign, understand } from "../lib/campaign";
+import { type Campaign, notFinite, understand } from "../lib/campaign";
 import { IN_R0, type StatedFrame } from "../lib/frame";
 import { type Typed, typedOf } from "../lib/metadata";
 import { type Stated, statedIn } from "../lib/stated";
@@ -68,6 +68,7 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
   if (tables.length > 0) return fault("mixed");
   const campaign = understand(content);
   if (campaign === "sweeps") return { kind: "sweeps", file: document };
+  if (campaign === "not_finite") return { kind: "fault", name: `${name}: ${notFinite(content)}`, fault: campaign };
   return typeof campaign === "string" ? fault(campaign) : { kind: "campaign", name, campaign };
 }
 

@@ -50,8 +50,9 @@ export function CampaignFlow({
   const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
   const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
 
-  const stored = useStored(campaign, chosenRobot, storedId);
-  const set = stored.set;
+  const stored = useStored(storedId);
+  const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
+  const set = campaign ? (added?.of === campaign ? added.set : null) : stored.set;
   const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
   const source = useMemo<RobotSource | null>(() => {
     if (campaign?.robot && chosenRobot === FROM_FILE) return { robot: campaign.robot };
@@ -59,13 +60,18 @@ export function CampaignFlow({
     return id && id !== FROM_FILE ? { robot_id: id } : null;
   }, [campaign, chosenRobot, storedId, set?.robot_id]);
   const identify = useAction(async () => {
-    if (!set) return;
-    const read = statesNoise(form.noise) ? await withNoise(set, form.noise) : set;
+    const known = set ?? (campaign && chosenRobot ? await store(campaign, chosenRobot) : null);
+    if (!known) return;
+    if (campaign && set === null && known.warnings.some(({ severity }) => severity === "error")) {
+      return setAdded({ of: campaign, set: known }); // to be read before it is identified all the same
+    }
+    const read = statesNoise(form.noise) ? await withNoise(known, form.noise) : known;
     const run = await api.runs.add(form.request(read.id), freshKey("run"));
     go(link(["runs", run.id]));
   });
   const ofRobot = known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot));
-  const lacking = campaign && !chosenRobot ? text.start.robotFirst : text.start.notReady;
+  const refused = opened?.kind === "fault" ? text.start.anotherFile : text.start.notReady;
+  const lacking = campaign && !chosenRobot ? text.start.robotFirst : refused;
 
   return (
     <div class="flow">
@@ -99,7 +105,7 @@ export function CampaignFlow({
         {stored.busy && <Busy label={text.files.checking} />}
         {stored.problem && <ProblemNote problem={stored.problem} />}
         {set && <Findings warnings={set.warnings} />}
-        {set && campaign && <p class="soft">{text.files.storedOnce}</p>}
+        {set && campaign && <p class="soft">{text.start.readFindings}</p>}
       </section>
 
       <section class="card" aria-labelledby="step-robot">
@@ -119,7 +125,7 @@ export function CampaignFlow({
                 ...(campaign?.robot
                   ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
                   : []),
-                ...(known?.robots ?? []).map((r) => ({ value: r.id, label: r.name })),
+                ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
               ]}
             />
             <a class="button" href="#/robots/new">
@@ -141,7 +147,11 @@ export function CampaignFlow({
         joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
         problem={identify.problem}
       />
-      <GoBar action={identify} ready={set !== null} why={stored.busy ? null : lacking} />
+      <GoBar
+        action={identify}
+        ready={campaign ? chosenRobot !== "" : set !== null}
+        why={stored.busy ? null : lacking}
+      />
     </div>
   );
 }
@@ -152,26 +162,25 @@ interface Stored {
   problem: Problem | null;
 }
 
-/** The file as the service has stored and checked it, or the stored set that was chosen. */
-function useStored(campaign: Campaign | null, robot: string, setId: string): Stored {
+/** The stored set that was chosen. */
+function useStored(setId: string): Stored {
   const [stored, put] = useState<Stored>({ set: null, busy: false, problem: null });
   useEffect(() => {
-    const ready = setId !== "" || (campaign !== null && robot !== "");
-    put({ set: null, busy: ready, problem: null });
-    if (!ready) return undefined;
+    put({ set: null, busy: setId !== "", problem: null });
+    if (setId === "") return undefined;
     let gone = false;
-    const answer = setId ? storedSet(setId) : store(campaign as Campaign, robot);
-    answer.then(
+    storedSet(setId).then(
       (set) => gone || put({ set, busy: false, problem: null }),
       (error: unknown) => gone || put({ set: null, busy: false, problem: problemOf(error) }),
     );
     return () => {
       gone = true;
     };
-  }, [campaign, robot, setId]);
+  }, [setId]);
   return stored;
 }
 
+/** Store robot and readings of a file, as the last tap does. */
 async function store(campaign: Campaign, robot: string): Promise<MeasurementSet> {
   const robotId =
     robot === FROM_FILE && campaign.robot

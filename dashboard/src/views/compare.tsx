@@ -152,7 +152,7 @@ function StartTrend({ names }: { names: Names }) {
           <li class="item">
             <a class="main" href={link(["compare", "trend", robot.id])}>
               <span class="what">
-                <Name>{robot.name}</Name>
+                <Name>{names.robot(robot.id)}</Name>
                 <small>{text.robots.joints(robot.joints.length)}</small>
               </span>
               <span class="how">

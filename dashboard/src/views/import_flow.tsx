@@ -9,7 +9,7 @@ import { Findings } from "../components/findings";
 import { MetadataForm } from "../components/metadata_form";
 import { Preview } from "../components/preview";
 import { factsOf } from "../lib/campaign";
-import { dimensionOf } from "../lib/columns";
+import { dimensionOf, UNKNOWN } from "../lib/columns";
 import { frameOf } from "../lib/frame";
 import { contentKey, freshKey } from "../lib/hash";
 import { notedIn } from "../lib/metadata";
@@ -101,8 +101,8 @@ export function ImportFlow({
           <span class="step">2</span>
           {words.rest}
         </h2>
-        {answer && <ImportForm answer={answer} stated={stated} change={setStated} length={length} />}
-        <RobotChoice robots={robots} value={robot} change={setChosen} />
+        {answer && <ImportForm answer={answer} stated={stated} change={setStated} />}
+        <RobotChoice robots={robots} label={(id) => known?.robot(id) ?? id} value={robot} change={setChosen} />
         <details open={frame.of !== ""}>
           <summary>{text.frame.title}</summary>
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} problem={identify.problem} />
@@ -161,6 +161,9 @@ function lengthOf(answer: ImportAnswer | null): string | null {
 /** Why it cannot be identified yet. */
 function lackOf(answer: ImportAnswer | null, robot: string): string | null {
   if (!answer) return null;
+  if (answer.preview.files.some(({ columns }) => columns.some(({ meaning }) => meaning === UNKNOWN))) {
+    return words.columnsFirst;
+  }
   if (answer.faults.length > 0) return words.faultsFirst(answer.faults.length);
   const [first] = answer.missing_fields;
   if (first !== undefined) return words.missing[first];

@@ -1,6 +1,6 @@
 /** What no file says: encoders, load, load point, places of targets. Asked only where it is missing. */
 import type { ImportAnswer } from "../api/types";
-import { Choice } from "../components/basics";
+import { Choice, Prose, Toggle } from "../components/basics";
 import { Field, NumberField, VectorField } from "../components/fields";
 import type { Stated } from "../lib/stated";
 import { text } from "../i18n";
@@ -11,13 +11,10 @@ export function ImportForm({
   answer,
   stated,
   change,
-  length,
 }: {
   answer: ImportAnswer;
   stated: Stated;
   change: (stated: Stated) => void;
-  /** The files' unit of length. */
-  length: string;
 }) {
   const set = (part: Partial<Stated>) => change({ ...stated, ...part });
   const missing = new Set<string>(answer.missing_fields);
@@ -61,7 +58,7 @@ export function ImportForm({
       {(missing.has("load_point") || stated.loadPoint.trim() !== "") && (
         <VectorField
           label={words.loadPoint}
-          unit={length}
+          unit={text.units.mm}
           help={words.loadPointHelp}
           placeholder="0, 0, 120"
           value={stated.loadPoint}
@@ -72,12 +69,24 @@ export function ImportForm({
         answer.preview.targets.map((target) => (
           <VectorField
             label={words.placeOf(target)}
-            unit={length}
+            unit={text.units.mm}
             help={words.placeHelp}
             value={stated.targets[target] ?? ""}
             change={(place) => set({ targets: { ...stated.targets, [target]: place } })}
           />
         ))}
+      {(missing.has("accept_unusual") || stated.unusual) && (
+        <div class="note warn">
+          {answer.missing
+            .filter((_, i) => answer.missing_fields[i] === "accept_unusual")
+            .map((asked) => (
+              <p>
+                <Prose text={asked} />
+              </p>
+            ))}
+          <Toggle label={words.unusual} checked={stated.unusual} change={(unusual) => set({ unusual })} />
+        </div>
+      )}
       <Field label={words.name}>
         {(control) => (
           <input

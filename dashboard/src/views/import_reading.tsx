@@ -25,6 +25,9 @@ export function ImportReading({
   const shown = (option: keyof ImportOptions & string) => named.has(option) || Boolean(options[option]);
   const put = (part: Partial<ImportOptions>) => change({ ...options, ...part });
   const headless = files.find((file) => faults.some((fault) => fault.option === "header" && fault.file === file.name));
+  const stated = Object.keys(options.state_words ?? {});
+  const asked = faults.find((fault) => fault.option === "state_words" && fault.words.length === 2)?.words;
+  const pair = asked ?? (stated.length === 2 ? stated : null);
   return (
     <div class="import-form">
       {headless && /\.xlsx$/i.test(headless.name) === false && (
@@ -50,6 +53,21 @@ export function ImportReading({
           value={options.delimiter ?? ""}
           change={(delimiter) => put({ delimiter: (delimiter || null) as NonNullable<ImportOptions["delimiter"]> })}
           options={entriesOf(words.delimiters).map(([value, label]) => ({ value, label }))}
+        />
+      )}
+      {pair && (
+        <Choice
+          label={words.unloadedWord}
+          value={pair.find((word) => options.state_words?.[word] === "unloaded") ?? ""}
+          change={(unloaded) =>
+            put({
+              state_words: {
+                ...options.state_words,
+                ...Object.fromEntries(pair.map((word) => [word, word === unloaded ? "unloaded" : "loaded"] as const)),
+              },
+            })
+          }
+          options={pair.map((word) => ({ value: word, label: word }))}
         />
       )}
       {shown("allow_missing") && (

@@ -86,7 +86,7 @@ function Form({ names, given }: { names: Names; given: string }) {
           { value: "", label: words.pick },
           ...names.robots.map((robot) => ({
             value: `robot:${robot.id}`,
-            label: `${robot.name} (${words.robotGroup})`,
+            label: `${names.robot(robot.id)} (${words.robotGroup})`,
           })),
           ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${set.name} (${words.setGroup})` })),
         ]}

@@ -10,10 +10,13 @@ const OTHERS = "others";
 
 export function RobotChoice({
   robots,
+  label,
   value,
   change,
 }: {
   robots: RobotSummary[];
+  /** What a robot is called here, so that those of one name are told apart. */
+  label: (id: string) => string;
   value: string;
   change: (robot: string) => void;
 }) {
@@ -32,7 +35,7 @@ export function RobotChoice({
             change(robot === OTHERS ? "" : robot);
           }}
           options={[
-            ...few.map(({ id, name }) => ({ value: id, label: name })),
+            ...few.map(({ id }) => ({ value: id, label: label(id) })),
             ...(others ? [{ value: OTHERS, label: text.imports.otherRobot }] : []),
           ]}
         />
@@ -45,7 +48,7 @@ export function RobotChoice({
             change={change}
             options={[
               { value: "", label: text.start.pick },
-              ...robots.slice(IN_VIEW).map(({ id, name }) => ({ value: id, label: name })),
+              ...robots.slice(IN_VIEW).map(({ id }) => ({ value: id, label: label(id) })),
             ]}
           />
         )}

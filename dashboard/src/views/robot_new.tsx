@@ -7,6 +7,7 @@ import { Choice, ProblemNote, Title } from "../components/basics";
 import { contentKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
+import { keptFiles } from "../state/opened";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { ArmChooser, ArmFacts } from "./catalogue";
@@ -42,7 +43,7 @@ export function RobotNewView() {
         : { ...document, name: name.trim() };
     const robot = await api.robots.add(named, contentKey("robot", named));
     namesChanged();
-    go(link(["robots", robot.id]));
+    go(keptFiles() ? link([], { robot: robot.id }) : link(["robots", robot.id]));
   });
   return (
     <>

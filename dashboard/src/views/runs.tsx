@@ -87,7 +87,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
             change={setRobot}
             options={[
               { value: "", label: text.app.all },
-              ...names.robots.map(({ id, name }) => ({ value: id, label: name })),
+              ...names.robots.map(({ id }) => ({ value: id, label: names.robot(id) })),
             ]}
           />
         )}
