@@ -67,7 +67,11 @@ how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
 
 
 class _Application(FastAPI):
-    """FastAPI whose description gives each schema a title of its own, from which generators name classes."""
+    """FastAPI with a description that generators of clients understand.
+
+    Each schema has a title of its own, from which they name classes. A key is optional where a service may
+    demand none: everywhere but in what only admins do.
+    """
 
     def openapi(self) -> dict[str, Any]:
         """Return the OpenAPI description."""
@@ -75,6 +79,11 @@ class _Application(FastAPI):
         for name, schema in document["components"]["schemas"].items():
             if name.endswith("-Output"):
                 schema["title"] = name.replace("-", "")
+        for operations in document["paths"].values():
+            for operation in operations.values():
+                needed = operation.get("security", [])
+                if needed and {} not in needed and needed[0]["key"] != ["admin"]:
+                    operation["security"] = [{}, *needed]
         return document
 
 

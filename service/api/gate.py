@@ -58,6 +58,7 @@ class Gate:
         self._watch = watch
         self._throttle = Throttle()
         self._slow = 0
+        self._used_links: dict[str, datetime] = {}  # a second tap on one is no wrong key
         self._turns = CapacityLimiter(4)
         self._noted: dict[str, datetime] = {}
         self._notes: set[asyncio.Task[None]] = set()
@@ -154,8 +155,10 @@ class Gate:
         key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._turns)
         found = None if key_id is None else self.keyring.find(key_id)
         if found is not None:
+            self._used_links = {one: at for one, at in self._used_links.items() if now - at < MINUTE}
+            self._used_links[hashed] = now
             return found
-        if self._is_too_much(address):
+        if hashed not in self._used_links and self._is_too_much(address):
             await self._wait()
             raise WrongKeysError
         raise KeyRefusedError(
