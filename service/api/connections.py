@@ -123,6 +123,8 @@ class BoundedProtocol(H11Protocol):
         super().handle_events()
         if self.cycle is not before:
             self._received, taken = self._latest, 0  # the header may have brought some of it
+            if {b"content-length", b"transfer-encoding"} <= {name for name, _ in self.headers}:
+                self.cycle.keep_alive = False  # it may hide a request (RFC 9112, section 6.1)
         if self.cycle and (arrived := len(self.cycle.body) - taken):
             self._bodies[self.cycle] = self._bodies.get(self.cycle, 0) + arrived
             type(self)._held += arrived

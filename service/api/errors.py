@@ -22,6 +22,7 @@ _REMEDIES: Final = {
     404: "see /openapi.json for the existing addresses",
     405: "see /openapi.json for the parameters of this address",
     409: "check its `state` and its `error`",
+    413: "send less in one request",
 }
 
 RETRY_SECONDS: Final = {429: 10, 503: 5}
@@ -86,7 +87,9 @@ def _http(_: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
     headers = dict(error.headers) if error.headers else None
-    problem = http_problem(error.status_code, str(error.detail), _REMEDIES.get(error.status_code))
+    reason, *remedy = str(error.detail).split("; ", 1)
+    todo = remedy[0] if remedy else _REMEDIES.get(error.status_code)
+    problem = http_problem(error.status_code, reason, todo)
     return answer_problem(problem, headers)
 
 

@@ -51,7 +51,7 @@ async def read_form(request: Request) -> FormData:
         form = await parser.parse()
     except MultiPartException as error:
         if error.message.startswith(_TOO_LARGE):
-            raise HTTPException(413, f"{error.message} Send less in one request.") from None
+            raise HTTPException(413, error.message) from None
         raise _malformed(error.message) from None
     try:
         _refuse_strange(form)

@@ -47,7 +47,7 @@ class Posture:
         Raises:
             ValueError: the service would control nothing, or answer under no name.
         """
-        named = frozenset(name.strip().rstrip(".").lower() for name in allowed)
+        named = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
         own = LOOPBACK_NAMES | {_bracketed(address)}
         if require_key and not access_control:
             raise ValueError("it cannot both demand keys and leave the control to a proxy")
@@ -66,7 +66,7 @@ def is_loopback(address: str) -> bool:
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
-        return address.rstrip(".").lower() == "localhost"
+        return address.removesuffix(".").lower() == "localhost"
 
 
 class PostureGuard:
@@ -107,7 +107,7 @@ class PostureGuard:
 
     def _is_ours(self, name: str) -> bool:
         known = self._posture.hosts
-        return known is None or name.rstrip(".").lower() in known
+        return known is None or name.removesuffix(".").lower() in known
 
 
 def _is_own_page(headers: Headers, host: str) -> bool:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
+import sys
+from contextlib import suppress
 
 from jointstiff.service.threads import use_one_thread
 
@@ -17,4 +21,16 @@ def main() -> None:
 
     if interruptible:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    app()
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()  # Python's own at the end would print a traceback
+    except OSError as error:
+        if error.filename is not None:  # not the output
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if error.errno != errno.EPIPE:  # whoever read the output had enough
+            with suppress(OSError):
+                print(f"cannot write: {error.strerror or error}\n  remedy: make room", file=sys.stderr)  # noqa: T201
+        sys.exit(2)

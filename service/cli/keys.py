@@ -105,7 +105,7 @@ def revoke(
         if keys_file is not None:
             revoked = KeysFile(keys_file).revoke(key_id, now)
         else:
-            with _opened(database) as store:
+            with _opened(database, is_new=False) as store:
                 revoked = store.keys.revoke(key_id, now)
                 _note(store, revoked, "DELETE", "revokeKey", 200)
     typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse it within a second")
@@ -143,14 +143,22 @@ def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
 
     if keys_file is not None:
         return KeysFile(keys_file).all()
-    with _opened(database) as store:
+    with _opened(database, is_new=False) as store:
         return store.keys.all()
 
 
 @contextmanager
-def _opened(database: str) -> Iterator[Store]:
+def _opened(database: str, *, is_new: bool = True) -> Iterator[Store]:
+    """Open a database, which is made only where it may be new.
+
+    Raises:
+        StoreError: it is not there, or cannot be used.
+    """
+    from jointstiff.service.store.database import open_existing
     from jointstiff.service.store.store import Store
 
+    if not is_new:
+        open_existing(database).close()
     with Store.open(database) as store:
         yield store
 

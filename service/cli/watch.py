@@ -98,7 +98,8 @@ def _look(watched: "WatchedFolder", folder: Path) -> None:
     from jointstiff.service.tables.terminal import console
 
     for event in watched.look():
-        line = f"{event.file or folder}: {event.message}"
+        line = f"{event.file or folder}: {event.message}".replace("\n", "; ")
+        line = "".join(character if character.isprintable() else "\ufffd" for character in line)
         if event.kind == "taken":
             console().print(line, markup=False, soft_wrap=True)
         else:

@@ -25,6 +25,7 @@ TABLES: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".
 _OF_THE_FILE: Final = frozenset({409, 413, 415, 422})
 """Statuses by which a service refuses the file itself; all others may pass: no key, no room, no answer."""
 _LONGEST_PAUSE: Final = 60.0
+_LONGEST_NAME: Final = 255  # bytes
 _READ: Final = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
 """No link that took a file's name leads elsewhere, and no pipe that did holds the watcher."""
 
@@ -186,9 +187,11 @@ class WatchedFolder:
             raise NotADirectoryError(errno.ENOTDIR, "done and rejected must be folders, not links")
         target = kept / path.name
         if target.exists() and _digest(target) != file.digest:
-            target = kept / f"{path.stem}-{file.digest[:12]}{path.suffix}"
+            target = _fitting(kept, path.name, f"-{file.digest[:12]}{path.suffix}")
         if problem is not None:  # first: whoever finds the file finds the reason
             beside = target.with_name(f"{target.name}.problem.json")
+            if len(os.fsencode(beside.name)) > _LONGEST_NAME:
+                beside = _fitting(kept, target.name, f"-{file.digest[:12]}.problem.json")
             beside.unlink(missing_ok=True)  # a link would lead to a file of the watcher's owner
             with beside.open("x", encoding="utf-8") as opened:
                 opened.write(problem.model_dump_json(indent=1) + "\n")
@@ -206,6 +209,12 @@ class WatchedFolder:
         if f"{name}\n{message}" not in self._told:
             self._told.add(f"{name}\n{message}")
             yield Event(kind, name, message)
+
+
+def _fitting(folder: Path, name: str, end: str) -> Path:
+    """Return a path for a name with another end, cut so that file systems take it."""
+    room = _LONGEST_NAME - len(os.fsencode(end))
+    return folder / (os.fsencode(Path(name).stem)[:room].decode(errors="ignore") + end)
 
 
 def _returned(moved: Path, original: Path) -> None:

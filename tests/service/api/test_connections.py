@@ -78,6 +78,19 @@ def test_a_header_that_drips_has_its_time_after_an_answer_too(serve, connect):
     assert ended(connection).startswith(b"HTTP/1.1 204")
 
 
+def test_a_request_with_two_lengths_is_the_last_of_its_connection(serve, connect):
+    connection = connect(serve())
+    twice = b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n"
+    connection.sendall(
+        b"POST /v1/nothing HTTP/1.1\r\nHost: localhost\r\n"
+        + twice
+        + b"0\r\n\r\nGET /live HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    )
+    answers = ended(connection)
+    assert answers.count(b"HTTP/1.1 ") == 1
+    assert b" 204 " not in answers
+
+
 def test_a_body_has_its_time(serve, connect):
     connection = connect(serve(BODY_SECONDS=0.3))
     connection.sendall(BODY)

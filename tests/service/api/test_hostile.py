@@ -68,6 +68,7 @@ def test_too_large(client, path, limit):
     answer = send(client, path, b'{"name": "' + b"a" * limit + b'"}')
     assert answer.status_code == 413
     assert "KiB" in answer.json()["detail"]
+    assert answer.json()["remedy"] == "split it into several requests"
 
 
 @pytest.mark.parametrize("filler", [b"{},", b"0,", b'"a":0,'])

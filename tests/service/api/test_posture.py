@@ -45,6 +45,7 @@ def test_own_names_are_answered(client, host):
     [
         "evil.example",
         "localhost.evil.example",
+        "localhost..",
         "127.0.0.1.evil.example:8000",
         "",
         "user@localhost",

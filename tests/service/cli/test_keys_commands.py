@@ -109,3 +109,12 @@ def test_what_cannot_be_sent_is_refused_without_being_shown(key):
     with pytest.raises(RefusedError) as caught:
         Client("http://service", key=key)
     assert "jst_" not in str(caught.value)
+
+
+@pytest.mark.parametrize("arguments", [["list"], ["revoke", "x"], ["link", "x"]])
+def test_a_database_that_is_not_there_is_not_made(arguments, tmp_path):
+    database = tmp_path / "none.db"
+    done = CliRunner().invoke(app, ["keys", *arguments, "--database", f"sqlite:///{database}"])
+    assert done.exit_code == 2
+    assert "there is no database" in done.output
+    assert not database.exists()

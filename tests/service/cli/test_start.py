@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -96,3 +97,14 @@ import jointstiff.service.workers.worker
 print(json.dumps(sorted(sys.modules)), file=sys.stderr)
 """
     assert not imported_by(program) & WEB
+
+
+@pytest.mark.process
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the device of a full disk")
+@pytest.mark.parametrize("arguments", [["--help"], ["robots"]])
+def test_output_that_finds_no_room_is_said(arguments):
+    program = [sys.executable, "-c", "from jointstiff.service.cli.entry import main; main()", *arguments]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "cannot write: No space left on device\n  remedy: make room\n"

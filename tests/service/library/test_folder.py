@@ -16,6 +16,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.app import create_app
 from jointstiff.service.cli.app import app
+from jointstiff.service.cli.watch import _look
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.delivery import Delivery
 from jointstiff.service.library.errors import RefusedError
@@ -342,3 +343,35 @@ def test_a_link_is_no_place_to_keep_files(bench, tmp_path_factory):
     bench.drop("a.json", campaign(1))
     assert bench.looks(bench.watcher(), 3) == [("waiting", "a.json")]
     assert list(elsewhere.iterdir()) == []
+
+
+def test_a_name_too_long_for_its_problem_is_cut(bench):
+    watcher = bench.watcher()
+    for mark in "ab":
+        bench.drop(f"{'é' * 124}{mark}.json", {"mark": mark})  # 254 bytes
+    bench.looks(watcher, times=20)
+    assert watcher.is_idle
+    kept = sorted((bench.folder / "rejected").iterdir())
+    assert len(kept) == 4
+    assert all(len(os.fsencode(path.name)) <= 255 for path in kept)
+    assert sum(path.name.endswith(".problem.json") for path in kept) == 2
+
+
+def test_a_file_name_steers_no_terminal(tmp_path, capsys):
+    (tmp_path / "a\x1b]0;owned\x07\nb.csv").write_text("x")
+    watched = WatchedFolder(tmp_path, NoDelivery(), clock=lambda: 0.0, settle=0.0)
+    for _ in range(2):
+        _look(watched, tmp_path)
+    shown = "".join(capsys.readouterr())
+    assert "owned" in shown
+    assert "\x1b]" not in shown
+    assert "\x07" not in shown
+
+
+class NoDelivery:
+    """Takes nothing."""
+
+    suffixes = frozenset({".json"})
+
+    def post(self, file):
+        raise AssertionError(file.name)
