@@ -17,8 +17,7 @@ from benchmarks.studies.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts,
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, deflections, linear_deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference.budget import UncertaintyBudget
-from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 
 __all__ = ["KINDS", "expanded_by_monte_carlo", "expanded_by_product", "run", "wrong_campaigns"]
 

@@ -10,8 +10,8 @@ from jointstiff.service.conversion.message import message, messages_of
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.inference.assessment import Assessment
-from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.reason import Action, Place, Usability
+from jointstiff.solver.inference.verdict import JointCompliance
 
 
 def to_assessment(assessment: Assessment, readings: ReadingArrays) -> messages.Assessment:

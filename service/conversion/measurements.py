@@ -17,8 +17,7 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.finding import Finding, FindingCode
-from jointstiff.solver.readings.encoders import EncoderReadings
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.robot.model import Robot
 
 

@@ -7,8 +7,7 @@ from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, CommonUncertainty, Measurements
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, refuse_no_covariance
 from jointstiff.solver.robot.model import Robot
 

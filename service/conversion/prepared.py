@@ -17,9 +17,8 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.assessment import Assessment, assess
-from jointstiff.solver.inference.encoder_prediction import inspect_encoders
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import Prediction
+from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
 from jointstiff.solver.integrity.report import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import KinematicChain

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, Support
-from jointstiff.solver.convex.scaled import Scaled
+from jointstiff.solver.convex.problem import Scaled
 
 _NO_DIRECTION = 1e-13
 """Relative singular value that counts as zero."""

@@ -13,17 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solution import solve_step
-from jointstiff.solver.convex.supports import (
+from jointstiff.solver.convex.problem import (
     FREE,
     TOLERANCE,
+    Bounds,
+    IdentificationProblem,
     gradient_violation,
     held,
     pivot,
     snap,
     support_at,
 )
+from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import SolverError
 
 LEAST_EIGENVALUE = 1e-6

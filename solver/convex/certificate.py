@@ -10,9 +10,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.active_set import multipliers_of, rows_of
-from jointstiff.solver.convex.problem import IdentificationProblem
-from jointstiff.solver.convex.scaled import Scaled
-from jointstiff.solver.convex.supports import TOLERANCE, gradient_violation
+from jointstiff.solver.convex.problem import TOLERANCE, IdentificationProblem, Scaled, gradient_violation
 
 Proposer = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
 """Algorithm that found the support: which bounds and inequalities are active."""

@@ -32,7 +32,7 @@ from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.perspective import Block
-from jointstiff.solver.convex.scaled import Scaled
+from jointstiff.solver.convex.problem import Scaled
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 
 if TYPE_CHECKING:

@@ -24,13 +24,13 @@ from jointstiff.solver.convex.active_set import (
     tight_rows,
 )
 from jointstiff.solver.convex.certificate import Certificate, Proposer, certify_scaled
-from jointstiff.solver.convex.problem import IdentificationProblem
-from jointstiff.solver.convex.scaled import Scaled
-from jointstiff.solver.convex.supports import (
+from jointstiff.solver.convex.problem import (
     FREE,
     LOWER,
     TOLERANCE,
     UPPER,
+    IdentificationProblem,
+    Scaled,
     held,
     pivot,
     snap,

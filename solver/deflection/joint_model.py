@@ -17,7 +17,7 @@ from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, Forwa
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
 from jointstiff.solver.observability.identifiability import Spectrum

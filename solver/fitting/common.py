@@ -11,8 +11,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fitting.iteration import Iteration
 from jointstiff.solver.fitting.prior import PriorRows
-from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.regression.regressor import (
     BLOCK_LENGTH,
     RegressorBlock,

@@ -32,7 +32,7 @@ from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.observability.identifiability import Spectrum
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.target_rows import TargetRows
+from jointstiff.solver.regression.stage_rows import TargetRows
 
 DEFAULT_THRESHOLD = 2.8
 """Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three

@@ -10,8 +10,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import IdentificationProblem
 from jointstiff.solver.convex.solution import Solution, solve
-from jointstiff.solver.fitting.fit import Fit
-from jointstiff.solver.fitting.likelihood import Likelihood, rows_of
+from jointstiff.solver.fitting.fit import Fit, Likelihood, rows_of
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.observability.combination import Combination
 from jointstiff.solver.observability.identifiability import Identifiability, Spectrum, analyse

@@ -14,7 +14,6 @@ from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
-from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reading_reasons import (
     alternative_reasons,
@@ -25,6 +24,7 @@ from jointstiff.solver.inference.reading_reasons import (
 )
 from jointstiff.solver.inference.reason import Reason, Usability
 from jointstiff.solver.inference.screening import Screening, screen_estimate
+from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

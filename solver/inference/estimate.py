@@ -13,16 +13,18 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fitting.common import CommonErrors
-from jointstiff.solver.fitting.fit import Fit
-from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.fit import Fit, Likelihood
+from jointstiff.solver.fitting.iteration import prior_to_data
 from jointstiff.solver.fitting.robust import RobustFit
 from jointstiff.solver.fitting.scale import Scale, SigmaTest, scale_of, sigma_test
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.fitting.with_prior import prior_to_data
-from jointstiff.solver.inference.joint import JointCompliance
-from jointstiff.solver.inference.verdict import Evidence, verdicts
-from jointstiff.solver.observability.identifiability import Identifiability, Observability
-from jointstiff.solver.observability.indices import ObservabilityIndices, observability_indices
+from jointstiff.solver.inference.verdict import Evidence, JointCompliance, verdicts
+from jointstiff.solver.observability.identifiability import (
+    Identifiability,
+    Observability,
+    ObservabilityIndices,
+    observability_indices,
+)
 from jointstiff.solver.regression.complementary_stiffness import ComplementaryStiffness
 from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.regression.regressor import RegressorBlock

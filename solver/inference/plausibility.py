@@ -9,8 +9,8 @@ import numpy as np
 
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
+from jointstiff.solver.inference.verdict import JointCompliance
 
 WORTH_A_WARNING: Final = 0.1
 """Relative error of sigma that changes no conclusion; in large sets the test detects even less."""

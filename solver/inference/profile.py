@@ -24,7 +24,7 @@ from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
 from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.fit import Likelihood
 
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""

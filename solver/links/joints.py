@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.joint import JointCompliance
+from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.links.effective import EffectiveIntervals
 from jointstiff.solver.links.estimate import ElasticEstimate
 

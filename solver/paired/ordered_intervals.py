@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.profile import profile_ends

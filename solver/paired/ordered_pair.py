@@ -19,7 +19,7 @@ from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Ineq
 from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.joint import stiffness_of
+from jointstiff.solver.inference.verdict import stiffness_of
 from jointstiff.solver.observability.identifiability import Spectrum
 from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks

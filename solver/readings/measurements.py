@@ -1,4 +1,8 @@
-"""Measurements: arrays in SI units, checked once, that the identification reads."""
+"""Measurements: arrays in SI units, checked once, that the identification reads.
+
+With them come readings of secondary encoders (angles behind the gearboxes, before and under load), and errors
+that all observations share: of one load cell, one load hook, one set of reflectors.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,91 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
-from jointstiff.solver.readings.encoders import EncoderReadings
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderReadings:
+    """Readings of secondary encoders in N observations of a robot with n joints.
+
+    While the motors' encoders close the position loop, the angle behind the gearbox changes under load by
+    the deflection of the joint itself: ``δθ_j = c_j τ_j``, free of what else bends.
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, or sigma is not positive.
+    """
+
+    deflection: FloatArray  #: (N, n) loaded minus unloaded, angles of the model's joints [rad]
+    present: BoolArray  #: (N, n) which joints were read; the others hold zeros
+    sigma: float  #: standard uncertainty of one encoder reading [rad]
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise MeasurementError(
+                f"the encoders' sigma must be positive, but is {self.sigma}",
+                where="noise.encoder_sigma",
+                remedy="give a positive angle",
+            )
+        if self.deflection.shape != self.present.shape or not np.isfinite(self.deflection).all():
+            raise MeasurementError(
+                "the encoder readings must be one finite number for each observation and joint",
+                where="encoder_readings",
+                remedy="remove or repeat the reading",
+            )
+        for array in (self.deflection, self.present):
+            array.setflags(write=False)
+
+    def __getitem__(self, rows: slice | IndexArray) -> EncoderReadings:
+        """Those of some of the observations, in the given order."""
+        return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
+
+    def lever(self, sigma: float) -> float:
+        """Length on which a deflection of one encoder weighs like one of a target [m].
+
+        A target on that lever moves by ``lever · δθ``, and tells as much of the joint as the encoder.
+
+        Args:
+            sigma: standard uncertainty of one coordinate of one position reading [m].
+        """
+        return sigma / self.sigma
+
+
+@dataclass(frozen=True)
+class CommonUncertainty:
+    """Standard uncertainties, each fully correlated over the observations (method.md §8).
+
+    The true wrench is ``(1 + ε) (I + φ×) W``: ε scales force and moment of all observations alike, φ turns
+    both about the axes of R0. Load and targets are off their stated places in the flange frame.
+
+    Raises:
+        MeasurementError: one is negative or not finite.
+    """
+
+    scale: float = 0.0  #: of ε, dimensionless
+    direction: float = 0.0  #: of each component of φ [rad]
+    load_point: float = 0.0  #: of each coordinate of the place where the load acts [m]
+    #: of each coordinate of each target's place, independent of the other targets [m]
+    target_places: float = 0.0
+    #: of each joint axis's place in the robot's model, in each direction across it [m]
+    axis_position: float = 0.0
+    #: of each joint axis's direction in the model, about each direction across it [rad]
+    axis_direction: float = 0.0
+
+    def __post_init__(self) -> None:
+        for where, value in (
+            ("force.scale", self.scale),
+            ("force.direction", self.direction),
+            ("load_point", self.load_point),
+            ("target_places", self.target_places),
+            ("axes.position", self.axis_position),
+            ("axes.direction", self.axis_direction),
+        ):
+            if not (np.isfinite(value) and value >= 0.0):
+                raise MeasurementError(
+                    f"the standard uncertainty is {value}",
+                    where=f"noise.{where}",
+                    remedy="give a number that is zero or positive",
+                )
+
 
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""

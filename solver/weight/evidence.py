@@ -11,8 +11,8 @@ from scipy import stats
 
 from jointstiff.solver.convex.weighed import ends
 from jointstiff.solver.finding import length_text
-from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.reason import Reason
+from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.fit import WeightFit
 

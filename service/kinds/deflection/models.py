@@ -25,7 +25,7 @@ from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.robot.model import Robot
 

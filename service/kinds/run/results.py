@@ -22,8 +22,7 @@ from jointstiff.solver.inference.assessment import Assessment
 from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Contributions, Prediction
-from jointstiff.solver.readings.encoders import EncoderReadings
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.resampling.summary import ResamplingSummary
 
 MAX_SUSPICIOUS: Final = 100

@@ -23,10 +23,9 @@ from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
 from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
-from jointstiff.solver.inference.encoder_prediction import predict_encoders
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
-from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.inference.prediction import predict, predict_encoders
 from jointstiff.solver.resampling.draws import Resamples
 from jointstiff.solver.resampling.summary import summarise
 

@@ -22,10 +22,8 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex import solution as module
 from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
-from jointstiff.solver.convex.scaled import Scaled
+from jointstiff.solver.convex.problem import TOLERANCE, Bounds, IdentificationProblem, Inequalities, Scaled
 from jointstiff.solver.convex.solution import solve, solve_step
-from jointstiff.solver.convex.supports import TOLERANCE
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.regression.regressor import regressor_blocks
 

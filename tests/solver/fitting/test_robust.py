@@ -26,8 +26,7 @@ from jointstiff.solver.fitting import robust
 from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.readings.encoders import EncoderReadings
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.model import Robot

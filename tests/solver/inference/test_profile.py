@@ -20,10 +20,9 @@ from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.convex.scaled import Scaled
+from jointstiff.solver.convex.problem import Bounds, Scaled
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fitting.likelihood import Likelihood, rows_of
+from jointstiff.solver.fitting.fit import Likelihood, rows_of
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import profile as module
 from jointstiff.solver.inference.profile import profile_ends

@@ -14,8 +14,13 @@ from support.examples import examples
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, torques
 from jointstiff.simulator.equilibrium import linear_deflections
-from jointstiff.solver.observability.identifiability import Observability, Spectrum, analyse
-from jointstiff.solver.observability.indices import ObservabilityIndices, observability_indices
+from jointstiff.solver.observability.identifiability import (
+    Observability,
+    ObservabilityIndices,
+    Spectrum,
+    analyse,
+    observability_indices,
+)
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
 

@@ -16,8 +16,8 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
-from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
-from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.inference.prediction import inspect_encoders, predict_encoders
+from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.resampling.blocks import gram_blocks
 from jointstiff.solver.resampling.draws import ResamplingPlan, resample
 

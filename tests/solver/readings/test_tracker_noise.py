@@ -14,8 +14,7 @@ from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, plan_experiment, simulate_positions
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.encoders import EncoderReadings
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument, refuse_no_covariance
 
 ARM = default_arm()
