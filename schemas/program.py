@@ -160,6 +160,12 @@ class ProgramOptions(Message):
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; by the file's name if absent."
     )
+    mark: bool = Field(
+        default=True,
+        strict=True,
+        description="Whether the corrected program carries a comment with the run, its verdict and the "
+        "date. A marked program is not corrected again.",
+    )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
         default=0.95, description="Level of the intervals."
     )
@@ -185,6 +191,7 @@ class ProgramFile(Message):
     content: str | None = Field(
         default=None, description="Null in answers: files have addresses of their own."
     )
+    sha256: str | None = Field(default=None, description="SHA-256 of its bytes, hexadecimal.")
 
 
 class ProgramRequest(ProgramForm):
@@ -272,6 +279,10 @@ class ProgramSummary(Message):
     file_name: Name | None = Field(default=None, description="Name of its first file.")
     state: JobState
     created_at: Timestamp
+    outputs: list[str] = Field(
+        default_factory=list,
+        description="SHA-256 of each corrected file: none of them is corrected a second time.",
+    )
 
 
 class Program(Job):
@@ -282,3 +293,9 @@ class Program(Job):
 
     request: ProgramRequest
     result: ProgramResult | None = Field(description="Present if the program was corrected.")
+
+    @property
+    def outputs(self) -> list[str]:
+        """SHA-256 of each corrected file, for listings; none if nothing was corrected."""
+        files = self.result.files if self.result is not None and self.result.corrected else []
+        return [file.sha256 for file in files if file.sha256]

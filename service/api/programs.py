@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import PurePath
 from typing import Annotated, Any, Final, cast
 from urllib.parse import quote
 
@@ -115,10 +116,12 @@ def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) 
         raise RequestError(
             "the program has no such file", where="query.file", remedy=f"ask for one of {names}"
         )
+    path = PurePath(found.name)
+    name = f"{path.stem}-corrected{path.suffix}" if result.corrected else found.name
     return Response(
         unpacked(found),
         media_type="application/octet-stream",
-        headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(found.name, safe='')}"},
+        headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"},
     )
 
 

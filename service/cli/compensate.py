@@ -97,6 +97,9 @@ def compensate(
     leave_alone: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Routine that moves nothing. Repeatable.")
     ] = None,
+    mark: Annotated[
+        bool, typer.Option(help="Write run, verdict and date into the program, as a comment.")
+    ] = True,
     options: Annotated[
         Path | None,
         typer.Option(
@@ -138,11 +141,13 @@ def compensate(
         "start": None if start is None else _numbers(start, "--start"),
         "limits": {"ramp": ramp} if ramp else None,
         "leave_alone": leave_alone,
+        **({} if mark else {"mark": False}),
     }
     files = [*program, *([loads] if loads else [])]
     try:
         campaign = read_campaign(file)
-        asked = programs.stated_options(options, {name: value for name, value in given.items() if value})
+        stated = {name: value for name, value in given.items() if value or name == "mark"}
+        asked = programs.stated_options(options, stated)
         measured = None if run is None else read_document(run, Run)
         with progress_bar(shown=True) as show:
             found = programs.compensate(campaign, files, asked, measured, show)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 from uuid import uuid4
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
@@ -58,6 +59,10 @@ class FromFile:
             return prepared
         kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
         return prepare_set(kept, robot, prepared.robot_id)
+
+    def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
+        """Return no jobs: files hold none of a robot's past."""
+        return ()
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a run with its measurement set."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.solver.robot.model import Robot
@@ -36,6 +37,10 @@ class Inputs(Protocol):
         Raises:
             RequestError: there is none, it has no such observation, or none remains.
         """
+        ...
+
+    def listed(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
+        """Return the summaries of the newest jobs of a kind and a robot."""
         ...
 
     def run(self, run_id: str, where: str) -> MeasuredRun:

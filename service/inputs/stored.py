@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import Any
 
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.inputs.inputs import MeasuredRun
-from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.composition import Resources
 from jointstiff.service.resources.stored_jobs import stored_job
 from jointstiff.solver.errors import RequestError
@@ -31,6 +33,15 @@ class Stored:
         """Return a stored measurement set without the observations of some labels."""
         with _named_by(where):
             return self._resources.sets.prepared(set_id, leave_out)
+
+    def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
+        """Yield the summaries of the newest jobs of a kind and a robot, 1,000 at most."""
+        jobs, cursor = self._resources.store.jobs(Resource(message.kind, message.collection)), None
+        for _ in range(10):
+            page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
+            yield from (record.summary for record in page.records)
+            if (cursor := page.next) is None:
+                return
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a stored run with its measurement set."""

@@ -5,6 +5,7 @@ formats        the format by the file's name; which module reads it
 ├── forms      statements beside moves and frames, as tables
 ├── reader     statements in order: names, frames, branches, and all that was not understood
 ├── scanner    text to tokens in linear time; expressions
+mark           the comment of a corrected program
 program        targets with where their numbers stand; rewriting
 configuration  what is said of the arm's configuration
 notation       numbers to poses in SI units, and back

@@ -11,6 +11,7 @@ from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.fanuc import read_fanuc
 from jointstiff.service.programs.krl import read_krl
+from jointstiff.service.programs.mark import mark_line
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Program, Source
 from jointstiff.service.programs.rapid import read_rapid
@@ -83,6 +84,9 @@ def _source(name: str, content: bytes) -> Source:
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
         _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
     source = Source.of(name, content)
+    if (line := mark_line(source.text)) is not None:
+        reason = "the program says that it is corrected already: a second correction would add to the first"
+        _refuse(name, line, reason, "send the program as it was before; remove the line if it is not true")
     for line, _, text in source.lines():
         if len(text) > MAX_LINE:
             _refuse(name, line, f"a line of more than {MAX_LINE} characters", "break it into several lines")

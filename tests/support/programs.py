@@ -72,6 +72,7 @@ def options(kind: str, **changes: Any) -> dict[str, Any]:
     return {
         "units": {"length": "mm", "angle": "deg", "force": "N"},
         "accuracy_option": "off",
+        "mark": False,
         "load": {"force": FORCE},
         "tools": [{"values": tool}],
         "bases": [{"values": base}] if base else [],

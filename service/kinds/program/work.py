@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.program import LeftAlone, ProgramFile, ProgramFormat, ProgramRequest, ProgramResult
+from jointstiff.schemas.program import (
+    LeftAlone,
+    Program,
+    ProgramFile,
+    ProgramFormat,
+    ProgramRequest,
+    ProgramResult,
+)
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
@@ -26,6 +35,7 @@ from jointstiff.service.kinds.program.rewriting import certified, rewritten
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
+from jointstiff.service.programs.mark import marked
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.errors import RequestError
@@ -144,10 +154,13 @@ class ProgramWork(SteppedWork[Corrections]):
         written = rewritten(path, self._model.robot, found)
         quantile = self._model.quantile(self._request.confidence)
         points = certified(path, written, found, self._model, self._inverse, quantile)
+        contents = list(written.files)
+        if self._request.mark and points.changed.any():
+            verdict = self._run.result.assessment.verdict if self._run.result else "do_not_use"
+            today = datetime.now(UTC).date()
+            contents[0] = marked(written.format, contents[0], self._run.id, verdict, today)
         names = [source.name for source in written.sources]
-        return self._result(
-            points, [packed(n, content) for n, content in zip(names, written.files, strict=True)]
-        )
+        return self._result(points, [packed(n, content) for n, content in zip(names, contents, strict=True)])
 
     def _limits(self) -> CorrectionLimits:
         limits, units = self._request.limits, self._request.units
@@ -213,7 +226,8 @@ def without_contents(document: str) -> str:
 def packed(name: str, content: bytes) -> ProgramFile:
     """Return a file as it is stored: compressed, as text."""
     text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
-    return ProgramFile(name=name, bytes=len(content), content=text)
+    digest = hashlib.sha256(content).hexdigest()
+    return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
 
 
 def unpacked(file: ProgramFile) -> bytes:
@@ -250,4 +264,12 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
         RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
     """
     found = inputs.run(request.run_id, "run_id")
+    sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
+    for summary in inputs.listed(Program, found.prepared.robot_id):
+        if sent.intersection(summary.get("outputs", ())):
+            raise RequestError(
+                f"a file is the output of the corrected program '{summary['id']}'",
+                where="files",
+                remedy="send the program as it was before that correction",
+            )
     return ProgramWork(found.prepared.robot, found.prepared.robot_id, found.run, request)

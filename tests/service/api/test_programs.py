@@ -56,7 +56,7 @@ def test_a_program_is_corrected_and_handed_back(client, run_id):
     address = answer.headers["location"]
     assert client.get(address).json() == answer.json()
     file = client.get(f"{address}/program")
-    assert file.headers["content-disposition"] == "attachment; filename*=UTF-8''cell.src"
+    assert file.headers["content-disposition"] == "attachment; filename*=UTF-8''cell-corrected.src"
     assert len(read_program([("cell.src", file.content)]).targets) == 8
     assert client.get(f"{address}/program", params={"file": "cell.src"}).content == file.content
     assert client.get(f"{address}/program", params={"file": "cell.dat"}).status_code == 422
@@ -129,3 +129,14 @@ def test_long_programs_are_jobs_with_progress(client, run_id, monkeypatch):
     quick = post(client, run_id).json()
     assert quick["progress"] is None
     assert quick["result"] == long["result"]
+
+
+@pytest.mark.parametrize("mark", [True, False])
+def test_a_corrected_program_is_not_corrected_again(client, run_id, mark):
+    answer = post(client, run_id, mark=mark)
+    corrected = client.get(f"{answer.headers['location']}/program").content.decode("latin-1")
+    assert ("; Jointstiff run " in corrected) == mark
+    again = post(client, run_id, corrected, mark=mark)
+    assert again.status_code == 422
+    assert "as it was before" in json.dumps(again.json())
+    assert post(client, run_id, mark=mark).status_code == 201  # the program itself may be corrected anew

@@ -227,3 +227,20 @@ def test_moves_to_one_target_count_one_by_one():
     move = "LIN P1\n" * 10_001
     text = f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nP1={{X 1,Y 2,Z 3,A 0,B 0,C 0}}\n{move}END\n"
     assert len(work_of("krl", text).steps()) == 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_corrected_program_carries_its_mark_and_nothing_else_differs(kind):
+    text = program_text(kind, tool_poses(path(5)), 4)
+    plain = unpacked(compensated(kind, text).files[0])
+    marked = unpacked(compensated(kind, text, mark=True).files[0])
+    lines, more = plain.splitlines(keepends=True), marked.splitlines(keepends=True)
+    added = [line for line in more if line not in lines]
+    assert [line for line in more if line not in added] == lines
+    assert b"Jointstiff run " in added[0]
+    assert b"verdict: use" in b"".join(added)
+    assert len(added) == (3 if kind == "fanuc" else 1)
+    with pytest.raises(ProgramError, match="corrected already"):
+        read_program([(PROGRAM_FILES[kind], marked)])
+    still = compensated(kind, text, mark=True, load={"force": (0.0, 0.0, 0.0)})
+    assert unpacked(still.files[0]) == text.encode()
