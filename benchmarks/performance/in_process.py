@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 from benchmarks.campaigns import default_settings, small_campaign
@@ -22,10 +23,11 @@ def run(*, quick: bool) -> list[Section]:
     simulated = small_campaign(configurations=40)
     campaign = Campaign.model_validate(simulated.document)
     robot, measurements = simulated.robot, simulated.measurements
+    settings = default_settings(robot)
     times = interleaved(
         {
             MESSAGE: partial(campaigns.identify, campaign, campaign.run),
-            BARE: partial(identify, robot, measurements, default_settings(robot)),
+            BARE: lambda: identify(robot, replace(measurements), settings),  # a set keeps its regressors
         },
         rounds=3 if quick else 200,
         warm_up=3,
