@@ -47,6 +47,7 @@ Square3 = tuple[Point, Point, Point]
 Value = TypeVar("Value")
 
 Metres = Annotated[Value, Field(json_schema_extra={"unit": "m"})]
+Kilograms = Annotated[Value, Field(json_schema_extra={"unit": "kg"})]
 Radians = Annotated[Value, Field(json_schema_extra={"unit": "rad"})]
 Newtons = Annotated[Value, Field(json_schema_extra={"unit": "N"})]
 Compliance = Annotated[Value, Field(json_schema_extra={"unit": "rad/(N.m)"})]

@@ -6,7 +6,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Quantity, Radians, Timestamp
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Kilograms,
+    Message,
+    Metres,
+    Name,
+    Quantity,
+    Radians,
+    Timestamp,
+    Vector3,
+)
 
 MAX_JOINTS = 32
 MAX_URDF_CHARACTERS = 2 * 1024 * 1024
@@ -82,6 +93,33 @@ class JointMap(Message):
     offset: Radians[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(description="n numbers.")
 
 
+class Body(Message):
+    """A body that a joint carries (link, motor, tool), for stiffness without a load."""
+
+    name: Name = Field(description="Name of the body.", examples=["upper arm"])
+    joint: Name = Field(description="Name of the joint that carries the body.", examples=["joint_2"])
+    mass: Kilograms[Annotated[float, Field(strict=True, gt=0.0, le=1e6)]] = Field(description="Mass.")
+    mass_uncertainty: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]] = Field(
+        default=0.2,
+        description="Half-width of the bounds of the mass over the mass: 0.1 is ± 10 %. Bounds, not a "
+        "standard uncertainty.",
+    )
+    centre: Metres[Vector3] = Field(
+        description="Centre of mass in the frame that moves with the joint: in a URDF that of the joint's "
+        "child link, in a DH table the joint's axis is z and its origin that of the row's theta."
+    )
+    centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
+        default=0.0, description="Radius of the ball that holds the centre of mass."
+    )
+
+
+_Bodies = Annotated[list[Body], Field(min_length=1, max_length=2 * MAX_JOINTS)]
+_BODIES = (
+    "Bodies with masses, for runs with `weight`; default: the inertials of the URDF on the chain, if it has "
+    "such, each within ± 20 %."
+)
+
+
 class RobotDocument(Message):
     """A robot as it is posted, or as it stands in a campaign file."""
 
@@ -91,6 +129,7 @@ class RobotDocument(Message):
         default=None,
         description="Joint map for coupled axes and flipped signs; default: identity.",
     )
+    bodies: _Bodies | None = Field(default=None, description=_BODIES)
 
 
 class RobotRequest(Message):
@@ -103,6 +142,7 @@ class RobotRequest(Message):
         description="Joint map for coupled axes and flipped signs; default: identity, or that of the arm of "
         "the catalogue. A geometry has its own.",
     )
+    bodies: _Bodies | None = Field(default=None, description=_BODIES)
 
     @model_validator(mode="after")
     def _one_joint_map(self) -> RobotRequest:

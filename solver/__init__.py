@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from jointstiff.solver.inference.estimate import Estimate
     from jointstiff.solver.inference.prediction import predict
     from jointstiff.solver.readings.measurements import Measurements
+    from jointstiff.solver.robot.body import Body
     from jointstiff.solver.robot.chain import KinematicChain
     from jointstiff.solver.robot.model import Robot
-    from jointstiff.solver.weight.bodies import Balancer, Body, Burden
+    from jointstiff.solver.weight.bodies import Balancer, Burden
     from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
     from jointstiff.solver.weight.readings import WeightReadings
 
@@ -46,7 +47,7 @@ __all__ = [
 
 _HOMES = {
     "Balancer": "weight.bodies",
-    "Body": "weight.bodies",
+    "Body": "robot.body",
     "Burden": "weight.bodies",
     "Estimate": "inference.estimate",
     "JointstiffError": "errors",

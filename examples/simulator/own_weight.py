@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointstiff.simulator.arm import FloatArray, SpringArm
+from jointstiff.simulator.document import Document, robot_document
 from jointstiff.simulator.equilibrium import EquilibriumError, torque_derivative, torques
+from jointstiff.simulator.experiment import LOAD_POINT, NOISE_STREAM, TARGETS, random_configurations
 
-__all__ = ["Balancer", "Bodies", "default_bodies", "energy", "sag"]
+__all__ = ["Balancer", "Bodies", "default_bodies", "energy", "sag", "unloaded_campaign"]
 
 MAX_NEWTON_STEPS = 50
 ROUNDING_ERRORS = 64.0 * float(np.finfo(float).eps)  # of a deflection, beside all forces at a lever of 1 m
@@ -105,6 +107,71 @@ def sag(
         theta = theta - np.linalg.solve(derivative, residual[..., None])[..., 0]
     msg = "no minimum of the potential energy; reduce the masses or stiffen the joints"
     raise EquilibriumError(msg)
+
+
+def unloaded_campaign(
+    arm: SpringArm,
+    bodies: Bodies | None = None,
+    *,
+    configurations: int = 40,
+    mass_uncertainty: float = 0.1,
+    payload: float = 0.0,
+    sigma: float = 3e-5,
+    seed: int = 0,
+) -> Document:
+    """Simulate a campaign without loads, and write it down as the service takes it.
+
+    Args:
+        arm: The arm.
+        bodies: Its bodies, stated as they are; `default_bodies` if None.
+        configurations: How many configurations, N.
+        mass_uncertainty: Half-width of the stated bounds of each mass, relative.
+        payload: Mass [kg] that is then hung on at `LOAD_POINT` in each configuration; 0 for none.
+        sigma: Standard deviation of each coordinate of each position read [m].
+        seed: Seed of all random numbers.
+
+    Returns:
+        The document, {"robot", "measurement_set", "run"}.
+    """
+    bodies = bodies or default_bodies()
+    q = random_configurations(arm, configurations, seed)
+    force, points = payload * bodies.gravity, np.array(list(TARGETS.values()))
+    angles = [q + sag(arm, bodies, q, force=each, load_point=LOAD_POINT) for each in (0.0 * force, force)]
+    places = np.array([arm.posture(each).targets_to_base(points) for each in angles])
+    noise = np.random.default_rng([seed, NOISE_STREAM]).standard_normal(places.shape)
+    unloaded, loaded = np.round(places + sigma * noise, 8).tolist()
+    robot = robot_document(arm)
+    robot["bodies"] = [
+        {
+            "name": f"link {j + 1}",
+            "joint": name,
+            "mass": float(bodies.masses[j]),
+            "mass_uncertainty": mass_uncertainty,
+            "centre": bodies.centres[j].tolist(),
+        }
+        for j, name in enumerate(arm.joint_names)
+    ]
+    observations = [
+        {
+            "label": f"c{i + 1:02d}",
+            "joints": q[i].tolist(),
+            "force": force.tolist(),
+            "readings": [
+                {"target": target, "unloaded": unloaded[i][t]} | ({"loaded": loaded[i][t]} if payload else {})
+                for t, target in enumerate(TARGETS)
+            ],
+        }
+        for i in range(configurations)
+    ]
+    measurement_set = {
+        "name": f"unloaded, {configurations} configurations",
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "encoders": "motor",
+        "noise": {"sigma": sigma},
+        "load_point": list(LOAD_POINT),
+        "observations": observations,
+    }
+    return {"robot": robot, "measurement_set": measurement_set, "run": {"weight": {}}}
 
 
 def energy(

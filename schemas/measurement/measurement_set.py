@@ -35,11 +35,13 @@ class Units(Message):
 
 
 class Reading(Message):
-    """One target in one observation: two positions, or one deflection."""
+    """One target in one observation: two positions, one deflection, or one position without a load."""
 
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
-        default=None, description="Position in R0 without load, in units.length."
+        default=None,
+        description="Position in R0 without load, in units.length. Alone, for runs with `weight`: they "
+        "take the robot's own weight for the load.",
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     deflection: Vector3 | None = Field(
@@ -68,10 +70,12 @@ class Reading(Message):
 
     @model_validator(mode="after")
     def _either_positions_or_deflection(self) -> Reading:
-        both = self.unloaded is not None and self.loaded is not None
         neither = self.unloaded is None and self.loaded is None
-        if not (both if self.deflection is None else neither):
-            raise ValueError("give either `unloaded` and `loaded`, or `deflection` alone")
+        if not (self.unloaded is not None if self.deflection is None else neither):
+            raise ValueError(
+                "give either `unloaded` and `loaded`, or `deflection` alone, or `unloaded` alone for runs "
+                "with `weight`"
+            )
         return self
 
 

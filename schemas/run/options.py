@@ -10,6 +10,7 @@ from jointstiff.schemas.fields import Message, Metres, Name, Stiffness
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.links import CrossValidation, Elasticity, Loss
 from jointstiff.schemas.run.resampling import Resampling
+from jointstiff.schemas.run.weight import Weight
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
@@ -130,6 +131,12 @@ class RunOptions(Message):
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
         default=0.95, description="Confidence level of the intervals."
     )
+    weight: Weight | None = Field(
+        default=None,
+        description="Stiffness without a load: the robot's own weight is the load, known loads of the set "
+        "join in, and the geometry is estimated, too. Needs `bodies` of the robot. Not with other "
+        "methods, weightings, losses, elasticities, bounds, priors, orders and resampling.",
+    )
 
     @field_validator("characteristic_length", mode="after")
     @classmethod
@@ -171,6 +178,20 @@ class RunOptions(Message):
         if isinstance(chosen, list) and chosen and elasticity == "coupled_joints":
             raise ValueError("needs an elasticity with links, not `coupled_joints`")
         return chosen
+
+    @field_validator("weight", mode="after")
+    @classmethod
+    def _goes_alone(cls, weight: Weight | None, info: ValidationInfo) -> Weight | None:
+        if weight is None:
+            return weight
+        alone = {"method", "weighting", "positive", "elasticity", "resampling", "priors"}
+        alone |= {"stiffness_bounds", "stiffness_order"}
+        for name in sorted(alone & info.data.keys()):
+            if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
+                raise ValueError(f"does not go with `{name}`: leave one of the two out")
+        if info.data.get("loss") == "huber":
+            raise ValueError("does not go with loss `huber`: leave one of the two out")
+        return weight
 
     @field_validator("stiffness_bounds", mode="after")
     @classmethod

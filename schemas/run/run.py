@@ -26,6 +26,7 @@ from jointstiff.schemas.run.links import Elasticity, LinksResult, ModelSelection
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.options import Method, RunOptions, Weighting
 from jointstiff.schemas.run.resampling import ResamplingResult
+from jointstiff.schemas.run.weight import WeightResult
 
 MAX_LEFT_OUT = 1_000
 
@@ -213,6 +214,11 @@ class RunResult(Result):
         default=None,
         description="Uncertainty budget of the compliances; null if links or coupling are elastic, or where "
         "no uncertainty of the readings is known.",
+    )
+    weight: WeightResult | None = Field(
+        default=None,
+        description="Of a run with `weight`, whose deflections are from the geometry that does not bend, and "
+        "whose intervals are outer bounds over all masses within theirs; else null.",
     )
     warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
 

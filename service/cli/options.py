@@ -257,6 +257,7 @@ class LoadChoice(StrEnum):
 
     DEAD_WEIGHT = "dead_weight"
     PULL = "pull"
+    OWN_WEIGHT = "own_weight"
 
 
 class EncoderChoice(StrEnum):

@@ -15,7 +15,10 @@ def simulate(
     ],
     *,
     load: Annotated[
-        LoadChoice, typer.Option(help="Load: a weight on the flange, or pulls in all directions.")
+        LoadChoice,
+        typer.Option(
+            help="Load: a weight on the flange, pulls in all directions, or none but the arm's own."
+        ),
     ] = LoadChoice.PULL,
     configurations: Annotated[int, typer.Option(min=1, max=5_000, help="Number of postures.")] = 19,
     force: Annotated[
@@ -35,22 +38,27 @@ def simulate(
 
     from jointstiff.service.tables.terminal import console
     from jointstiff.simulator import default_arm, simulate_campaign
+    from jointstiff.simulator.own_weight import unloaded_campaign
 
     refuse_existing(file, overwrite=overwrite)
     arm = default_arm(encoders.value)
-    document = simulate_campaign(
-        arm,
-        configurations=configurations,
-        load=load.value,
-        force=force,
-        sigma=sigma,
-        encoders=encoders.value,
-        seed=seed,
-    )
+    if load is LoadChoice.OWN_WEIGHT:
+        document = unloaded_campaign(arm, configurations=configurations, sigma=sigma, seed=seed)
+    else:
+        document = simulate_campaign(
+            arm,
+            configurations=configurations,
+            load="pull" if load is LoadChoice.PULL else "dead_weight",
+            force=force,
+            sigma=sigma,
+            encoders=encoders.value,
+            seed=seed,
+        )
     write_text(file, json.dumps(document, indent=1))
+    acts = "own weight" if load is LoadChoice.OWN_WEIGHT else f"{force:g} N"
     stiffness = ", ".join(f"{1e-6 * k:.3g}" for k in arm.stiffnesses)
     console().print(
-        f"wrote {file}: {configurations} configurations, {force:g} N\n"
+        f"wrote {file}: {configurations} configurations, {acts}\n"
         f"true stiffnesses, joint 1 to {len(arm.stiffnesses)}: {stiffness} × 10⁶ N·m/rad\n"
         f"now: jointstiff identify {file}",
         markup=False,

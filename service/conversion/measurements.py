@@ -37,6 +37,7 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     deflection = np.where(
         readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
     )
+    deflection = np.where(readings.unloaded_only[..., None], 0.0, deflection)
     plain = Measurements(
         joints=ANGLE[header.units.angle] * readings.joints,
         force=FORCE[header.units.force] * readings.force,
@@ -50,7 +51,14 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
     encoders = _encoder_readings(header, readings.encoders, robot)
     common = to_common_uncertainty(header.noise, length)
-    return replace(plain, sigma=sigma, covariance=covariance, encoders=encoders, common_uncertainty=common)
+    return replace(
+        plain,
+        sigma=sigma,
+        covariance=covariance,
+        encoders=encoders,
+        common_uncertainty=common,
+        present=readings.present & ~readings.unloaded_only,
+    )
 
 
 def _encoder_readings(

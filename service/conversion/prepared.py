@@ -12,15 +12,17 @@ from jointstiff.service.conversion import robots
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
 from jointstiff.service.conversion.measurements import to_findings, to_measurements, to_warnings
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash, hash_of
-from jointstiff.service.conversion.robots import dh_kinematics
+from jointstiff.service.conversion.robots import dh_kinematics, to_bodies
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.finding import Finding
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
 from jointstiff.solver.integrity.report import inspect
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.body import read_inertials
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
@@ -56,6 +58,20 @@ class PreparedSet:
     robot_id: str  # id of the stored robot
     content: str  # hash of robot and readings
 
+    def with_loads(self) -> PreparedSet:
+        """Return the set, if all of its readings are deflections by loads.
+
+        Raises:
+            RequestError: there are positions without a load.
+        """
+        if self.readings.unloaded_only.any():
+            raise RequestError(
+                "the set has positions without a load, which show no deflection",
+                where="measurement_set_id",
+                remedy="identify it by the robot's own weight: a run with `weight`",
+            )
+        return self
+
     def assess(self, settings: Settings, estimate: Estimate, prediction: Prediction) -> Assessment:
         """Assess an identification of this set by its prediction, with what was noticed in the readings."""
         findings = to_findings(self.warnings, self.readings)
@@ -73,9 +89,11 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     """
     model = document.model
     if isinstance(model, UrdfModel):
-        urdf = write_urdf(_chain_of_stranger(model))
-        document = document.model_copy(update={"model": model.model_copy(update={"urdf": urdf})})
-    content = document.model_dump_json(exclude={"name"})
+        chain = _chain_of_stranger(model)
+        bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
+        model = model.model_copy(update={"urdf": write_urdf(chain)})
+        document = document.model_copy(update={"model": model, "bodies": bodies})
+    content = document.model_dump_json(exclude={"name", "bodies"})
     return PreparedRobot(document, build_robot(document), hash_of(content))
 
 
@@ -90,7 +108,7 @@ def build_robot(document: RobotDocument) -> Robot:
         chain = dh_kinematics(model, document.name)
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    return robots.build_robot(chain, document.joint_map)
+    return robots.build_robot(chain, document.joint_map, document.bodies or ())
 
 
 def check_set(
@@ -113,8 +131,10 @@ def check_set(
     readings = ReadingArrays.from_observations(document.observations)
     measurements = to_measurements(*in_base(document, readings, resolved), robot)
     targets = tuple(readings.targets.tolist())
-    findings = inspect(robot, measurements, targets, degrees=document.units.angle == "deg")
-    findings += inspect_encoders(robot, measurements)
+    findings: list[Finding] = []
+    if not readings.unloaded_only.any():  # without a load there is no deflection to inspect
+        findings = inspect(robot, measurements, targets, degrees=document.units.angle == "deg")
+        findings += inspect_encoders(robot, measurements)
     warnings = [*noticed, *to_warnings(findings, readings)]
     return CheckedSet(readings, measurements, warnings, content_hash(document, readings, resolved))
 

@@ -26,6 +26,8 @@ from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 
+_UNREAD = (np.nan, np.nan, np.nan)
+
 
 @dataclass(frozen=True, eq=False)
 class ReadingArrays:
@@ -42,7 +44,7 @@ class ReadingArrays:
     present: BoolArray  # (N, T) which targets were read
     as_deflection: BoolArray  # (N, T) which readings came as a deflection
     unloaded: FloatArray  # (N, T, 3) positions in R0; zero for deflections
-    loaded: FloatArray  # (N, T, 3) positions in R0, or the deflection itself
+    loaded: FloatArray  # (N, T, 3) positions in R0, or the deflection itself; NaN where read unloaded only
     encoders: EncoderArrays | None = None  # what secondary encoders read; None if there are none
     noise: PointNoise | None = None  # what readings state of their own; None if they do not
 
@@ -74,10 +76,17 @@ class ReadingArrays:
             present=_scatter(shape, place, [True for _ in readings], np.bool_),
             as_deflection=_scatter(shape, place, [r.deflection is not None for r in readings], np.bool_),
             unloaded=_scatter((*shape, 3), place, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
-            loaded=_scatter((*shape, 3), place, [r.loaded or r.deflection for r in readings], np.float64),
+            loaded=_scatter(
+                (*shape, 3), place, [r.loaded or r.deflection or _UNREAD for r in readings], np.float64
+            ),
             encoders=EncoderArrays.from_observations(observations),
             noise=PointNoise.from_readings(shape, place, readings),
         )
+
+    @property
+    def unloaded_only(self) -> BoolArray:
+        """(N, T) readings that are positions without a load, and nothing else."""
+        return np.isnan(self.loaded[..., 0])
 
     def observations(self) -> list[Observation]:
         """Return the observations as they were posted, readings in the order of `targets`."""
@@ -105,6 +114,8 @@ class ReadingArrays:
         if self.as_deflection[i, t]:
             return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
         unloaded = tuple(self.unloaded[i, t].tolist())
+        if self.unloaded_only[i, t]:
+            return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, **noise)
         return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, loaded=loaded, **noise)
 
     def pack(self) -> bytes:

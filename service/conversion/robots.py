@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.kinematics import Kinematics, Posture
 from jointstiff.service.conversion.message import message, rows
-from jointstiff.solver.errors import RequestError
+from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.robot.body import Body
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
@@ -25,15 +28,42 @@ def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
     return dh_chain([DhRow(**row.model_dump()) for row in model.rows], model.convention, name)
 
 
-def build_robot(chain: KinematicChain, joint_map: robots.JointMap | None) -> Robot:
+def build_robot(
+    chain: KinematicChain, joint_map: robots.JointMap | None, bodies: Sequence[robots.Body] = ()
+) -> Robot:
     """Return a robot of a checked chain.
 
     Raises:
-        RobotError: the joint map does not fit.
+        RobotError: the joint map does not fit, or a body belongs to no joint.
     """
-    if joint_map is None:
-        return Robot(chain)
-    return Robot(chain, JointMap.from_rows(joint_map.matrix, joint_map.offset))
+    known = None if joint_map is None else JointMap.from_rows(joint_map.matrix, joint_map.offset)
+    for number, body in enumerate(bodies):
+        if body.joint not in chain.joint_names:
+            raise RobotError(
+                f"the robot has no joint '{body.joint}'",
+                where=f"bodies[{number}].joint",
+                remedy=f"use one of {', '.join(chain.joint_names)}",
+            )
+    stated = [
+        Body.within(
+            body.name,
+            chain.joint_names.index(body.joint),
+            body.mass,
+            body.centre,
+            relative=body.mass_uncertainty,
+            radius=body.centre_uncertainty,
+        )
+        for body in bodies
+    ]
+    return Robot(chain, known, tuple(stated))
+
+
+def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:
+    """Return the bodies that a URDF has as they are stored; None for none."""
+    return [
+        robots.Body(name=body.name, joint=chain.joint_names[body.joint], mass=body.mass, centre=body.centre)
+        for body in bodies
+    ] or None
 
 
 def describe_joints(robot: Robot) -> list[robots.Joint]:

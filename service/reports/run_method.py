@@ -27,15 +27,29 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"
     stated = None if laboratory is None else laboratory.method
+    way = (
+        "Identification of joint compliances from laser-tracker readings of targets before and under load, "
+        f"{METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, {constraint}"
+    )
+    masses = []
+    if request.weight is not None:
+        way = (
+            "Identification of joint compliances, geometry and sag under the own weight from laser-tracker "
+            f"positions of targets and masses within bounds, {constraint}"
+        )
+        bodies = [
+            f"{body.name} {body.mass:g} kg ({body.least:.4g} to {body.most:.4g})"
+            for body in model.robot.bodies
+        ]
+        masses = [("Masses with their bounds", "; ".join(bodies))]
     return Section(
         statements.METHOD,
         facts=[
             (
                 "Method",
-                "Identification of joint compliances from laser-tracker readings of targets before and under "
-                f"load, {METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, "
-                f"{constraint}; jointstiff {version}, as its documentation states (docs/method.md).",
+                f"{way}; jointstiff {version}, as its documentation states (docs/method.md).",
             ),
+            *masses,
             ("Procedure of the laboratory", stated or NOT_STATED),
         ],
         notes=[f"Deviation: {line}" for line in _deviations(request)] or ["Deviations: none."],

@@ -89,8 +89,8 @@ def uncertainty(model: ExportedModel) -> Section:
         return Section(
             statements.UNCERTAINTY,
             paragraphs=[
-                "The run has no budget: it was made without one, or links or a coupling of joints bend. The "
-                "intervals in the results hold what is known."
+                "The run has no budget: it was made without one, by own weight, or links or a coupling of "
+                "joints bend. The intervals in the results hold what is known."
             ],
         )
     sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}

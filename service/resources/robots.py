@@ -118,13 +118,16 @@ class Robots:
         if isinstance(model, messages.GeometryModel):
             where = "model.geometry_id"
             _, result = succeeded_geometry(self._store, model.geometry_id, where)
-            found = result.robot.model_copy(update={"name": request.name})
+            found = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
             return found, {"geometry_id": model.geometry_id}
         joint_map, origin = request.joint_map, {}
         if isinstance(model, messages.CatalogueModel):
             arm = find_arm(model.arm, "model.arm")
             model, joint_map, origin = arm.model, joint_map or arm.joint_map, {"nominal_arm": arm.name}
-        return messages.RobotDocument(name=request.name, model=model, joint_map=joint_map), origin
+        document = messages.RobotDocument(
+            name=request.name, model=model, joint_map=joint_map, bodies=request.bodies
+        )
+        return document, origin
 
     def _load(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.robots.get(robot_id)

@@ -15,6 +15,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import programs
+from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.convex.perspective import Cones
 from jointstiff.solver.errors import SolverError
 
@@ -32,7 +33,9 @@ class Weighed:
 
     x: FloatArray  #: (p,) in the set
     loss: float  #: ‖A x − b‖²
-    gap: float  #: greatest excess of the loss over the optimum, from the data, with ‖b‖ = 1
+    #: its gap is the greatest excess of the loss over the optimum, with ‖b‖ = 1; its multipliers (rows,) are
+    #: those of the equations that define the residuals
+    certificate: Certificate
 
 
 def least_squares(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
@@ -56,14 +59,16 @@ def least_squares(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
         x = cones.projected(size * found)
         residual = A @ x - b
         gradient = A.T @ residual
-        gap = 2.0 * float(gradient @ x - cones.least(gradient)) / size**2
-        if best is None or gap < best.gap:
-            best = Weighed(x, float(residual @ residual), gap)
-        if best.gap <= GAP:
+        outside = -2.0 * cones.least(gradient) / size**2
+        gap = outside + 2.0 * float(gradient @ x) / size**2
+        if best is None or gap < best.certificate.gap:
+            evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
+            best = Weighed(x, float(residual @ residual), evidence)
+        if best.certificate.is_optimal(GAP):
             return best
     raise SolverError(
         "the fit of compliances and weights could not be certified"
-        + ("" if best is None else f": its gap is {best.gap:.1g}"),
+        + ("" if best is None else f": its gap is {best.certificate.gap:.1g}"),
         remedy="please report this problem, with the data",
     )
 

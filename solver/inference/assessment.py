@@ -5,7 +5,7 @@ No reason means "use": noise alone raises one in less than one of a hundred sets
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
@@ -95,12 +95,16 @@ def assess(
         noise_reasons(measurements),
         fit_reasons(measurements, estimate, prediction, screening, explained=bool(alternatives)),
     )
-    reasons = tuple(sorted(found, key=lambda reason: -_ORDER[reason.weight]))
+    return replace(assessed(estimate.joints, found), notes=tuple(_notes(measurements)))
+
+
+def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> Assessment:
+    """Return the verdict on joints that reasons allow, with the reasons in their order."""
+    ordered = tuple(sorted(reasons, key=lambda reason: -_ORDER[reason.weight]))
     return Assessment(
-        verdict=_least(reason.weight for reason in reasons),
-        reasons=reasons,
-        joints=tuple(_joint(joint, reasons) for joint in estimate.joints),
-        notes=tuple(_notes(measurements)),
+        verdict=_least(reason.weight for reason in ordered),
+        reasons=ordered,
+        joints=tuple(_joint(joint, ordered) for joint in joints),
     )
 
 

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
+from jointstiff.solver.robot.body import Body
 from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, KinematicChain
 from jointstiff.solver.robot.joint_map import JointMap
 
@@ -20,6 +21,7 @@ class Robot:
 
     chain: KinematicChain  #: the kinematics
     joint_map: JointMap  #: from controller to model angles
+    bodies: tuple[Body, ...]  #: with their masses, where they are stated
     model: pin.Model  #: `pinocchio.Model` with nq = nv = n, and a frame of the flange's name
     flange_joint_id: int  #: index in the model of the last moving joint
     flange_placement: pin.SE3  #: `pinocchio.SE3` of the flange frame in the frame of that joint [m]
@@ -31,18 +33,21 @@ class Robot:
     joint_names: tuple[str, ...]  #: names of the moving joints, from the base on
     limits: FloatArray  #: (n, 2) least and greatest model angles [rad]; ∓inf where there is no limit
 
-    def __init__(self, chain: KinematicChain, joint_map: JointMap | None = None) -> None:
+    def __init__(
+        self, chain: KinematicChain, joint_map: JointMap | None = None, bodies: tuple[Body, ...] = ()
+    ) -> None:
         """Build the model.
 
         Args:
             chain: the kinematics, n moving joints.
             joint_map: n joints; the identity if absent.
+            bodies: with their masses; they change no kinematics.
 
         Raises:
             RobotError: the joint map is for another number of joints.
         """
         n = len(chain.revolute)
-        self.chain = chain
+        self.chain, self.bodies = chain, bodies
         self.joint_map = JointMap.identity(n) if joint_map is None else joint_map
         if self.joint_map.n != n:
             raise RobotError(

@@ -9,58 +9,12 @@ nominal parameters, and of one unit of each unknown (`Torques`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
-
-STATED_BY_DEFAULT: Final = 0.2
-"""Relative half-width of a mass whose uncertainty nobody states."""
-
-
-@dataclass(frozen=True)
-class Body:
-    """A body, and how well it is known.
-
-    Raises:
-        RequestError: a number is not finite or negative, or the bounds do not enclose the mass.
-    """
-
-    name: str  #: for messages
-    joint: int  #: index of the joint that carries it
-    mass: float  #: m₀ [kg]
-    least: float  #: bound of the mass from below [kg]
-    most: float  #: bound of the mass from above [kg]
-    centre: tuple[float, float, float]  #: centre of mass s in the frame that moves with the joint [m]
-    radius: float = 0.0  #: R, how far from it the centre of mass may lie [m]
-
-    def __post_init__(self) -> None:
-        numbers = (self.mass, self.least, self.most, *self.centre, self.radius)
-        if not np.isfinite(numbers).all() or self.radius < 0.0:
-            raise self._refused("a number is not finite, or the radius negative")
-        if not 0.0 <= self.least <= self.mass <= self.most or self.mass == 0.0:
-            raise self._refused("the bounds do not enclose a positive mass")
-
-    @classmethod
-    def within(
-        cls,
-        name: str,
-        joint: int,
-        mass: float,
-        centre: tuple[float, float, float],
-        *,
-        relative: float = STATED_BY_DEFAULT,
-        radius: float = 0.0,
-    ) -> Body:
-        """Return a body whose mass is known to a relative half-width; 0 for exactly."""
-        return cls(name, joint, mass, (1.0 - relative) * mass, (1.0 + relative) * mass, centre, radius)
-
-    def _refused(self, reason: str) -> RequestError:
-        return RequestError(
-            reason, where=f"body '{self.name}'", remedy="give masses in kg, centres and radii in m"
-        )
+from jointstiff.solver.robot.body import Body
 
 
 @dataclass(frozen=True)

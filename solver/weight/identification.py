@@ -10,15 +10,17 @@ exact where all masses are exact.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from scipy import stats
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
-from jointstiff.solver.geometry.sweeps.pose_fit import PoseState
+from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseReadings, PoseState
 from jointstiff.solver.inference.reason import Reason
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import regressor_blocks
@@ -27,7 +29,9 @@ from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.evidence import WeightedJoint, joints_of, reasons_of
 from jointstiff.solver.weight.fit import Differences, WeightFit, fit_weight
 from jointstiff.solver.weight.readings import WeightReadings
-from jointstiff.solver.weight.regressor import Frames
+from jointstiff.solver.weight.regressor import Frames, torques_of
+
+_STEP: Final = 1e-6  # of difference quotients [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,12 @@ class WeightEstimate:
     rms_residual: float  #: of a whitened coordinate [m]
     rms_without_sag: float  #: the same, of the best geometry of an arm that does not bend [m]
     confidence: float  #: level of the intervals
-    gap: float  #: greatest excess of the loss over its optimum, from the data, with readings of unit norm
+    #: (N, T, 3) of the targets by the sag, from the geometry that does not bend [m]
+    displacement: FloatArray
+    residual: FloatArray  #: (N, T, 3) position less prediction [m]; zero where absent
+    certificate: Certificate  #: of the last convex program
+    #: largest |∂τ_i/∂θ_j| c_i: effect of the sag on the torques, which the balance includes
+    largest_stiffness_ratio: float
 
 
 def identify_weight(
@@ -80,10 +89,11 @@ def identify_weight(
     angles = poses.joint_map.model_angles(poses.angles)
     whitened = pose_readings(angles, poses)
     rigid = calibrate(robot.chain, poses, start=base)
+    frames = Frames.of(robot, base)
     fit = fit_weight(
         readings,
         replace(whitened, weight=whitened.weight / (poses.sigma or 1.0)),
-        Frames.of(robot, base),
+        frames,
         PoseState(rigid.axes, rigid.targets, np.zeros(len(angles))),
         free_gravity=free_gravity,
         differences=None if loaded is None else _differences(robot, loaded),
@@ -105,6 +115,8 @@ def identify_weight(
     radius = stats.t.ppf(0.5 + 0.5 * confidence, freedom) if noisy else stats.norm.ppf(0.5 + 0.5 * confidence)
     joints = joints_of(robot, fit, scale, (scale * radius) ** 2)
     unit = poses.sigma or 1.0
+    sagging = replace(whitened, angles=angles + fit.sag)
+    bent = Motion(fit.state, sagging).stages[0]
     return WeightEstimate(
         joints=joints,
         fit=fit,
@@ -115,8 +127,23 @@ def identify_weight(
         rms_residual=unit * float(np.sqrt((problem.outside + loss) / problem.freedom)),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
         confidence=confidence,
-        gap=fit.optimum.gap,
+        displacement=bent - Motion(fit.state, whitened).stages[0],
+        residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
+        certificate=fit.optimum.certificate,
+        largest_stiffness_ratio=_largest_ratio(readings, frames, fit, sagging),
     )
+
+
+def _largest_ratio(readings: WeightReadings, frames: Frames, fit: WeightFit, bent: PoseReadings) -> float:
+    """Return the largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences."""
+    largest = 0.0
+    for step in _STEP * np.eye(len(fit.compliance)):
+        ahead, behind = (
+            torques_of(readings, frames, Motion(fit.state, replace(bent, angles=bent.angles + part))).known
+            for part in (step, -step)
+        )
+        largest = max(largest, float((np.abs(ahead - behind) * fit.compliance).max()) / (2.0 * _STEP))
+    return largest
 
 
 def _differences(robot: Robot, loaded: Measurements) -> Differences:

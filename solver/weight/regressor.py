@@ -76,7 +76,7 @@ def rows_at(
         compliance: (n,) by which gravity's direction shows [rad/(N·m)].
     """
     motion = Motion(state, replace(whitened, angles=whitened.angles + sag))
-    torques = _torques(readings, frames, motion)
+    torques = torques_of(readings, frames, motion)
     swings = motion.swings()
     gap = whitened.points - motion.stages[0] + np.einsum("ktin,kn->kti", swings, sag)
     weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
@@ -112,7 +112,8 @@ def stepped(state: PoseState, step: FloatArray) -> PoseState:
     return PoseState(axes, state.targets + step[charts:].reshape(-1, 3), state.corrections)
 
 
-def _torques(readings: WeightReadings, frames: Frames, motion: Motion) -> Torques:
+def torques_of(readings: WeightReadings, frames: Frames, motion: Motion) -> Torques:
+    """Return the torques of loads, bodies and balancers in the postures of a motion."""
     axes = motion.state.axes
     origins = np.array([axis.at(axis.foot(origin)) for axis, origin in zip(axes, frames.origin, strict=True)])
     shift, points, shifts = np.zeros((len(readings.force), 3)), [], []

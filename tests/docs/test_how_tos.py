@@ -27,6 +27,7 @@ GUIDES = (
     "docs/first-campaign.md",
     "docs/robots.md",
     "docs/two-encoders.md",
+    "docs/without-a-load.md",
     "docs/import.md",
     "docs/predict.md",
     "docs/exports.md",

@@ -182,4 +182,5 @@ def work(inputs: Inputs, request: ComparisonRequest) -> ComparisonWork:
     Raises:
         RequestError: there is no such set, or draws that cannot be made.
     """
-    return ComparisonWork(inputs.measured(request.measurement_set_id, "measurement_set_id"), request)
+    prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+    return ComparisonWork(prepared.with_loads(), request)

@@ -103,7 +103,7 @@ def remarks_of(
         ]
     else:
         remarks = [] if weighed else ["own weight is left out, as no masses are given"]
-        if run.request.complementary_stiffness == "neglected":
+        if run.request.complementary_stiffness == "neglected" and run.request.weight is None:
             remarks.append(
                 "the run neglects the complementary stiffness K_c, which the prediction includes: identify "
                 "with complementary_stiffness included"

@@ -122,7 +122,13 @@ def _side(inputs: Inputs, name: str, request: PairRequest) -> Side:
     if side.run_id is not None:
         asked = inputs.run(side.run_id, f"{name}.run_id").run.request
         set_id, options, leave_out = asked.measurement_set_id, asked, asked.leave_out
-    prepared = inputs.measured(str(set_id), f"{name}.measurement_set_id", leave_out)
+    if options.weight is not None:
+        raise RequestError(
+            "a run by the robot's own weight cannot be one of a pair",
+            where=name,
+            remedy="pair sets that were measured under loads",
+        )
+    prepared = inputs.measured(str(set_id), f"{name}.measurement_set_id", leave_out).with_loads()
     return Side(name, str(set_id), prepared, request.options_at(options))
 
 

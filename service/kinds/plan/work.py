@@ -49,7 +49,7 @@ def work(inputs: Inputs, request: PlanRequest) -> QuickWork:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
         planned = Planned(robot, str(request.robot_id), content)
     else:
-        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id").with_loads()
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(

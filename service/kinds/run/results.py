@@ -59,6 +59,7 @@ def to_result(
         selection=None,
         residuals=_residuals(prediction, measurements, readings),
         encoder_residuals=[],
+        weight=None,
         warnings=warnings,
     )
 

@@ -9,6 +9,7 @@ from typing import Final
 from jointstiff.schemas.run.identifiability import Advice
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.schemas.run.weight import WeightResult
 from jointstiff.service.kinds.run.details import detail_lines
 from jointstiff.service.kinds.run.links_table import links_line, links_report, selection_table
 from jointstiff.service.kinds.run.resampling_table import resampling_table
@@ -38,6 +39,8 @@ def report(job: Run, result: RunResult, view: View) -> Report:
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _summary(result),
     ]
+    if result.weight is not None:
+        parts += _weight_lines(result.weight)
     evidence: list[Part] = [*detail_lines(result)] if view.details else []
     if result.links is not None and view.details:
         evidence += [Line(""), *links_report(result.links, result.selection)]
@@ -53,6 +56,9 @@ def report(job: Run, result: RunResult, view: View) -> Report:
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     request, joints = run.request, result.joints
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
+    way = f"{METHOD_NAMES[request.method]}, {request.weighting} weights"
+    if request.weight is not None:
+        way = "by the robot's own weight"
     cells = [unit.cells(joint) for joint in joints]
     prior = [
         Column("prior/data", [_prior_cell(joint, known=joint.name in request.priors) for joint in joints])
@@ -63,12 +69,24 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
             Column(unit.quantity, [value for value, _, _ in cells]),
             Column("std. uncertainty", [uncertainty for _, uncertainty, _ in cells]),
             Column(f"{100 * request.confidence:g} % interval", [interval for _, _, interval in cells]),
-            *([Column("prior/data", prior)] if request.priors else []),
+            *(prior if request.priors else []),
             Column("verdict", joints, _verdict_cell, text=True),
         ],
-        title=f"Joint {unit.quantity}, {METHOD_NAMES[request.method]}, {request.weighting} weights, "
-        f"{constraint}",
+        title=f"Joint {unit.quantity}, {way}, {constraint}",
         caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label}",
+    )
+
+
+def _weight_lines(weight: WeightResult) -> Iterator[Line]:
+    """Yield what each joint's interval is due to, and what the sag explains."""
+    shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
+    if shares:
+        yield Line(f"  uncertain masses make up of each interval: {', '.join(shares)}")
+    before, after = 1e6 * weight.rms_without_sag, 1e6 * weight.rms_residual
+    yield Line(
+        f"  the best geometry of an arm that does not bend leaves {before:.3g} µm rms of a coordinate, with "
+        f"sag it leaves {after:.3g} µm"
+        + (": the arm bends too little under its own weight to gain much" if after > 0.9 * before else "")
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
@@ -15,7 +16,8 @@ from jointstiff.service.kinds.run.elastic import ElasticWork
 from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
 from jointstiff.service.kinds.run.settings import to_settings
-from jointstiff.service.kinds.work import Span, SteppedWork
+from jointstiff.service.kinds.run.weight import identified_by_weight
+from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
 from jointstiff.solver.design.advice import advise
@@ -87,7 +89,7 @@ class RunWork(SteppedWork[Resamples]):
         return result.model_copy(update={"model": to_identified_model(model, error)})
 
 
-def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork:
+def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWork:
     """Return the work of a run.
 
     Raises:
@@ -95,6 +97,10 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork:
     """
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     input_hash = run_hash(prepared, request)
+    if request.weight is not None:
+        compute = partial(identified_by_weight, prepared, request, request.weight)
+        return QuickWork(compute, input_hash, prepared.robot_id)
+    prepared = prepared.with_loads()
     if request.elasticity == "joints":
         return RunWork(prepared, request, input_hash)
 
@@ -107,7 +113,8 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork:
 def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
     """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
     options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
-    return hash_of(prepared.content, options)
+    bodies = "" if request.weight is None else repr(prepared.robot.bodies)
+    return hash_of(prepared.content, options, bodies)
 
 
 def run_identification(

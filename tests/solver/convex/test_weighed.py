@@ -61,7 +61,7 @@ def test_the_optimum_is_that_of_another_solver(seed):
     A, b, rng = problem(seed)
     found = least_squares(A, b, CONES)
     start = inside(rng, 1)[0] + 1e-3
-    assert found.gap <= 1e-8
+    assert found.certificate.gap <= 1e-8
     assert found.loss <= reference(A, b, start) + 1e-6
 
 
@@ -70,7 +70,7 @@ def test_no_point_of_the_set_is_better_than_the_gap_says(rows):
     A, b, rng = problem(3, rows)
     found = least_squares(A, b, CONES)
     losses = np.square(inside(rng, 2000) @ A.T - b).sum(axis=1)
-    assert losses.min() >= found.loss - found.gap * (b @ b)
+    assert losses.min() >= found.loss - found.certificate.gap * (b @ b)
     assert (CONES.projected(found.x) == found.x).all()
 
 

@@ -15,6 +15,7 @@ from jointstiff.solver.geometry.frames.axis_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseState
+from jointstiff.solver.robot.body import Body
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.weight import bodies as solver_bodies
 from jointstiff.solver.weight.regressor import Frames, rows_at
@@ -76,7 +77,7 @@ def test_torques_are_those_of_the_weights_in_predictions():
 
 @pytest.mark.parametrize("what", ["mass", "centre", "rate", "pull"])
 def test_units_of_the_unknowns_are_differences_of_known_torques(what):
-    body = solver_bodies.Body("forearm", 3, 80.0, 70.0, 90.0, (0.4, 0.1, 0.2), radius=0.1)
+    body = Body("forearm", 3, 80.0, 70.0, 90.0, (0.4, 0.1, 0.2), radius=0.1)
     spring = replace(SPRING_STATED, rate=(2e4, 4e4), pull=(8e3, 1e4))
     burden = solver_bodies.Burden((body,), (spring,))
     steps = {"mass": (0, 2.0), "centre": (2, 0.05 * 80.0), "rate": (4, 100.0), "pull": (5, 10.0)}

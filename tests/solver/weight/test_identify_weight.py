@@ -13,8 +13,9 @@ from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.body import Body
 from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
-from jointstiff.solver.weight.bodies import Body, Burden
+from jointstiff.solver.weight.bodies import Burden
 from jointstiff.solver.weight.identification import identify_weight
 
 ARM, BODIES = default_arm(), default_bodies()
@@ -41,7 +42,7 @@ def uncertain():
 def test_exact_readings_and_masses_give_the_compliances():
     estimate = identify_weight(ROBOT, campaign(sigma=0.0))
     np.testing.assert_allclose(compliances(estimate)[1:], ARM.compliances[1:], rtol=2e-6)
-    assert estimate.gap <= 1e-8
+    assert estimate.certificate.gap <= 1e-8
     assert estimate.rms_residual < 1e-9 < 1e-4 < estimate.rms_without_sag
 
 
@@ -56,7 +57,7 @@ def test_uncertain_masses_leave_intervals_that_hold_the_truth(uncertain):
     found = intervals(uncertain)[1:]
     assert ((found[:, 0] <= ARM.compliances[1:]) & (ARM.compliances[1:] <= found[:, 1])).all()
     assert np.ptp(found[0]) / 2.0 <= 0.2 * ARM.compliances[1]
-    assert uncertain.gap <= 1e-8
+    assert uncertain.certificate.gap <= 1e-8
     assert not uncertain.reasons
 
 

@@ -1,0 +1,242 @@
+"""Stiffness without a load: simulated campaigns of a heavy arm that bends under its own weight.
+
+By name only: it takes three minutes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import process_time
+
+import numpy as np
+
+from benchmarks.report import Figure, Section
+from jointstiff.simulator import TARGETS, default_arm, deflections, random_configurations, robot_document
+from jointstiff.simulator.imperfections import with_link_errors
+from jointstiff.simulator.own_weight import default_bodies, sag
+from jointstiff.solver import (
+    Body,
+    Burden,
+    Measurements,
+    Poses,
+    Robot,
+    Settings,
+    WeightEstimate,
+    WeightReadings,
+    identify,
+    identify_weight,
+)
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import programs
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.urdf import read_urdf
+
+__all__ = ["BOTH", "KNOWN", "WITHIN", "WRONG", "Way", "estimates", "harmful", "run", "summary"]
+
+POSTURES, SIGMA, PAYLOAD = 40, 3e-5, 100.0
+CAMPAIGNS, EXACT_CAMPAIGNS, LOADED_CAMPAIGNS = 200, 400, 10
+TIMES = 10
+ARM, BODIES = default_arm(), default_bodies()
+LOAD_POINT = (-0.06, 0.02, 0.18)
+POINTS = np.array(list(TARGETS.values()))
+JOINTS = slice(1, 6)  # a vertical axis carries no weight
+
+
+@dataclass(frozen=True)
+class Way:
+    """A kind of campaign."""
+
+    name: str
+    stated: float  # half-width of each mass as stated, relative
+    drawn: float  # half-width within which the true ones are drawn
+    payload: bool = False  # whether each posture is read once more with a known payload
+    misbuilt: bool = False  # whether every link is 1 mm and 1 mrad off
+
+
+KNOWN = Way("masses known", 0.0, 0.0)
+WITHIN = Way("masses within ± 10 %", 0.1, 0.1)
+BOTH = Way("the same, with a known payload as second state", 0.1, 0.1, payload=True)
+WRONG = Way(
+    "links 1 mm and 1 mrad off, masses ± 15 % stated as ± 5 %", 0.05, 0.15, payload=True, misbuilt=True
+)
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Coverage, widths, certificates, time, and masses that are wrong."""
+    share = 0.1 if quick else 1.0
+    counts = {KNOWN: EXACT_CAMPAIGNS, WITHIN: CAMPAIGNS, BOTH: CAMPAIGNS // 4, WRONG: CAMPAIGNS // 4}
+    found = {way: estimates(way, max(int(share * count), 4)) for way, count in counts.items()}
+    loaded = _loaded_widths(max(int(share * LOADED_CAMPAIGNS), 2))
+    return [_section(found, loaded), _wrong_section(found[WRONG]), _time_section()]
+
+
+def estimates(way: Way, count: int) -> list[WeightEstimate]:
+    """Simulate campaigns and identify each."""
+    model = robot_document(ARM)["model"]
+    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    return [identify_weight(robot, _readings(way, seed)) for seed in range(count)]
+
+
+def _readings(way: Way, seed: int) -> WeightReadings:
+    draws = np.random.default_rng([seed, 41])
+    bodies = replace(BODIES, masses=BODIES.masses * (1.0 + way.drawn * draws.uniform(-1.0, 1.0, 6)))
+    arm = with_link_errors(ARM, length=1e-3, angle=1e-3, seed=seed) if way.misbuilt else ARM
+    q = random_configurations(arm, POSTURES, seed)
+    forces = [np.zeros(3), PAYLOAD * BODIES.gravity][: 2 if way.payload else 1]
+    states = [q + sag(arm, bodies, q, force=force, load_point=LOAD_POINT) for force in forces]
+    places = np.concatenate([arm.posture(state).targets_to_base(POINTS) for state in states])
+    places += SIGMA * draws.standard_normal(places.shape)
+    count = len(places)
+    stated = zip(BODIES.masses.tolist(), BODIES.centres.tolist(), strict=True)
+    links = [
+        Body.within(f"link_{j + 1}", j, m, tuple(c), relative=way.stated) for j, (m, c) in enumerate(stated)
+    ]
+    return WeightReadings(
+        Poses(
+            np.tile(q, (len(forces), 1)),
+            places,
+            np.ones((count, 3), dtype=bool),
+            tuple(TARGETS),
+            JointMap.identity(6),
+            sigma=SIGMA,
+        ),
+        Burden(tuple(links)),
+        carried=np.ones((count, len(links))),
+        force=np.repeat(forces, POSTURES, axis=0),
+        moment=np.zeros((count, 3)),
+        load_point=np.tile(LOAD_POINT, (count, 1)),
+    )
+
+
+def _ends(found: list[WeightEstimate]) -> FloatArray:
+    """(campaigns, 5, 2) ends of the intervals over the true compliances; of no number, all there is."""
+    everything = (0.0, np.inf)
+    ends = [
+        [joint.joint.compliance_interval or everything for joint in each.joints[JOINTS]] for each in found
+    ]
+    return np.array(ends) / ARM.compliances[JOINTS, None]
+
+
+def summary(found: list[WeightEstimate]) -> tuple[FloatArray, FloatArray, float]:
+    """Return shares of intervals that hold the truth (5,), median half-widths (5,), and the greatest gap."""
+    ends = _ends(found)
+    covered = ((ends[..., 0] <= 1.0) & (ends[..., 1] >= 1.0)).mean(axis=0)
+    return covered, np.median(0.5 * np.ptp(ends, axis=2), axis=0), max(each.certificate.gap for each in found)
+
+
+def _loaded_widths(count: int) -> FloatArray:
+    """(5,) median half-widths of campaigns with a load in as many postures, over the true compliances."""
+    model = robot_document(ARM)["model"]
+    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    settings = Settings("partial_pose", "covariance", Bounds.positive(robot.n), complementary_stiffness=True)
+    widths = []
+    for seed in range(count):
+        draws = np.random.default_rng([seed, 42])
+        q = random_configurations(ARM, POSTURES, seed)
+        force, none = np.tile([0.0, 0.0, -1500.0], (POSTURES, 1)), np.zeros((POSTURES, 3))
+        before, after = deflections(ARM, q, force, none, LOAD_POINT, POINTS)
+        measurements = Measurements(
+            joints=q,
+            force=force,
+            moment=none,
+            load_point=np.tile(LOAD_POINT, (POSTURES, 1)),
+            position=before,
+            in_flange=np.zeros((POSTURES, 3), dtype=bool),
+            deflection=after - before + SIGMA * np.sqrt(2.0) * draws.standard_normal(before.shape),
+            present=np.ones((POSTURES, 3), dtype=bool),
+            sigma=SIGMA,
+        )
+        joints = identify(robot, measurements, settings).joints[JOINTS]
+        widths.append([0.5 * np.ptp(joint.compliance_interval or (0.0, np.inf)) for joint in joints])
+    return np.asarray(np.median(widths, axis=0) / ARM.compliances[JOINTS])
+
+
+def _section(found: dict[Way, list[WeightEstimate]], loaded: FloatArray) -> Section:
+    rows, figures = [], []
+    sums = {way: summary(estimates) for way, estimates in found.items() if way is not WRONG}
+    for way, (covered, width, gap) in sums.items():
+        count = f"{len(found[way])} campaigns of {way.name}"
+        rows.append((f"{count}: hold the truth, %", *(f"{100 * share:.1f}" for share in covered)))
+        rows.append((f"{count}: half-width, %", *(f"{100 * part:.1f}" for part in width)))
+        figures.append(Figure(f"gap of the certificate, {way.name}", gap, "at most", 1e-8))
+    rows.append(
+        ("a load of 1500 N in as many postures: half-width, %", *(f"{100 * part:.1f}" for part in loaded))
+    )
+    known, within, both = (sums[way] for way in (KNOWN, WITHIN, BOTH))
+    figures += [
+        Figure(
+            "coverage, masses within ± 10 %: joints 2 and 3",
+            100 * within[0][:2].min(),
+            "at least",
+            95.0,
+            " %",
+        ),
+        Figure(
+            "coverage, masses within ± 10 %: joints 4 and 5",
+            100 * within[0][2:4].min(),
+            "at least",
+            95.0,
+            " %",
+        ),
+        Figure("median half-width of c₂, masses within ± 10 %", 100 * within[1][0], "at most", 20.0, " %"),
+        Figure("coverage, masses known: least of a joint", 100 * known[0].min(), "at least", 93.5, " %"),
+        Figure("coverage, masses known: greatest of a joint", 100 * known[0].max(), "at most", 96.5, " %"),
+        Figure("width with a payload over that without: widest", (both[1] / within[1]).max(), "at most", 0.5),
+    ]
+    return Section(
+        title=f"Stiffness without a load: {POSTURES} postures, 3 targets, {1e6 * SIGMA:g} µm, all axes free",
+        columns=("", *(f"joint {j}" for j in range(2, 7))),
+        rows=tuple(rows),
+        figures=tuple(figures),
+        notes=("an arm of the 240 kg class whose links weigh a tonne; its sag is millimetres",),
+        data={way.name: [part.tolist() for part in sums[way][:2]] for way in sums},
+    )
+
+
+def harmful(estimate: WeightEstimate) -> bool:
+    """Return whether nothing is said although a joint is beyond 5 u and 20 % of its true compliance."""
+    for joint, truth in zip(estimate.joints[JOINTS], ARM.compliances[JOINTS], strict=True):
+        c, u = joint.joint.compliance, joint.joint.standard_uncertainty
+        if c is not None and u is not None and abs(c - truth) > max(5.0 * u, 0.2 * truth):
+            return not estimate.reasons
+    return False
+
+
+def _wrong_section(found: list[WeightEstimate]) -> Section:
+    said = sum(bool(each.reasons) for each in found)
+    unsaid = sum(harmful(each) for each in found)
+    return Section(
+        title=f"Stiffness without a load: {len(found)} campaigns of {WRONG.name}",
+        columns=("", "campaigns"),
+        rows=(("contradiction said", f"{said}"), ("a joint beyond 5 u and 20 %, nothing said", f"{unsaid}")),
+        figures=(Figure("campaigns to use with a joint beyond 5 u and 20 %", unsaid, "at most", 0),),
+        notes=(f"with a known payload of {PAYLOAD:g} kg as second state",),
+        data={"said": said, "harmful": unsaid},
+    )
+
+
+def _time_section() -> Section:
+    """Time a fit of 40 postures beside stating and solving its convex program afresh in cvxpy."""
+    model = robot_document(ARM)["model"]
+    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    readings = _readings(WITHIN, 0)
+    problem = identify_weight(robot, readings).fit.reduced
+    data = {"A": problem.A, "b": problem.b / np.linalg.norm(problem.b), "cap": problem.cones.cap}
+    fit, fresh = [], []
+    for _ in range(TIMES):
+        start = process_time()
+        identify_weight(robot, readings)
+        fit.append(process_time() - start)
+        start = process_time()
+        programs.weighed.__wrapped__(len(problem.b), problem.cones.blocks).solve(data)
+        fresh.append(process_time() - start)
+    ratio = float(np.median(fit) / np.median(fresh))
+    return Section(
+        title="Stiffness without a load: time of a fit with its intervals, in fresh cvxpy solves",
+        columns=("", "median of processor time"),
+        rows=((f"fit of {POSTURES} postures over a program stated, compiled and solved", f"{ratio:.1f}"),),
+        figures=(Figure("a fit in fresh solves", ratio, "at most", 10.0),),
+        notes=(),
+        data={"ratio": ratio},
+    )

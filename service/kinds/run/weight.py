@@ -1,0 +1,186 @@
+"""Stiffness without a load: a run that takes the robot's own weight for the load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.run import run as runs
+from jointstiff.schemas.run.identifiability import Identifiability
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.weight import Weight, WeightResult, WeightShare
+from jointstiff.service.conversion.assessments import to_assessment, to_joints
+from jointstiff.service.conversion.message import message, rows
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.kinds.deflection.models import to_identified_model
+from jointstiff.service.kinds.run.settings import joint_index
+from jointstiff.solver.arrays import IndexArray
+from jointstiff.solver.convex.certificate import StagesCertificate
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fitting.fit import Likelihood
+from jointstiff.solver.fitting.scale import sigma_test
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.inference.assessment import assessed
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.weight.bodies import Balancer, Burden
+from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
+from jointstiff.solver.weight.readings import WeightReadings
+
+_NO_MODEL_ERROR: Final = RequestError(
+    "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
+)
+
+
+def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Weight) -> runs.RunResult:
+    """Identify from positions and masses.
+
+    Raises:
+        RequestError: the robot has no bodies, or the set no positions.
+        JointstiffError: as `identify_weight` does.
+    """
+    readings, observation = _readings(prepared, weight)
+    by_loads = prepared.measurements.present & prepared.readings.as_deflection
+    estimate = identify_weight(
+        prepared.robot,
+        readings,
+        confidence=options.confidence,
+        free_gravity=weight.estimate_gravity,
+        loaded=replace(prepared.measurements, present=by_loads) if by_loads.any() else None,
+    )
+    joints = tuple(joint.joint for joint in estimate.joints)
+    assessment = assessed(joints, estimate.reasons)
+    row, target = np.nonzero(readings.poses.present)
+    displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
+    left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
+    given = readings.poses.sigma is not None
+    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
+    return runs.RunResult(
+        assessment=to_assessment(assessment, prepared.readings),
+        joints=to_joints(joints, assessment.joints, [None] * len(joints)),
+        compensation=float(1.0 - left.mean() / moved.mean()),
+        rms_residual=float(np.sqrt(np.square(left).mean())),
+        sigma=estimate.sigma,
+        goodness=runs.Goodness(
+            chi_square=estimate.chi_square,
+            degrees_of_freedom=estimate.degrees_of_freedom,
+            sigma_source="given" if given else "residuals",
+            test=None if test is None else message(runs.SigmaTest, test),
+        ),
+        identifiability=Identifiability(
+            parameters=len(joints),
+            rank=len(estimate.fit.reduced.seen),
+            condition_number=None,
+            combinations=[],
+            stages=[],
+        ),
+        certificate=message(runs.Certificate, StagesCertificate.of([estimate.certificate])),
+        characteristic_length=None,
+        complementary_stiffness=runs.ComplementaryStiffness(
+            included=True,
+            iterations=estimate.fit.steps,
+            largest_ratio=estimate.largest_stiffness_ratio,
+            largest_shift=None,
+        ),
+        residuals=rows(
+            runs.Residual,
+            observation=prepared.readings.labels[observation[row]],
+            target=prepared.readings.targets[target],
+            deflection=displacement + residual,
+            predicted=displacement,
+            residual=residual,
+        ),
+        model=to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR),
+        weight=_numbers(estimate),
+        warnings=prepared.warnings,
+    )
+
+
+def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
+    """Return all positions, those without a load first, and the observation (rows,) of each row."""
+    m, robot = prepared.measurements, prepared.robot
+    if not robot.bodies:
+        raise RequestError(
+            "the robot has no masses, so that its own weight is unknown",
+            where="weight",
+            remedy="state `bodies` of the robot, or give a URDF with inertials",
+        )
+    unloaded = prepared.readings.present & ~prepared.readings.as_deflection
+    loaded = m.present & ~prepared.readings.as_deflection
+    if not unloaded.any():
+        raise RequestError(
+            "the set has deflections only, which the own weight does not change",
+            where="weight",
+            remedy="give positions, `unloaded` alone or with `loaded`, or leave `weight` out",
+        )
+    first, second = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
+    observation = np.concatenate([first, second])
+    covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
+    under_load = np.repeat([0.0, 1.0], [len(first), len(second)])[:, None]
+    poses = Poses(
+        angles=m.joints[observation],
+        points=np.concatenate([m.position[first], (m.position + m.deflection)[second]]),
+        present=np.concatenate([unloaded[first], loaded[second]]),
+        targets=tuple(prepared.readings.targets.tolist()),
+        joint_map=robot.joint_map,
+        sigma=m.sigma,
+        covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,
+    )
+    balancers = [
+        Balancer(
+            joint_index(robot, balancer.joint, f"weight.balancers[{number}].joint"),
+            balancer.on_base,
+            balancer.on_link,
+            balancer.rate,
+            balancer.pull,
+        )
+        for number, balancer in enumerate(weight.balancers)
+    ]
+    return (
+        WeightReadings(
+            poses,
+            Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
+            carried=np.ones((len(observation), len(robot.bodies))),
+            force=under_load * m.force[observation],
+            moment=under_load * m.moment[observation],
+            load_point=m.load_point[observation],
+        ),
+        observation,
+    )
+
+
+def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
+    """Return the model that predicts under loads.
+
+    Errors of masses are common to the joints in a way that intervals do not tell. By Cauchy and Schwarz
+    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, hold any correlation.
+    """
+    known = [joint.joint for joint in estimate.joints]
+    seen = np.array([j for j, joint in enumerate(known) if joint.compliance is not None], dtype=np.intp)
+    compliance = np.array([joint.compliance or 0.0 for joint in known])
+    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in known])[seen]
+    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance)) if len(seen) else None
+    return JointModel(robot, compliance, likelihood, Constraints(Bounds.positive(robot.n), ()))
+
+
+def _numbers(estimate: WeightEstimate) -> WeightResult:
+    torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
+    shares = []
+    for j, joint in enumerate(estimate.joints):
+        known = joint.joint.compliance is not None
+        shares.append(
+            WeightShare(
+                joint=joint.joint.name,
+                torque=(float(torque[:, j].min()), float(torque[:, j].max())),
+                largest_sag=float(sag[j]) if known else None,
+                readings=joint.share_of_readings,
+                masses=joint.share_of_masses,
+            )
+        )
+    return message(
+        WeightResult, estimate, joints=shares, gravity=estimate.fit.gravity, steps=estimate.fit.steps
+    )

@@ -1,0 +1,170 @@
+"""Runs that take the robot's own weight for the load, from campaign to result."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.comparison import ComparisonRequest
+from jointstiff.schemas.measurement.measurement_set import Reading
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunRequest
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.kinds.comparison.work import work as comparison_work
+from jointstiff.service.kinds.run.work import work
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.own_weight import unloaded_campaign
+from jointstiff.solver.errors import RequestError, RobotError
+
+ARM = default_arm()
+
+
+@pytest.fixture(scope="module")
+def document():
+    return unloaded_campaign(ARM, configurations=30, seed=1)
+
+
+def identified(document, **options):
+    campaign = Campaign.model_validate(document)
+    inputs = FromFile()
+    set_id = inputs.add_set(campaign.measurement_set, prepare_robot(campaign.robot))
+    request = RunRequest(measurement_set_id=set_id, **{**campaign.run.model_dump(), **options})
+    return work(inputs, request).compute()
+
+
+def intervals(result):
+    return np.array([joint.compliance_interval for joint in result.joints[1:]])
+
+
+def test_a_set_without_loads_gives_the_joints_that_carry_weight(document):
+    result = identified(document)
+    assert result.assessment.verdict == "use"
+    assert result.joints[0].status == "not_observable"
+    found = intervals(result)
+    assert ((found[:, 0] <= ARM.compliances[1:]) & (ARM.compliances[1:] <= found[:, 1])).all()
+    assert result.certificate.complementarity <= 1e-8
+    shares = result.weight.joints
+    assert shares[0].masses is None
+    assert all(each.masses + each.readings == pytest.approx(1.0) for each in shares[1:])
+    assert shares[1].masses > shares[3].masses
+    assert result.weight.rms_residual < 4e-5 < 2e-4 < result.weight.rms_without_sag
+    assert len(result.residuals) == 90
+    assert result.compensation > 0.9
+
+
+def test_the_model_predicts_and_holds_the_errors_of_the_masses(document):
+    model = identified(document).model
+    compliance = np.array(model.compliance)
+    np.testing.assert_allclose(compliance[1:4], ARM.compliances[1:4], rtol=0.5)
+    assert model.seen == ["joint_2", "joint_3", "joint_4", "joint_5", "joint_6"]
+    assert "own weight" in model.no_error
+
+
+def test_units_and_frames_change_nothing(document):
+    other = copy.deepcopy(document)
+    measured = other["measurement_set"]
+    measured["units"] = {"length": "mm", "angle": "deg", "force": "kN"}
+    measured["noise"]["sigma"] *= 1e3
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    shift = np.array([1.0, -2.0, 0.5])
+    measured["frame"] = {"rotation": turn.tolist(), "translation": (1e3 * shift).tolist()}
+    for observation in measured["observations"]:
+        observation["joints"] = np.degrees(observation["joints"]).tolist()
+        for reading in observation["readings"]:
+            place = turn.T @ (np.array(reading["unloaded"]) - shift)
+            reading["unloaded"] = (1e3 * place).tolist()
+    np.testing.assert_allclose(intervals(identified(other)), intervals(identified(document)), rtol=1e-4)
+
+
+def test_loaded_positions_join_in_and_narrow_the_intervals(document):
+    both = unloaded_campaign(ARM, configurations=30, seed=1, payload=100.0)
+    found, alone = intervals(identified(both)), intervals(identified(document))
+    assert ((found[:, 0] <= ARM.compliances[1:]) & (ARM.compliances[1:] <= found[:, 1])).all()
+    assert (np.ptp(found, axis=1) < 0.6 * np.ptp(alone, axis=1)).all()
+
+
+def test_positions_without_a_load_come_back_as_they_were_sent(document):
+    observations = Campaign.model_validate(document).measurement_set.observations
+    arrays = ReadingArrays.unpack(ReadingArrays.from_observations(observations).pack())
+    assert [each.model_dump() for each in arrays.observations()] == [
+        each.model_dump() for each in observations
+    ]
+    assert arrays.unloaded_only.all()
+
+
+def test_other_work_refuses_a_set_without_loads(document):
+    with pytest.raises(RequestError, match="show no deflection"):
+        identified(document, weight=None)
+    campaign = Campaign.model_validate(document)
+    inputs = FromFile()
+    set_id = inputs.add_set(campaign.measurement_set, prepare_robot(campaign.robot))
+    with pytest.raises(RequestError, match="show no deflection"):
+        comparison_work(inputs, ComparisonRequest(measurement_set_id=set_id))
+
+
+def test_masses_are_needed_and_belong_to_joints(document):
+    without = copy.deepcopy(document)
+    del without["robot"]["bodies"]
+    with pytest.raises(RequestError, match="no masses"):
+        identified(without)
+    wrong = copy.deepcopy(document)
+    wrong["robot"]["bodies"][0]["joint"] = "joint_9"
+    with pytest.raises(RobotError, match="no joint 'joint_9'") as refused:
+        identified(wrong)
+    assert refused.value.where == "bodies[0].joint"
+
+
+def test_inertials_of_a_urdf_are_bodies(document):
+    stated = copy.deepcopy(document)
+    bodies = stated["robot"].pop("bodies")
+    urdf = stated["robot"]["model"]["urdf"]
+    for number, body in enumerate(bodies, start=1):
+        centre = " ".join(map(repr, body["centre"]))
+        inertial = f'<inertial><origin xyz="{centre}"/><mass value="{body["mass"]}"/></inertial>'
+        urdf = urdf.replace(f'<link name="link_{number}"/>', f'<link name="link_{number}">{inertial}</link>')
+    stated["robot"]["model"]["urdf"] = urdf
+    prepared = prepare_robot(Campaign.model_validate(stated).robot)
+    assert [body.mass for body in prepared.document.bodies] == [body["mass"] for body in bodies]
+    assert [body.mass_uncertainty for body in prepared.document.bodies] == [0.2] * 6
+    np.testing.assert_allclose([b.centre for b in prepared.robot.bodies], [b["centre"] for b in bodies])
+    plain = prepare_robot(Campaign.model_validate(document).robot)
+    assert prepared.content_hash == plain.content_hash
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"method": "complete_pose"}, {"loss": "huber"}, {"elasticity": "joints_and_links"}, {"positive": False}],
+)
+def test_options_that_own_weight_does_not_know_are_refused(other):
+    with pytest.raises(ValueError, match="does not go with"):
+        RunOptions.model_validate({**other, "weight": {}})
+
+
+@pytest.mark.parametrize("weight", [{"gravity": [0.0, 0.0, 0.0]}, {"gravity": [0.0, 0.0, -9806.65]}])
+def test_gravity_that_is_none_is_refused(weight):
+    with pytest.raises(ValueError, match="gravity must be"):
+        RunOptions.model_validate({"weight": weight})
+
+
+def test_a_loaded_position_alone_is_no_reading():
+    with pytest.raises(ValueError, match="`unloaded` alone"):
+        Reading.model_validate({"target": "P10", "loaded": [0.0, 0.0, 0.0]})
+
+
+def test_the_api_stores_runs_by_own_weight(client, document):
+    robot = client.post("/v1/robots", json=document["robot"]).json()
+    assert len(robot["bodies"]) == 6
+    posted = client.post(
+        "/v1/measurement-sets", json={**document["measurement_set"], "robot_id": robot["id"]}
+    )
+    assert posted.status_code == 201, posted.text
+    run = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"], "weight": {}}).json()
+    assert run["result"]["weight"]["joints"][1]["joint"] == "joint_2"
+    found = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"]})
+    assert found.status_code == 422
+    assert "weight" in found.text
