@@ -1,4 +1,4 @@
-"""One campaign written by ten habits: what people and measuring software make of the same numbers.
+"""One campaign written by thirteen habits: what people and measuring software make of the same numbers.
 
 Own samples in the makers' forms; no code of the importer is used.
 """
@@ -234,7 +234,11 @@ def _joints(campaign: Campaign) -> Sheet:
 
 
 def _spatial_analyzer(campaign: Campaign) -> Upload:
-    comments = ("// SpatialAnalyzer", "// FRAME = A::R0", "// AXES = CARTESIAN: X,  Y,  Z (Inches)")
+    comments = (
+        "// SpatialAnalyzer SA 2022.2.0624.7 ( x64 )",
+        "// Points Relative to Coordinate Frame 'Frames::WORLD'",
+        "// AXES = CARTESIAN: X,  Y,  Z (Inches)",
+    )
     rows = [["Collection", "Group", "Point", "X", "Y", "Z"]]
     for (label, target, state), values in campaign.points.items():
         rows.append([state.title(), label, target, *(written(value, "in") for value in values)])
@@ -243,10 +247,15 @@ def _spatial_analyzer(campaign: Campaign) -> Upload:
 
 
 def _leica(campaign: Campaign) -> Upload:
-    rows = [["Time", "Name", "X  [mm]", "Y  [mm]", "Z  [mm]", "U(95)  [mm]"]]
+    rows = [
+        ["Name", "X  [mm]", "Y  [mm]", "Z  [mm]", *(f"U(95){axis}  [mm]" for axis in ("", " X", " Y", " Z"))]
+    ]
+    rows[0] += ["Tilt  [deg]", "Q0 ", "Q1 ", "Q2 ", "Q3 ", "Image RMS  [µm]", "Target", "Temperature  [°C]"]
+    rows[0] += ["Pressure  [mBar]", "Humidity  [%]", "Time Stamp", "OTG Applied", "Delete"]
     for (label, target, state), values in campaign.points.items():
-        name = f"{label}_{target}_{state}"
-        rows.append(["2026-11-20 10:00:01", name, *(written(value, "mm") for value in values), "0.0325"])
+        row = [f"{label}_{target}_{state}", *(written(value, "mm") for value in values)]
+        row += ["0.0325", "0.031", "0.009", "0.004", "0.00", "0.7071", "0.0", "0.0", "0.7071", "3", "CCR"]
+        rows.append([*row, "20.5", "1013.2", "41.0", "'08.11.2022 16:17:28.353", "False", "False"])
     return Upload((_joints(campaign), Sheet("leica.csv", rows, trailing=1)), Dialect(",", quoted=True))
 
 
@@ -274,6 +283,14 @@ HABITS: dict[str, Callable[[Campaign], Upload]] = {
         "francais.csv",
         ("nom", "axe {n} (deg)", "effort {axis} (N)", "{target} {state} {axis} (mm)"),
         ("à vide", "chargé"),
+    ),
+    "before and after": _one_row(
+        "states.csv",
+        ("label", "J{n} [deg]", "F{axis} [N]", "{target} {state} {axis} [mm]"),
+        ("before", "after"),
+    ),
+    "0 and 1": _one_row(
+        "digits.csv", ("label", "J{n} [deg]", "F{axis} [N]", "{target}_{state}_{axis} [mm]"), ("0", "1")
     ),
     "two rows, repeated": _two_rows,
     "three rows, merged": _three_rows,

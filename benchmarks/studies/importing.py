@@ -1,4 +1,4 @@
-"""Files of readings in ten habits, as they are and mutated: read to the same numbers, or refused.
+"""Files of readings in thirteen habits, as they are and mutated: read to the same numbers, or refused.
 
 A mutation changes delimiters, units, columns, rows, decimal marks or encodings of a file with known content.
 So the right reading is known: the same numbers, of fewer observations where rows were removed. Any other
@@ -22,7 +22,7 @@ from jointstiff.service.importing.reading import Imported, SourceFile, understan
 
 __all__ = ["Tally", "outcome", "run", "tallies"]
 
-FILES = 20_000
+FILES = 30_000
 REAL = Path(__file__).parents[3] / "shared/data/ur10_poses/measurements_iso_cubes.csv"
 _TOLERANCE = 1e-9
 """Relative to the largest number of a vector, of conversions between units."""
@@ -102,7 +102,7 @@ def tallies(files: int, seed: int = 18) -> tuple[dict[str, Tally], dict[str, Tal
 
 
 def run(*, quick: bool) -> list[Section]:
-    """Read ten habits as they are, a real file, and thousands of mutated ones."""
+    """Read thirteen habits as they are, a real file, and thousands of mutated ones."""
     return [_habits_section(3 if quick else 100), _mutations_section(100 if quick else FILES)]
 
 
@@ -118,10 +118,10 @@ def _habits_section(campaigns: int) -> Section:
         other += campaigns - counts["read"]
     rows += _real()
     return Section(
-        "files of ten habits as they are",
+        "files of thirteen habits as they are",
         ("habit", "read", "refused", "misread"),
         tuple(rows),
-        (Figure("files of ten habits that are not read", float(other), "at most", 0.0),),
+        (Figure("files of thirteen habits that are not read", float(other), "at most", 0.0),),
     )
 
 
