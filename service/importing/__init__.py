@@ -10,6 +10,6 @@ reading        files to readings: the way through
 ├── layout     the header in rows or a comment, unit and frame in comments, the rows of data
 │   └── columns > header > words    what the columns mean
 └── grid       rows of cells, of
-    ├── text > encoding      delimited text
+    ├── text       delimited text and its encoding
     └── workbook > sheet > archive    Excel
 """

@@ -142,7 +142,7 @@ def _meanings(
         with unclear.collected():
             ignored = header.unused or column in rotation
             meaning = Meaning("ignored") if ignored else _meaning(header, options)
-            if meaning.kind not in _MAY_REPEAT and _bare(meaning) in map(_bare, meanings):
+            if meaning.kind not in _MAY_REPEAT and meaning.part in [other.part for other in meanings]:
                 raise ImportFileError(
                     header.place,
                     f"{shown(header.text)} is a second column for {meaning}",
@@ -150,10 +150,6 @@ def _meanings(
                 )
         meanings.append(meaning)
     return meanings
-
-
-def _bare(meaning: Meaning) -> tuple[object, ...]:
-    return meaning.axis, meaning.quantity
 
 
 def _rotation(headers: Sequence[HeaderCell]) -> frozenset[int]:

@@ -31,55 +31,39 @@ class Place:
         return ", ".join(parts)
 
 
-class ImportFileError(Exception):
-    """A file that cannot be understood, or only in more than one way.
-
-    Attributes:
-        place: where, as far as it is one place.
-        reason: what is wrong, in a sentence.
-        remedy: how to mend it.
-        option: that settles it, if one does.
-        words: of the files that the option is about.
-    """
+class _UnclearError(Exception):
+    """Something that was not understood, in words."""
 
     def __init__(
-        self,
-        place: Place,
-        reason: str,
-        remedy: str,
-        option: str | None = None,
-        words: tuple[str, ...] = (),
+        self, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
     ) -> None:
-        super().__init__(place, reason, remedy)
-        self.place = place
-        self.reason = reason
-        self.remedy = remedy
-        self.option = option
-        self.words = words
+        super().__init__(reason, remedy)
+        self.reason = reason  # what is wrong, in a sentence
+        self.remedy = remedy  # how to mend it
+        self.option = option  # that settles it, if one does
+        self.words = words  # of the files that the option is about
+
+
+class Fault(_UnclearError):  # noqa: N818 - it becomes an ImportFileError where the place is known
+    """Fault in one text, wherever it occurs."""
+
+    def at(self, place: Place) -> ImportFileError:
+        """The same as an error of the file."""
+        return ImportFileError(place, self.reason, self.remedy, self.option, self.words)
+
+
+class ImportFileError(_UnclearError):
+    """A file that cannot be understood, or only in more than one way."""
+
+    def __init__(
+        self, place: Place, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(reason, remedy, option, words)
+        self.place = place  # where, as far as it is one place
 
     def __str__(self) -> str:
         place = str(self.place)
         return f"{place + ': ' if place else ''}{self.reason}; {self.remedy}"
-
-
-class Fault(Exception):  # noqa: N818 - it becomes an ImportFileError where the place is known
-    """Fault in one text, wherever it occurs.
-
-    Attributes:
-        reason: what is wrong, in a sentence.
-        remedy: how to mend it.
-        option: that settles it, if one does.
-    """
-
-    def __init__(self, reason: str, remedy: str, option: str | None = None) -> None:
-        super().__init__(reason, remedy)
-        self.reason = reason
-        self.remedy = remedy
-        self.option = option
-
-    def at(self, place: Place) -> ImportFileError:
-        """The same as an error of the file."""
-        return ImportFileError(place, self.reason, self.remedy, self.option)
 
 
 class Faults:

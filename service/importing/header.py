@@ -102,6 +102,11 @@ class Meaning:
         """Quantity that the column is a part of."""
         return Quantity(self.kind, self.target, self.state)
 
+    @property
+    def part(self) -> tuple[Quantity, int | None]:
+        """Quantity and axis, which no two columns share."""
+        return self.quantity, self.axis
+
 
 @dataclass(frozen=True)
 class Quantity:

@@ -13,6 +13,7 @@ from jointstiff.service.importing.columns import Columns, HeaderCell, spoken, un
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import CellKind, Grid, Row
 from jointstiff.service.importing.header import (
+    POINTS,
     Meaning,
     collapsed,
     folded,
@@ -22,7 +23,7 @@ from jointstiff.service.importing.header import (
     names_a_state,
     split_unit,
     state_named,
-)
+)  # fmt: skip
 from jointstiff.service.importing.numbers import looks_like_a_number
 from jointstiff.service.importing.words import FOREIGN, MARKS, unit_named
 
@@ -264,7 +265,7 @@ class _Grammar:
         """Return how many cells are understood; none if no two of them are quantities or keys of a table."""
         meanings = [self.meaning(text) for text in texts if text]
         found = [meaning for meaning in meanings if meaning is not None]
-        bare = [(meaning.axis, meaning.quantity) for meaning in found if meaning.axis is not None]
+        bare = [meaning.part for meaning in found if meaning.axis is not None]
         return 0 if len(set(bare)) < len(bare) or len(found) < 2 else len(found)
 
     def merged(self, rows: Sequence[tuple[str, ...]]) -> list[str] | None:
@@ -314,10 +315,7 @@ class _Grammar:
         if own or self.meaning(joined) is not None:
             return joined
         alone = self.meaning(below)
-        bare = alone is None or (
-            alone.kind in ("position", "uncertainty", "point uncertainty") and alone.target is None
-        )
-        return joined if bare else below
+        return joined if alone is None or (alone.kind in POINTS and alone.target is None) else below
 
 
 def _is_unit(cell: str) -> bool:

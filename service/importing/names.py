@@ -110,7 +110,8 @@ def names_of(grid: Grid, layout: Layout, options: ImportOptions, notes: list[str
         with suppress(ImportFileError):
             names = Names(grid, layout, options, said, without=("target",))
             names.of(layout.rows[0])
-            if not names.target_by_file or names_a_state(grid.file, options.state_words):
+            by_file = any("target" in lacking for lacking in names.by_file)
+            if not by_file or names_a_state(grid.file, options.state_words):
                 note = f"{grid.file}: the column of targets was taken for the instrument's reflector"
                 notes += [*said, note]
                 return names
@@ -126,7 +127,7 @@ class Names:
         layout: Layout,
         options: ImportOptions,
         notes: list[str],
-        without: tuple[Kind, ...] = (),
+        without: Sequence[Kind] = (),
     ) -> None:
         """Prepare to name rows; `without` columns that are not used.
 
@@ -141,7 +142,7 @@ class Names:
         kinds: tuple[Kind, ...] = ("collection", "group", "name")
         self._kinds = [kind for kind in kinds if kind in self._texts]
         self._stem = PurePath(grid.file).stem
-        self._defaults: dict[frozenset[str], Naming] = {}
+        self.by_file: dict[frozenset[str], Naming] = {}  # what rows have from the name of the file
         self._digits = not names_a_state(grid.file, options.state_words)
         self._point: Template | None = None
         self._file = Naming()
@@ -152,11 +153,6 @@ class Names:
                 self._file = Template(options.file_name).parse(self._stem, self._words)
         except Fault as fault:
             raise fault.at(Place(grid.file)) from None
-
-    @property
-    def target_by_file(self) -> bool:
-        """Return whether a row has its target from the name of the file."""
-        return any("target" in lacking for lacking in self._defaults)
 
     def of(self, row: Row) -> Naming:
         """Return what is said of a row.
@@ -209,7 +205,7 @@ class Names:
         Raises:
             ImportFileError: the name does not say just that.
         """
-        if lacking not in self._defaults:
+        if lacking not in self.by_file:
             parts, state = _parts(self._stem, self._words)
             naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
             if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
@@ -223,8 +219,8 @@ class Names:
                 )
             said = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
             self._note(f"{self._grid.file}: {said} by the name of the file")
-            self._defaults[lacking] = naming
-        return self._defaults[lacking]
+            self.by_file[lacking] = naming
+        return self.by_file[lacking]
 
     def _note(self, note: str) -> None:
         if note not in self._notes:

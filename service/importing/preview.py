@@ -50,31 +50,20 @@ def preview_file(grid: Grid, layout: Layout, mark: DecimalMark | None, notes: Se
 
 def preview_all(files: list[FilePreview], assembly: Assembly | None) -> ImportPreview:
     """All files together; without an assembly as far as they were understood."""
-    if assembly is None:
-        return ImportPreview(
-            files=files,
-            observation_count=0,
-            first_labels=[],
-            joint_count=None,
-            targets=[],
-            states=[],
-            reading_count=0,
-            assumptions=[],
-            missing=[],
-        )
-    observations = assembly.observations
-    joints = observations[0].values.get("joint")
+    observations = () if assembly is None else assembly.observations
+    joints = observations[0].values.get("joint") if observations else None
+    read = assembly is not None and not assembly.one_state
     return ImportPreview(
         files=files,
         observation_count=len(observations),
         first_labels=[one.label for one in observations[:MAX_PREVIEW_ROWS]],
         joint_count=None if joints is None else len(joints[0]),
-        targets=list(assembly.targets),
-        states=list(assembly.states),
-        reading_count=0 if assembly.one_state else sum(len(one.points) for one in observations),
-        assumptions=list(assembly.assumptions),
-        uncertainty=assembly.uncertainty,
-        missing=[item.text for item in missing_from(assembly)],
+        targets=list(assembly.targets) if assembly else [],
+        states=list(assembly.states) if assembly else [],
+        reading_count=sum(len(one.points) for one in observations) if read else 0,
+        assumptions=list(assembly.assumptions) if assembly else [],
+        uncertainty=assembly.uncertainty if assembly else None,
+        missing=[item.text for item in missing_from(assembly)] if assembly else [],
     )
 
 

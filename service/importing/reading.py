@@ -19,9 +19,9 @@ from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.layout import Layout, lay_out
 from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES
-from jointstiff.service.importing.names import labels_in_order
+from jointstiff.service.importing.names import labels_in_order, names_of
 from jointstiff.service.importing.preview import preview_all, preview_file
-from jointstiff.service.importing.records import Surroundings, read_mark, read_records
+from jointstiff.service.importing.records import RowReader, Surroundings, read_mark
 from jointstiff.service.importing.text import read_text
 from jointstiff.service.importing.words import Dimension
 from jointstiff.service.importing.workbook import read_workbook
@@ -150,14 +150,14 @@ class _Reader:
         sound = all(not layout.columns.faulty for _, layout in tables) and len(tables) == len(files)
         labels = labels_in_order(tables, self._faults) if sound and self._options.by_order else []
         notes: list[str] = []
-        records = (
-            record
-            for (grid, layout), mark in zip(tables, marks, strict=True)
-            if mark is not None and not layout.columns.faulty and (labels or "name" in layout.columns.texts)
-            for record in read_records(
-                grid, layout, mark, self._options, labels, notes, self._faults, self.surroundings
-            )
-        )
+        readers = []
+        for (grid, layout), mark in zip(tables, marks, strict=True):
+            columns = layout.columns
+            if mark is not None and not columns.faulty and (labels or "name" in columns.texts):
+                with self._faults.collected():
+                    names = names_of(grid, layout, self._options, notes)
+                    readers.append(RowReader(grid, layout, mark, names, labels, self.surroundings))
+        records = (record for reader in readers for record in reader.records(self._faults))
         if self.units.get("length") == "in":
             self.units["length"] = "mm"
         found = assemble(records, self._faults, allow_missing=self._options.allow_missing)

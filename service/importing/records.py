@@ -14,7 +14,7 @@ from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, 
 from jointstiff.service.importing.grid import Grid, Row
 from jointstiff.service.importing.header import DIMENSIONS, Kind, Quantity
 from jointstiff.service.importing.layout import Layout
-from jointstiff.service.importing.names import Names, Naming, check_name, is_whole, names_of
+from jointstiff.service.importing.names import Names, Naming, check_name, is_whole
 from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
 from jointstiff.service.importing.words import INCH, Dimension
 
@@ -106,56 +106,33 @@ def read_mark(grid: Grid, layout: Layout, options: ImportOptions) -> tuple[Decim
     return decide_mark(grid.file, cells, options.decimal_mark)
 
 
-def read_records(
-    grid: Grid,
-    layout: Layout,
-    mark: DecimalMark,
-    options: ImportOptions,
-    labels: Sequence[str],
-    notes: list[str],
-    faults: Faults,
-    surroundings: Surroundings,
-) -> Iterator[Record]:
-    """Read all rows.
-
-    Args:
-        grid: the file.
-        layout: its columns.
-        mark: its decimal mark.
-        options: of the caller.
-        labels: of the observations by row, for a file without names.
-        notes: where to tell what was assumed.
-        faults: where to tell of cells that are not what their columns say, and of unclear names.
-        surroundings: where to tell of times and temperatures.
-    """
-    with faults.collected():
-        rows = _Rows(layout, mark, labels, names_of(grid, layout, options, notes), grid, surroundings)
-        for number, row in enumerate(layout.rows):
-            if faults.full:
-                return
-            with faults.collected():
-                yield rows.record(number, row, faults)
-
-
-class _Rows:
-    """The rows of a file, read by the meanings of its columns."""
+class RowReader:
+    """Read the rows of a file by the meanings of its columns."""
 
     def __init__(
         self,
+        grid: Grid,
         layout: Layout,
         mark: DecimalMark,
-        labels: Sequence[str],
         names: Names,
-        grid: Grid,
+        labels: Sequence[str],
         surroundings: Surroundings,
     ) -> None:
         self._grid, self._columns, self._mark, self._labels = grid, layout.columns, mark, labels
-        self._names, self._surroundings = names, surroundings
+        self._rows, self._names, self._surroundings = layout.rows, names, surroundings
         self._named = "name" in layout.columns.texts
         self._whole = is_whole(layout) and self._named
         self._length = INCH if layout.columns.units.get("length") == "in" else 1.0
         self._least = _LEAST / 1e3 if layout.columns.units.get("length") == "m" else _LEAST
         self._targets: set[str] = set()
+
+    def records(self, faults: Faults) -> Iterator[Record]:
+        """Yield what each row says; unclear names and cells that do not fit their columns are faults."""
+        for number, row in enumerate(self._rows):
+            if faults.full:
+                return
+            with faults.collected():
+                yield self.record(number, row, faults)
 
     def record(self, number: int, row: Row, faults: Faults) -> Record:
         """Read one row; faults in its cells are told, all of them."""
