@@ -24,7 +24,6 @@ from jointstiff.solver.design.criteria import (
 )
 from jointstiff.solver.design.distinct import Distinct
 from jointstiff.solver.design.exact import exact_design
-from jointstiff.solver.design.experiment import Equipment, whitened_rows
 from jointstiff.solver.design.feasibility import Strikes
 from jointstiff.solver.design.optimum import Design, optimise
 from jointstiff.solver.design.ordering import ordered
@@ -42,11 +41,10 @@ from jointstiff.solver.design.problem import DesignProblem
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
 
-_PLACES: Final = 60
-"""Postures in the work area at which predictions are judged."""
+_LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
+"""Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
 _WORST_PLACES: Final = 12
 """The same for the criterion of the worst place, whose program has a cone for each."""
-_FEWEST_PLACES: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +84,14 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         RequestError: no reading is feasible, nothing excites a joint, there are too few readings or distinct
             postures.
     """
-    _refuse_worst_place_with_links(request)
     pool = Pool.of(robot, request)
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
     _refuse_too_few(request, fitted, pool.parameters)
-    criteria = _criteria(robot, request, pool)
+    criteria = _criteria(request, pool)
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     distinct = Distinct(pool.joints, request.angle)
-    design = optimise(problem)
+    design = optimise(problem, _LINKS_GAP if request.links else None)
     exact = exact_design(problem, design, distinct, seed=request.seed)
     validation = _validation(pool, distinct, exact.atoms.index, held_out, request.seed)
     index = np.concatenate([exact.atoms.index, validation.index])
@@ -109,7 +106,9 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         validation=order >= fitted,
         efficiency=exact.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
-        efficiencies=_efficiencies(criteria, problem, distinct, exact.matrix, design),
+        efficiencies=_efficiencies(
+            criteria, problem, distinct, exact.matrix, design, _LINKS_GAP if request.links else _OTHERS_GAP
+        ),
         parameters=pool.parameters,
         uncertainty=uncertainty_of(exact.matrix, s),
         before=uncertainty_of(pool.base, s),
@@ -121,17 +120,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     )
 
 
-def _refuse_worst_place_with_links(request: PlanRequest) -> None:
-    """Refuse a cone program that Clarabel does not solve: 12 cones of 24 parameters."""
-    if request.criterion == "worst_place" and request.links:
-        raise RequestError(
-            "criterion worst_place is not available with elastic links as a nuisance",
-            where="criterion",
-            remedy="use criterion work_area, or set `elastic_links` to false",
-        )
-
-
-def _criteria(robot: Robot, request: PlanRequest, pool: Pool) -> dict[str, Criterion]:
+def _criteria(request: PlanRequest, pool: Pool) -> dict[str, Criterion]:
     """Return the criteria that apply, by name."""
     s, p = pool.parameters.interest, pool.parameters.basis.shape[1]
     relative = np.diag(np.r_[np.ones(s), np.zeros(p - s)]) / s
@@ -140,7 +129,7 @@ def _criteria(robot: Robot, request: PlanRequest, pool: Pool) -> dict[str, Crite
         "d": DOptimality(s),
         "e": EOptimality(np.ones(s)),
     }
-    places = _places(robot, request, pool)
+    places = pool.places
     if places is not None:
         few = places[:: -(-len(places) // _WORST_PLACES)]
         criteria |= {"work_area": AOptimality(places.mean(axis=0)), "worst_place": GOptimality(few)}
@@ -151,31 +140,6 @@ def _criteria(robot: Robot, request: PlanRequest, pool: Pool) -> dict[str, Crite
             remedy="give the corners of the work area, or use criterion relative_a, d or e",
         )
     return criteria
-
-
-def _places(robot: Robot, request: PlanRequest, pool: Pool) -> FloatArray | None:
-    """Return AᵀA of the predicted deflection at places of the work area, mean over the force's axes [m²]."""
-    if request.work_area is None:
-        return None
-    at = request.equipment.load_place(robot, pool.joints)
-    inside = np.flatnonzero(((at >= request.work_area[0]) & (at <= request.work_area[1])).all(axis=1))
-    if len(inside) < _FEWEST_PLACES:
-        raise RequestError(
-            f"{len(inside)} of {len(at)} candidates have their load point in the work area",
-            where="work_area",
-            remedy="give a larger work area, in R0 and in metres, or more candidates",
-        )
-    joints = pool.joints[inside[:: max(1, len(inside) // _PLACES)][:_PLACES]]
-    point = Equipment(
-        request.equipment.load_point[None], request.equipment.load_point, request.equipment.loads, 1.0
-    )
-    total = np.zeros((len(joints), pool.candidates.parameters, pool.candidates.parameters))
-    for axis in np.eye(3):
-        force = np.broadcast_to(request.equipment.loads.force * axis, (len(joints), 3))
-        rows = whitened_rows(robot, point.measurements(robot, joints, force), links=request.links)
-        A = np.sqrt(2.0) * pool.parameters.rows(rows)  # whitened as a difference of two readings of sigma 1
-        total += A.transpose(0, 2, 1) @ A / 3.0
-    return total
 
 
 def _deflection(criteria: Mapping[str, Criterion], M: FloatArray) -> tuple[float, float] | None:
@@ -193,6 +157,7 @@ def _efficiencies(
     distinct: Distinct,
     M: FloatArray,
     design: Design,
+    gap: float,
 ) -> dict[str, float]:
     """Return the least efficiency of a list by the criterion that was asked for, and by the smooth ones."""
     found = {}
@@ -200,7 +165,7 @@ def _efficiencies(
         if criterion is not problem.criterion and not isinstance(criterion, SmoothCriterion):
             continue
         other = DesignProblem(problem.candidates, criterion, problem.readings, problem.base)
-        best = design if criterion is problem.criterion else optimise(other, 1e-4)
+        best = design if criterion is problem.criterion else optimise(other, gap)
         found[name] = list_efficiency(other, distinct, M, best.matrix, best.bound)
     return found
 

@@ -26,6 +26,8 @@ _RESTARTED: Final = 160
 _MOST_RESTARTS: Final = 16
 _LONG: Final = 60
 """Readings of a list for which that gains nothing."""
+_MANY: Final = 30
+"""Parameters above which restarts cost more than a plan gains: elastic links as a nuisance."""
 _IMPROVES: Final = 1.0 + 1e-10
 
 
@@ -61,7 +63,9 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
     search = _Search(problem, design, distinct)
     best = search.improved(search.rounded([]))
     random = np.random.default_rng(seed)
-    restarts = min(_MOST_RESTARTS, _RESTARTED // problem.readings) if problem.readings < _LONG else 0
+    restarts = min(_MOST_RESTARTS, _RESTARTED // problem.readings)
+    if problem.readings >= _LONG or problem.parameters > _MANY:
+        restarts = 0
     for _ in range(restarts):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
         trial = search.improved(search.rounded([best[i] for i in kept]))

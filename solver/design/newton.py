@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy.optimize import LinearConstraint, minimize
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.design.criteria import Slope, SmoothCriterion
+from jointstiff.solver.design.criteria import AOptimality, GOptimality, Slope, SmoothCriterion
 
 _STEPS: Final = 60
 _CONVERGED: Final = 1e-24
@@ -17,6 +18,8 @@ _QUADRATIC: Final = 1e-8
 _RIDGE: Final = 1e-12
 """Of the Hessian's mean diagonal: more weights than entries of M leave directions without curvature."""
 _DECREASE: Final = 1e-4
+_LEAST_SHARE: Final = 1e-9
+"""Least share of a place in the dual of the worst one."""
 _SHORTEST: Final = 1e-10
 """Share of a step at which the line search gives in."""
 
@@ -48,6 +51,46 @@ def optimal_weights(
             break
         w, at, last = moved, after, decrement
     return w
+
+
+def worst_place_weights(
+    criterion: GOptimality, base: FloatArray, K: FloatArray, weights: FloatArray, limit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Maximise φ of the worst place, by its dual: the shares π of the places that no weights serve better.
+
+    ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; the slope is the variances at the best weights.
+
+    Args:
+        criterion: φ.
+        base: (p, p).
+        K: (k, p, p).
+        weights: (k,) feasible, to start from.
+        limit: of a weight.
+
+    Returns:
+        (k,) weights, and the shares (R,) of the places.
+    """
+    count, best = len(criterion.places), weights
+
+    def negative(shares: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal best
+        mixed = AOptimality(np.tensordot(np.maximum(shares, 0.0), criterion.places, axes=1))
+        best = optimal_weights(mixed, base, K, best, limit)
+        variances = criterion.variances(base + np.tensordot(best, K, axes=1))
+        served = float(shares @ variances)
+        return -float(np.log(served)), -variances / served
+
+    found = minimize(
+        negative,
+        np.full(count, 1.0 / count),
+        jac=True,
+        method="SLSQP",
+        bounds=[(_LEAST_SHARE, 1.0)] * count,
+        constraints=LinearConstraint(np.ones((1, count)), 1.0, 1.0),
+        options={"ftol": 1e-7, "maxiter": 60},
+    )
+    negative(found.x)
+    return best, found.x
 
 
 def _line_search(

@@ -18,7 +18,7 @@ from jointstiff.solver.convex.designs import best_for_worst_direction, best_for_
 from jointstiff.solver.design.candidates import Atoms
 from jointstiff.solver.design.certificate import Bound, bound_of
 from jointstiff.solver.design.criteria import EOptimality, GOptimality, SmoothCriterion
-from jointstiff.solver.design.newton import optimal_weights
+from jointstiff.solver.design.newton import optimal_weights, worst_place_weights
 from jointstiff.solver.design.problem import DesignProblem
 from jointstiff.solver.errors import SolverError
 
@@ -44,6 +44,8 @@ _STALLED: Final = 4
 """Rounds without progress after which rounding is taken to keep the gap open."""
 _STALLED_GAP: Final = 1e-3
 """Gap that is then accepted; the bound says what it is."""
+_CONES: Final = 12
+"""Parameters up to which the program of the worst place, a cone for each place, is solved as one."""
 _NO_WEIGHT: Final = 1e-13
 _SINGULAR: Final = 1e-11
 """Ratio of eigenvalues below which information is taken to determine fewer parameters."""
@@ -157,6 +159,8 @@ def _solve_held(
     if isinstance(criterion, EOptimality):
         return best_for_worst_direction(problem.base, K, criterion.metric, problem.limit)
     if isinstance(criterion, GOptimality):
+        if len(problem.base) > _CONES:
+            return worst_place_weights(criterion, problem.base, K, weights, problem.limit)
         return best_for_worst_place(problem.base, K, criterion.places, problem.limit)
     raise NotImplementedError(type(criterion))
 

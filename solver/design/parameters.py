@@ -11,8 +11,9 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
-NUISANCE: Final = 18
-"""Combinations of link compliances: those that move the targets most."""
+LEFT_OUT: Final = 0.01
+"""Greatest share of the prior variance of what is to be predicted that left-out combinations of link
+compliances have: readings in directions that a plan leaves out are noise to it."""
 _NOT_EXCITED: Final = 1e-9
 """Root mean square of a joint's rows, relative to the greatest, below which nothing excites it."""
 
@@ -36,16 +37,22 @@ class Parameters:
 
 
 def parameters_of(
-    rows: FloatArray, names: Sequence[str], wanted: IndexArray | None, nominal: FloatArray, link_share: float
+    rows: FloatArray,
+    predicted: FloatArray,
+    names: Sequence[str],
+    wanted: IndexArray | None,
+    nominal: FloatArray,
+    link_share: float,
 ) -> Parameters:
     """Choose the parameters of a plan.
 
     Link compliances, where the rows have their columns, are a nuisance. Before any reading they are taken
-    to move the targets by a share of what the joints do, each matrix entry alike; of their combinations
-    those that move the targets most are kept.
+    to move the places by a share of what the joints do, each matrix entry alike; all of their combinations
+    that move what is to be predicted are kept, but for a share of `LEFT_OUT` of the variance.
 
     Args:
         rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.
+        predicted: (L, n) or (L, P) of what is to be predicted; the same as `rows` without a work area.
         names: of the n joints.
         wanted: joints to be determined; all if None. Others that the loads excite are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
@@ -67,14 +74,14 @@ def parameters_of(
     columns = np.concatenate([chosen, others])
     basis = np.zeros((rows.shape[1], len(columns)))
     basis[columns, np.arange(len(columns))] = unit[columns]
-    links = _link_basis(rows, n, unit * excited, link_share)
+    links = _link_basis(predicted, n, unit * excited, link_share)
     basis = np.hstack([basis, links])
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(links.shape[1])])
     return Parameters(len(chosen), chosen, unit, known, basis, prior)
 
 
 def _link_basis(rows: FloatArray, n: int, unit: FloatArray, share: float) -> FloatArray:
-    """Return the combinations of link compliances that move the targets most, scaled to unit prior (P, r)."""
+    """Return the combinations of link compliances that rows see, scaled to unit prior (P, r)."""
     links = rows[:, n:]
     if not links.shape[1]:
         return np.zeros((rows.shape[1], 0))
@@ -82,10 +89,9 @@ def _link_basis(rows: FloatArray, n: int, unit: FloatArray, share: float) -> Flo
     seen = size > _NOT_EXCITED * size.max()
     by_joints = np.sqrt(np.square(rows[:, :n] * unit).sum(axis=1).mean())
     deviation = np.where(seen, share * by_joints / np.sqrt(seen.sum()) / np.where(seen, size, 1.0), 0.0)
-    directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))[1][:, ::-1]
-    basis = np.zeros((rows.shape[1], min(NUISANCE, int(seen.sum()))))
-    basis[n:] = deviation[:, None] * directions[:, : basis.shape[1]]
-    return basis
+    variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
+    kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT * variances.sum()
+    return np.vstack([np.zeros((n, int(kept.sum()))), deviation[:, None] * directions[:, kept]])
 
 
 def _refuse_not_excited(missing: IndexArray, names: Sequence[str]) -> None:

@@ -32,7 +32,7 @@ class PlanRequest:
     #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None for none
     work_area: FloatArray | None = None
     links: bool = False  #: whether elastic links are a nuisance
-    link_share: float = 0.2  #: deflection by links, relative to that by joints
+    link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading
     angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad]
     validation: float = 0.2  #: share of the readings that are held out
     so_far: Measurements | None = None  #: readings of the campaign at hand; None to begin

@@ -16,8 +16,12 @@ from jointstiff.solver.design.plan_request import PlanRequest
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
 
-_WITH_LINKS: Final = 800
-"""Candidates where elastic links are a nuisance: each costs fifteen times as much."""
+_WITH_LINKS: Final = 600
+"""Candidates where elastic links are a nuisance, those in the work area first: each costs fifty times as
+much."""
+_PLACES: Final = 60
+"""Postures in the work area at which predictions are judged."""
+_FEWEST_PLACES: Final = 3
 _BLOCK: Final = 2_048
 """Candidates whose rows are computed at a time."""
 _SAMPLED: Final = 500
@@ -36,6 +40,8 @@ class Pool:
     base: FloatArray
     strikes: Strikes
     equipment: Equipment
+    #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
+    places: FloatArray | None
 
     @classmethod
     def of(cls, robot: Robot, request: PlanRequest) -> Pool:
@@ -59,8 +65,11 @@ class Pool:
             direction = direction.reshape(loads.choices, -1, 3).transpose(1, 0, 2).reshape(-1, 3)
         kept, strikes = feasible(robot, equipment, request.cell, joints, direction)
         _refuse_none(kept, strikes)
+        inside = _inside(robot, request, joints, kept)
         if request.links:
-            kept = _thinned(kept, _WITH_LINKS)
+            kept = _thinned(kept, inside, _WITH_LINKS)
+            inside &= kept
+        predicted = _predicted(robot, request, joints[inside])
         joints, anchor = joints[kept], anchor[kept] if loads.kind == "cable" else np.full(kept.sum(), -1)
         strength = equipment.strength(robot, joints) if free else np.full(len(joints), loads.force)
         directions = np.eye(3)[:, None] if free else direction[kept][None]  # type: ignore[index]
@@ -69,8 +78,10 @@ class Pool:
         some = _rows(robot, request, joints[sample], [F[sample] for F in forces])
         if request.so_far is not None:
             some.append(whitened_rows(robot, request.so_far, links=request.links))
+        seen = np.concatenate([rows.reshape(-1, some[0].shape[-1]) for rows in some]) / equipment.sigma
         parameters = parameters_of(
-            np.concatenate([rows.reshape(-1, some[0].shape[-1]) for rows in some]) / equipment.sigma,
+            seen,
+            seen if predicted is None else predicted.reshape(-1, seen.shape[1]),
             robot.joint_names,
             request.joints,
             request.nominal,
@@ -78,7 +89,11 @@ class Pool:
         )
         candidates = _candidates(robot, request, joints, forces, parameters)
         base = parameters.prior + _known(robot, request, parameters)
-        return cls(joints, anchor, strength, candidates, parameters, base, strikes, equipment)
+        places = None
+        if predicted is not None:
+            A = parameters.rows(predicted)
+            places = A.transpose(0, 2, 1) @ A / 3.0
+        return cls(joints, anchor, strength, candidates, parameters, base, strikes, equipment, places)
 
     def force(self, robot: Robot, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""
@@ -129,11 +144,53 @@ def _known(robot: Robot, request: PlanRequest, parameters: Parameters) -> FloatA
     return known
 
 
-def _thinned(kept: BoolArray, count: int) -> BoolArray:
-    """Return the mask with at most so many, evenly spread."""
-    index = np.flatnonzero(kept)
+def _inside(robot: Robot, request: PlanRequest, joints: FloatArray, kept: BoolArray) -> BoolArray:
+    """Return which candidates that are kept have their load point in the work area; none without one.
+
+    Raises:
+        RequestError: too few have.
+    """
+    if request.work_area is None:
+        return np.zeros(len(kept), dtype=np.bool_)
+    at = request.equipment.load_place(robot, joints)
+    inside = kept & ((at >= request.work_area[0]) & (at <= request.work_area[1])).all(axis=1)
+    if inside.sum() < _FEWEST_PLACES:
+        raise RequestError(
+            f"{inside.sum()} of {kept.sum()} candidates have their load point in the work area",
+            where="work_area",
+            remedy="give a larger work area, in R0 and in metres, or more candidates",
+        )
+    return np.asarray(inside)
+
+
+def _predicted(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray | None:
+    """Return rows (R, 9, P) of the deflection at places of the work area, by forces along the axes of R0 [m].
+
+    Args:
+        robot: n joints.
+        request: with the load.
+        inside: postures of candidates in the work area; none without one.
+    """
+    if not len(inside):
+        return None
+    joints, point = inside[:: max(1, len(inside) // _PLACES)][:_PLACES], request.equipment.load_point
+    equipment = Equipment(point[None], point, request.equipment.loads, 1.0)
+    forces = [np.broadcast_to(request.equipment.loads.force * axis, (len(joints), 3)) for axis in np.eye(3)]
+    rows = [
+        whitened_rows(robot, equipment.measurements(robot, joints, force), links=request.links)
+        for force in forces
+    ]
+    # Whitened as a difference of two readings of sigma 1.
+    return np.asarray(np.sqrt(2.0) * np.concatenate(rows, axis=1))
+
+
+def _thinned(kept: BoolArray, first: BoolArray, count: int) -> BoolArray:
+    """Return the mask with at most so many, some of them first, and evenly spread."""
     thinned = np.zeros(len(kept), dtype=np.bool_)
-    thinned[index[:: max(1, -(-len(index) // count))]] = True
+    for index in (np.flatnonzero(kept & first), np.flatnonzero(kept & ~first)):
+        room = count - int(thinned.sum())
+        if room > 0:
+            thinned[index[:: max(1, -(-len(index) // room))]] = True
     return thinned
 
 

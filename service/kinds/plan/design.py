@@ -22,6 +22,10 @@ from jointstiff.solver.robot.model import Robot
 SoFar: TypeAlias = tuple[Measurements, tuple[str, ...]]
 """Readings of a campaign, and the names of their targets."""
 
+_LACK_OF_FIT: Final = 0.1
+"""Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""
+_LINK_SHARE: Final = 0.3
+"""Deflection by links relative to that by joints, where no campaign says."""
 _SIGMA: Final = 2e-5
 """Of a laser tracker [m], where nothing else is said."""
 
@@ -32,7 +36,7 @@ def to_design_request(
     *,
     nominal: FloatArray,
     sigma: float | None,
-    links: bool,
+    unexplained: float | None,
     so_far: SoFar | None,
 ) -> PlanRequest:
     """Return what to plan.
@@ -42,7 +46,7 @@ def to_design_request(
         robot: n joints.
         nominal: (n,) compliance by the campaign so far [rad/(N·m)]; nan where it is not known.
         sigma: of the campaign's readings [m]; None where it is not known.
-        links: whether the campaign shows lack of fit.
+        unexplained: share of the campaign's mean deflection that joints leave unexplained; None without one.
         so_far: its readings.
 
     Raises:
@@ -59,6 +63,7 @@ def to_design_request(
     names, targets = _targets(request, robot, so_far)
     wanted = [joint_index(robot, name, "joints") for name in request.joints]
     area = request.work_area
+    lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
     return PlanRequest(
         equipment=Equipment(
             targets=targets,
@@ -76,7 +81,8 @@ def to_design_request(
         candidates=request.candidates,
         joints=np.array(wanted, dtype=np.intp) if wanted else None,
         work_area=None if area is None else np.array(area),
-        links=links if request.elastic_links is None else request.elastic_links,
+        links=lack_of_fit if request.elastic_links is None else request.elastic_links,
+        link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=None if so_far is None else so_far[0],

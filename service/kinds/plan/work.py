@@ -23,8 +23,6 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.robot.model import Robot
 
-_LACK_OF_FIT: Final = 0.1
-"""Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which it is no nominal value."""
 
@@ -66,14 +64,16 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
         RequestError: something of the robot or the campaign is missing, or no such plan exists.
     """
     robot, prepared = planned.robot, planned.prepared
-    nominal, sigma, links = np.full(robot.n, np.nan), None, False
+    nominal, sigma, unexplained = np.full(robot.n, np.nan), None, None
     if prepared is not None:
         estimate = identify(robot, prepared.measurements, to_settings(RunOptions(), robot))
         nominal, sigma = _nominal(estimate), estimate.sigma
         prediction = predict(robot, prepared.measurements, estimate.compliance)
-        links = prediction.compensation is not None and 1.0 - prediction.compensation > _LACK_OF_FIT
+        unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else (prepared.measurements, tuple(prepared.readings.targets.tolist()))
-    asked = to_design_request(request, robot, nominal=nominal, sigma=sigma, links=links, so_far=so_far)
+    asked = to_design_request(
+        request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
+    )
     return to_plan_result(asked, plan_campaign(robot, asked), robot)
 
 
