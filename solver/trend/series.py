@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, hypot, log
+from math import exp, hypot, log, sqrt
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,9 @@ from jointstiff.solver.errors import RequestError
 
 MOST_RELATIVE: Final = 0.25
 """Largest u(c) / c of a point in a chart: beyond it, ln c is neither normal nor free of bias (u² / 2)."""
+
+_MOST_SHARED: Final = 0.999
+"""Share of an uncertainty that may be the same in all campaigns: readings always have their own."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,9 @@ class Series:
             )
 
 
-def log_stiffness(compliance: float | None, standard_uncertainty: float | None) -> tuple[float, float] | None:
+def log_stiffness(
+    compliance: float | None, standard_uncertainty: float | None, shared: float = 0.0
+) -> tuple[float, float] | None:
     """Return ln k = -ln c and its standard uncertainty u(c) / c.
 
     Compliance is what the readings determine; its logarithm has the same relative uncertainty as that of
@@ -46,6 +51,8 @@ def log_stiffness(compliance: float | None, standard_uncertainty: float | None) 
     Args:
         compliance: [rad/(N·m)].
         standard_uncertainty: of the compliance [rad/(N·m)].
+        shared: part of it that is the same error in all campaigns, such as the scale of one load cell
+            [rad/(N·m)]: no difference between campaigns holds it.
 
     Returns:
         None for a joint without a number, for a rigid one, and where u(c) / c exceeds `MOST_RELATIVE`: an
@@ -54,7 +61,10 @@ def log_stiffness(compliance: float | None, standard_uncertainty: float | None) 
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None
     relative = standard_uncertainty / compliance
-    return (-log(compliance), relative) if 0 < relative <= MOST_RELATIVE else None
+    if not 0 < relative <= MOST_RELATIVE:
+        return None
+    own = standard_uncertainty**2 - min(shared, _MOST_SHARED * standard_uncertainty) ** 2
+    return -log(compliance), sqrt(own) / compliance
 
 
 @dataclass(frozen=True)

@@ -157,4 +157,5 @@ def _campaign(candidate: Candidate) -> Campaign:
         at=candidate.at,
         time_source="created_at" if measured.measured_at is None else "measured_at",
         joints={joint.name: joint for joint in candidate.run.result.joints},
+        instrument=measured.instrument,
     )

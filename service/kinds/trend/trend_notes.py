@@ -54,12 +54,19 @@ def baselines_of(
     return [found[at] for at in sorted(found)]
 
 
-def acknowledgements_of(notes: Iterable[TrendNote]) -> dict[tuple[str, str], messages.Acknowledgement]:
-    """Return the latest acknowledgement of each alarm, by its first measurement set and joint."""
+def acknowledgements_of(
+    notes: Iterable[TrendNote], selection: messages.TrendSelection
+) -> dict[tuple[str, str], messages.Acknowledgement]:
+    """Return the latest acknowledgement of each alarm of a trend, by its first measurement set and joint.
+
+    That of the same joint by another method, weighting or constraint is another alarm.
+    """
     found = {}
     for note in notes:
         if note.kind == "acknowledgement":
             stated = json.loads(note.document)
+            if stated["selection"] != selection.model_dump():
+                continue
             found[stated["measurement_set_id"], str(stated["joint"])] = messages.Acknowledgement(
                 note=stated["note"], acknowledged_by=_by(note), acknowledged_at=note.noted_at
             )

@@ -95,7 +95,7 @@ class Trends:
                 names=ground.names,
                 campaigns=entering,
                 baselines=[] if selection is None else baselines_of(notes, selection, ground.stored),
-                acknowledgements=acknowledgements_of(notes),
+                acknowledgements={} if selection is None else acknowledgements_of(notes, selection),
             )
         )
         return messages.Trend(
@@ -156,7 +156,10 @@ class Trends:
                 remedy="give joint and `run_id` of an alarm in the trend",
             )
         now = datetime.now(UTC)
-        document = request.model_dump() | {"measurement_set_id": found.measured.id}
+        document = request.model_dump() | {
+            "measurement_set_id": found.measured.id,
+            "selection": found.selection.model_dump(),
+        }
         self._store.trend_notes.add(note_of(robot_id, "acknowledgement", document, by, now))
         return messages.Acknowledgement(note=request.note, acknowledged_by=by, acknowledged_at=now)
 

@@ -20,6 +20,14 @@ from jointstiff.solver.trend.series import Change, Series, change_between, log_s
 _OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a quarter"
 
 
+class JointBudget(BaseModel):
+    """Part of a joint's budget that a trend reads."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    force_scale: float = 0.0
+
+
 class JointNumbers(BaseModel):
     """Part of a joint's result that a trend reads."""
 
@@ -30,6 +38,7 @@ class JointNumbers(BaseModel):
     verdict: str
     compliance: float | None
     standard_uncertainty: float | None
+    budget: JointBudget | None = None
     stiffness: float | None
     stiffness_interval: tuple[float, float | None] | None
     reason: str | None
@@ -45,6 +54,7 @@ class Campaign:
     at: datetime
     time_source: Literal["measured_at", "created_at"]
     joints: Mapping[str, JointNumbers]  # its run's results by name
+    instrument: str | None = None  # that the measurement set names, tracker and load cell
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,7 @@ class TrendInput:
     campaigns: Sequence[Campaign]  # oldest first
     # that were asked for, oldest first; the first campaigns are one by themselves
     baselines: Sequence[messages.TrendBaseline] = ()
-    # latest of each alarm, by its first measurement set and joint
+    # latest of each alarm of this trend, by its first measurement set and joint
     acknowledgements: Mapping[tuple[str, str], messages.Acknowledgement] = field(default_factory=dict)
 
 
@@ -135,15 +145,19 @@ def _baseline_of(at: datetime, baselines: Sequence[messages.TrendBaseline]) -> i
 
 
 def _series(given: TrendInput, name: str, inside: Sequence[int]) -> tuple[list[int], Series]:
-    found = [(i, number) for i in inside if (number := _number(given.campaigns[i].joints.get(name)))]
+    instruments = {given.campaigns[i].instrument for i in inside}
+    same = len(instruments) == 1 and None not in instruments
+    numbers = ((i, _number(given.campaigns[i].joints.get(name), same_load_cell=same)) for i in inside)
+    found = [(i, number) for i, number in numbers if number is not None]
     values, uncertainties = np.array([number for _, number in found]).reshape(-1, 2).T
     return [i for i, _ in found], Series(values, uncertainties)
 
 
-def _number(joint: JointNumbers | None) -> tuple[float, float] | None:
+def _number(joint: JointNumbers | None, *, same_load_cell: bool = False) -> tuple[float, float] | None:
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
-    return log_stiffness(joint.compliance, joint.standard_uncertainty)
+    shared = joint.budget.force_scale if joint.budget is not None and same_load_cell else 0.0
+    return log_stiffness(joint.compliance, joint.standard_uncertainty, shared)
 
 
 def _joint(

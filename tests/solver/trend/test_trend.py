@@ -171,6 +171,8 @@ def test_two_campaigns_are_compared_as_a_pair() -> None:
 
 def test_only_joints_with_a_closed_interval_enter() -> None:
     assert log_stiffness(1e-6, 1e-7) == pytest.approx((-log(1e-6), 0.1))
+    assert log_stiffness(1e-6, 1e-7, 6e-8) == pytest.approx((-log(1e-6), 0.08))
+    assert log_stiffness(1e-6, 1e-7, 1e-7)[1] > 0.0
     for compliance, u in ((0.0, 1e-8), (-1e-7, 1e-8), (1e-6, 3e-7), (None, 1e-8), (1e-6, None), (1e-6, 0.0)):
         assert log_stiffness(compliance, u) is None
 

@@ -1,0 +1,67 @@
+"""Trends from campaigns: what one load cell has in common, and whose alarm an acknowledgement is."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from jointstiff.schemas.trend import TrendSelection
+from jointstiff.service.kinds.trend.trend_notes import acknowledgements_of, note_of
+from jointstiff.service.kinds.trend.work import Campaign, JointBudget, JointNumbers, TrendInput, trend_of
+
+START = datetime(2026, 1, 1, tzinfo=UTC)
+SELECTION = TrendSelection(
+    serial_number="A",
+    method="partial_pose",
+    weighting="covariance",
+    positive=True,
+    encoders="motor",
+    complementary_stiffness="neglected",
+)
+
+
+def campaigns(instruments):
+    """Campaigns whose uncertainty of 3 % is 2.9 % that of the force's scale."""
+    values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
+    for number, (c, instrument) in enumerate(zip(values, instruments, strict=True)):
+        joint = JointNumbers(
+            name="joint_1",
+            status="identified",
+            compliance=c,
+            standard_uncertainty=0.03 * c,
+            stiffness=1.0 / c,
+            stiffness_interval=(0.94 / c, 1.06 / c),
+            budget=JointBudget(force_scale=0.029 * c),
+        )
+        at = START + timedelta(days=number)
+        yield Campaign(str(number), str(number), "c", at, "measured_at", {"joint_1": joint}, instrument)
+
+
+def limit_of(instruments):
+    (joint,) = trend_of(TrendInput(["joint_1"], list(campaigns(instruments)))).joints
+    return np.log(joint.points[-1].upper_limit / joint.charts[0].stiffness)
+
+
+def test_one_load_cell_shifts_all_campaigns_alike():
+    """Its scale is in no difference; another load cell's, or one that nobody names, is."""
+    same = limit_of(["cell 7"] * 5)
+    others = [limit_of(["cell 7"] * 4 + ["cell 8"]), limit_of([None] * 5)]
+    assert others[0] == pytest.approx(others[1])
+    assert same < 0.4 * others[0]
+
+
+def test_an_acknowledgement_is_of_one_methods_trend():
+    document = {
+        "measurement_set_id": "s",
+        "joint": "joint_1",
+        "note": "seen",
+        "selection": SELECTION.model_dump(),
+    }
+    notes = [note_of("r", "acknowledgement", document, None, START)]
+    assert json.loads(notes[0].document) == document
+    assert acknowledgements_of(notes, SELECTION)["s", "joint_1"].note == "seen"
+    for change in ({"method": "complete_pose"}, {"positive": False}, {"encoders": "secondary"}):
+        assert acknowledgements_of(notes, SELECTION.model_copy(update=change)) == {}
