@@ -252,3 +252,13 @@ def test_noise_that_hides_a_joint_is_told_with_the_torques():
 def visibility_of(excitation: np.ndarray) -> Observability:
     n = len(excitation)
     return Observability(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, excitation, np.ones(n))
+
+
+def test_the_inverse_of_a_spectrum_is_the_pseudo_inverse():
+    """Also where a column is a combination of others, in units of its own."""
+    rng = np.random.default_rng(3)
+    R = rng.standard_normal((8, 3))
+    assert Spectrum(R).inverse == pytest.approx(np.linalg.solve(R.T @ R, R.T), abs=1e-12)
+    lost = np.hstack([R, R[:, :1]])
+    twice = Spectrum(lost).inverse
+    assert lost @ twice @ lost == pytest.approx(lost, abs=1e-12)
