@@ -263,7 +263,7 @@ class ProgramResult(Message):
     rounding: Metres[Spread | None] = Field(description="Part of it that comes of the digits of the program.")
     confidence: Dimensionless[float] = Field(description="Level of the intervals.")
     worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(
-        description="Points with the greatest residuals, worst first."
+        description="Points with the greatest deflections without a correction, greatest first."
     )
     remarks: list[str] = Field(description="What was left as it is, and what to know of the prediction.")
     files: list[ProgramFile] = Field(description="The program: GET …/program.")

@@ -197,10 +197,12 @@ def written(value: float, old: float, text: str, decimals: int) -> str:
     """Return a number as text: `text` itself, where `value` is `old` to the digits that it would get."""
     mantissa = text.lower().partition("e")[0]
     decimals = max(decimals, len(mantissa.partition(".")[2]))
-    new, usual = f"{value:.{decimals}f}", f"{old:.{decimals}f}"
-    if new == usual or float(new) == float(usual) == 0.0:
-        return text
-    if float(new) == 0.0:
+    new = f"{value:.{decimals}f}"
+    if abs(value - old) < 2.0 * 10.0**-decimals:  # it may be the same to these digits
+        usual = f"{old:.{decimals}f}"
+        if new == usual or float(new) == float(usual) == 0.0:
+            return text
+    if new[0] == "-" and float(new) == 0.0:
         new = new.removeprefix("-")
     return f"+{new}" if text[0] == "+" and new[0] != "-" else new
 

@@ -362,7 +362,9 @@ class Script:
         values = [0.0 if value > _NO_AXIS else value for value in values]
         if self.external is None:
             self.external = tuple(values)
-        if any(not abs(a - b) <= _STANDS for a, b in zip_longest(values, self.external, fillvalue=0.0)):
+        if values != list(self.external) and any(
+            not abs(a - b) <= _STANDS for a, b in zip_longest(values, self.external, fillvalue=0.0)
+        ):
             self.reader.refuse(
                 line,
                 "an external axis moves",

@@ -9,7 +9,9 @@ import { DataTable } from "../components/table";
 import { significant } from "../lib/format";
 import { parsePoints, type PathPoint, thinned } from "../lib/program";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
-import { ArmView, roomOf } from "../scene/view";
+import type { Arrow } from "../scene/arrows";
+import type { Vector } from "../lib/vector";
+import { ArmView } from "../scene/view";
 import { useKinematics } from "../state/posture";
 import { link } from "../state/router";
 import { text } from "../i18n";
@@ -17,7 +19,7 @@ import { contextOfEnded, type RunContext } from "./run_context";
 
 const words = text.program;
 const MOST_DRAWN = 3_000;
-const WIDTH = 0.012; // of a point, in m
+const WIDTH = 1 / 150; // of a point, in parts of the path
 
 interface Loaded extends RunContext {
   job: Program;
@@ -44,7 +46,7 @@ export function ProgramView({ id }: { id: string }) {
         actions: job.result && (
           <>
             {job.result.files.map((file) => (
-              <a class="button primary" href={api.programFile(id, file.name)} download={file.name}>
+              <a class="button primary" href={api.programFile(id, file.name)} download>
                 {words.download(file.name)}
               </a>
             ))}
@@ -100,6 +102,7 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
   const point = points[chosen];
   const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
   const posture = kinematics?.postures[0];
+  const size = useMemo(() => WIDTH * extent(drawn.map((one) => one.place)), [drawn]);
   const greatest = useMemo(
     () => points.reduce((most, one) => (one.deflection > most ? one.deflection : most), 0),
     [points],
@@ -111,15 +114,16 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
       ...ARM_ALONE,
       axes: false,
       posture,
+      predicted: [tool(posture.flange_origin, point?.place ?? posture.flange_origin)],
       cloud: {
         places: loadedOnes.map((one) => one.place),
         shares: loadedOnes.map((one) => share(when === "before" ? one.deflection : one.residual, [0, greatest])),
-        size: WIDTH,
+        size,
       },
     };
-  }, [posture, drawn, when, greatest]);
+  }, [posture, drawn, when, greatest, size, point]);
   const room = useMemo(
-    () => [...(posture ? roomOf([posture]) : []), ...drawn.map((one) => one.place)],
+    () => [...(posture ? [posture.flange_origin] : []), ...drawn.map((one) => one.place)],
     [posture, drawn],
   );
   if (!show || !point) return <Busy label={text.scene.loading} />;
@@ -156,13 +160,31 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
   );
 }
 
+/** The tool: from the flange to where its centre is wanted. */
+const tool = (from: Vector, to: Vector): Arrow => ({
+  from,
+  along: [to[0] - from[0], to[1] - from[1], to[2] - from[2]],
+});
+
+/** Greatest length of a path along an axis, 0.1 m at least. */
+function extent(places: Vector[]): number {
+  const spans = [0, 1, 2].map((axis) => {
+    const values = places.map((place) => place[axis] ?? 0);
+    return (
+      values.reduce((most, value) => Math.max(most, value), -Infinity) -
+      values.reduce((least, value) => Math.min(least, value), Infinity)
+    );
+  });
+  return Math.max(0.1, ...spans);
+}
+
 function Worst({ result }: { result: ProgramResult }) {
   const { mm } = text.units;
   const table = {
     columns: [
-      { title: words.columns.number },
+      { title: words.columns.number, show: String },
       { title: words.columns.name },
-      { title: words.columns.line },
+      { title: words.columns.line, show: String },
       { title: words.columns.deflection, unit: mm },
       { title: words.columns.low, unit: mm },
       { title: words.columns.high, unit: mm },

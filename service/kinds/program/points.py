@@ -86,8 +86,8 @@ class WrittenPoints:
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
 
     def worst(self) -> list[ProgramPoint]:
-        """Return the points with the greatest residuals, worst first."""
-        order = np.argsort(-_size(self.residual[:, :3]), kind="stable")[:MAX_WORST]
+        """Return the points with the greatest deflections, greatest first."""
+        order = np.argsort(-_size(self.corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
         return [self._point(int(k)) for k in order]
 
     def _point(self, k: int) -> ProgramPoint:

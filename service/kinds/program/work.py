@@ -201,7 +201,10 @@ class ProgramWork(SteppedWork[Corrections]):
         )
 
     def _remarks(self, found: Corrections) -> list[str]:
-        left = [f"line {remark.line}: {remark.text}" for remark in self._program.left_alone]
+        lines: dict[str, list[int]] = {}
+        for remark in self._program.left_alone:
+            lines.setdefault(remark.text, []).append(remark.line)
+        left = [f"{_shown(numbers)}: {said}" for said, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
         remarks = remarks_of(
             self._run,
@@ -216,6 +219,13 @@ class ProgramWork(SteppedWork[Corrections]):
                 f"{beyond} points are beyond the loads or postures of the campaign: they extrapolate"
             )
         return [*remarks, *left[:_MAX_REMARKS], *more]
+
+
+def _shown(lines: Sequence[int]) -> str:
+    """Return line numbers as text, the first five of them."""
+    first = ", ".join(map(str, lines[:5]))
+    more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
+    return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
 
 
 def without_contents(document: str) -> str:

@@ -244,3 +244,13 @@ def test_a_corrected_program_carries_its_mark_and_nothing_else_differs(kind):
         read_program([(PROGRAM_FILES[kind], marked)])
     still = compensated(kind, text, mark=True, load={"force": (0.0, 0.0, 0.0)})
     assert unpacked(still.files[0]) == text.encode()
+
+
+def test_the_worst_points_are_those_that_bend_most_and_equal_remarks_are_one():
+    text = program_text("krl", tool_poses(path(30)), 4).replace("END\r\n", "PTP HOME\r\nPTP HOME\r\nEND\r\n")
+    result = compensated("krl", text)
+    deflections = [point.deflection for point in result.worst]
+    assert deflections == sorted(deflections, reverse=True)
+    assert deflections[0] == result.deflection.greatest
+    (home,) = [remark for remark in result.remarks if "HOME" in remark]
+    assert home.startswith("lines 37, 38: ")
