@@ -31,6 +31,11 @@ class CrossValidation(Message):
     folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
         default=5, description="Number of folds, each held out once; fewer if there are fewer postures."
     )
+    draws: Annotated[int, Field(strict=True, ge=1, le=20)] | None = Field(
+        default=None,
+        description="Number of times that the configurations are assigned to folds anew; default: 4 for "
+        "elasticity `automatic`, else 1.",
+    )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
         default=0, description="Random seed of the assignment of configurations to folds."
     )
@@ -146,6 +151,15 @@ class ScoredModel(Message):
     by_fold: Dimensionless[list[float]] = Field(description="Compensation of each fold.")
 
 
+class HeldOutGain(Message):
+    """Mean residual of postures left out: the best model with links or coupling, and joints alone."""
+
+    model: ElasticModel
+    error: Metres[float] = Field(description="Mean length of the residuals of that model.")
+    error_of_joints: Metres[float] = Field(description="Mean length of the residuals of joints alone.")
+    standard_error: Metres[float] = Field(description="Standard error of the difference, paired by posture.")
+
+
 class ModelSelection(Message):
     """Models and losses side by side, from simple to rich."""
 
@@ -154,8 +168,12 @@ class ModelSelection(Message):
     chosen_loss: Loss = Field(description="Loss of this run's numbers.")
     losses: dict[ElasticModel, Loss] = Field(description="Loss of least held-out residual of each model.")
     best: ElasticModel = Field(
-        description="Model with the largest held-out compensation, each with its loss of least residual."
+        description="Model of least mean residual of postures left out, each with its best loss."
     )
     simplest: ElasticModel = Field(
-        description="Simplest model within one standard error of the best: the recommended one."
+        description="Simplest model within one standard error of the best, paired by posture (joints alone: "
+        "within two): the recommended one."
+    )
+    gain: HeldOutGain | None = Field(
+        default=None, description="Best model with links or coupling beside joints alone."
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.fields import Message, Metres, Name, Stiffness
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -39,6 +39,10 @@ class StiffnessPrior(Message):
         return uncertainty
 
 
+def _named(loss: object) -> object:
+    return "automatic" if loss is None else loss
+
+
 class RunOptions(Message):
     """Options of an identification. All defaults suit three targets and a tracker."""
 
@@ -68,11 +72,11 @@ class RunOptions(Message):
         "positive.",
         examples=[{"joint_2": [1e6, None]}],
     )
-    loss: Loss | None = Field(
-        default=None,
+    loss: Annotated[Loss | Literal["automatic"], BeforeValidator(_named)] = Field(
+        default="automatic",
         description="Loss function of the norm of each target's whitened residual. `huber` grows linearly "
         "beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it "
-        "needs an elasticity other than `joints`. Default: `squared` for elasticity `joints` and where "
+        "needs a named elasticity other than `joints`. `automatic`: `squared` for joints alone and where "
         "`link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and "
         "`absolute` support at most 500 targets read in all where links or coupling are elastic.",
     )
@@ -84,7 +88,8 @@ class RunOptions(Message):
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="neglected",
         description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
-        "Kao's conservative congruence transformation, K_c); the paper neglects it.",
+        "Kao's conservative congruence transformation, K_c); the paper neglects it, and so do the models "
+        "with elastic links or coupling.",
     )
     priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=dict,
@@ -106,9 +111,10 @@ class RunOptions(Message):
         description="Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite "
         "joint compliance. `diagonal_links`: joints, and six compliances per link. "
         "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
-        "`automatic`: the simplest of these whose held-out compensation is within one standard error of the "
-        "best. All but `joints` need method `partial_pose` and weighting `covariance`, "
-        "without bounds, priors, order and resampling.",
+        "`automatic`: joints only, unless a test shows that something besides them bends; then the simplest "
+        "of these whose residuals of postures left out are within one standard error of the best. All others "
+        "need method `partial_pose` and weighting `covariance`, without bounds, priors, order, encoder "
+        "readings and resampling; with these `automatic` keeps to joints.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -157,12 +163,11 @@ class RunOptions(Message):
     @classmethod
     def _goes_with_the_loss(cls, elasticity: Elasticity, info: ValidationInfo) -> Elasticity:
         loss = info.data.get("loss")
-        if loss == "absolute" and elasticity == "joints":
+        if loss == "absolute" and elasticity in {"joints", "automatic"}:
             raise ValueError(
-                "must be other than `joints` for loss `absolute`; use loss `huber` for joints alone"
+                "must be named, and other than `joints`, for loss `absolute`; use loss `huber` for joints "
+                "alone"
             )
-        if loss is not None and elasticity == "automatic":
-            raise ValueError("`automatic` chooses the loss as well: omit `loss`, or name an elasticity")
         return elasticity
 
     @field_validator("links", "link_penalty", mode="after")

@@ -22,7 +22,7 @@ from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.run.budget import Budget
 from jointstiff.schemas.run.identifiability import Identifiability
 from jointstiff.schemas.run.joints import JointResult, identified_in
-from jointstiff.schemas.run.links import Elasticity, LinksResult, ModelSelection
+from jointstiff.schemas.run.links import Elasticity, ElasticModel, LinksResult, Loss, ModelSelection
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.options import Method, RunOptions, Weighting
 from jointstiff.schemas.run.resampling import ResamplingResult
@@ -158,6 +158,33 @@ class EncoderResidual(Message):
     residual: Radians[float] = Field(description="Measured minus predicted.")
 
 
+class PlainModel(Message):
+    """Numbers of joints alone under squared residuals, with K_c as the run has it."""
+
+    joints: list[JointResult]
+    compensation: Dimensionless[float | None]
+    rms_residual: Metres[float]
+
+
+class ModelChoice(Message):
+    """Model of this run's numbers: what bends, the loss, and the evidence for both."""
+
+    elasticity: ElasticModel
+    loss: Loss
+    source: Literal["given", "screening", "cross_validation", "options"] = Field(
+        description="`given`: named in the request. `screening`: joints alone, as no test shows that "
+        "something besides them bends. `cross_validation`: compared on postures left out. `options`: joints "
+        "alone, as other options exclude more."
+    )
+    links_p_value: Dimensionless[float | None] = Field(
+        description="p-value of the F test of links beside joints; null where it was not made."
+    )
+    message: str = Field(description="The choice in a sentence, with its figures.")
+    plain: PlainModel | None = Field(
+        default=None, description="Joints alone under squared residuals; null where these are the numbers."
+    )
+
+
 class RunResult(Result):
     """The numbers."""
 
@@ -197,6 +224,7 @@ class RunResult(Result):
     selection: ModelSelection | None = Field(
         default=None, description="Held-out compensation of each model, if links or coupling are elastic."
     )
+    choice: ModelChoice | None = Field(default=None, description="Model of the numbers, and why.")
     residuals: list[Residual]
     contributions: list[Contribution] = Field(
         default_factory=list,
@@ -258,3 +286,9 @@ class Run(Job):
 
     request: RunRequest
     result: RunResult | None = Field(description="Result; present if the run has succeeded.")
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """What bends in the numbers; what was asked for while there are none."""
+        choice = None if self.result is None else self.result.choice
+        return self.request.elasticity if choice is None else choice.elasticity

@@ -57,8 +57,8 @@ def identify(
     loss: Annotated[
         LossChoice | None,
         typer.Option(
-            help="Loss function; huber limits the effect of a bumped target. Default: squared for joints; "
-            "with elastic links chosen by cross-validation."
+            help="Loss function; huber limits the effect of a bumped target. Default automatic: squared for "
+            "joints; with elastic links chosen by cross-validation."
         ),
     ] = None,
     huber_threshold: Annotated[
@@ -74,14 +74,17 @@ def identify(
         bool | None,
         typer.Option(
             "--complementary-stiffness/--neglect-complementary-stiffness",
-            help="Include the complementary stiffness K_c.",
+            help="Include the complementary stiffness K_c, or neglect it.",
         ),
     ] = None,
     prior: Priors = None,
     stiffer: Stiffer = None,
     elasticity: Annotated[
         ElasticityChoice | None,
-        typer.Option(help="Elements that deflect; loss and penalty are chosen by cross-validation."),
+        typer.Option(
+            help="Elements that deflect; automatic: joints, and what a test shows beside them. Loss and "
+            "penalty are chosen by cross-validation."
+        ),
     ] = None,
     links: Links = None,
     link_penalty: Annotated[

@@ -234,6 +234,7 @@ class LossChoice(StrEnum):
     SQUARED = "squared"
     HUBER = "huber"
     ABSOLUTE = "absolute"
+    AUTOMATIC = "automatic"
 
 
 class UnitChoice(StrEnum):

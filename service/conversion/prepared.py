@@ -20,6 +20,7 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
+from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.integrity.report import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.body import read_inertials
@@ -72,10 +73,16 @@ class PreparedSet:
             )
         return self
 
-    def assess(self, settings: Settings, estimate: Estimate, prediction: Prediction) -> Assessment:
+    def assess(
+        self,
+        settings: Settings,
+        estimate: Estimate,
+        prediction: Prediction,
+        screening: Screening | None = None,
+    ) -> Assessment:
         """Assess an identification of this set by its prediction, with what was noticed in the readings."""
         findings = to_findings(self.warnings, self.readings)
-        return assess(self.robot, self.measurements, settings, estimate, prediction, findings)
+        return assess(self.robot, self.measurements, settings, estimate, prediction, findings, screening)
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:

@@ -248,7 +248,12 @@ class Jobs:
 
     def _changes(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         record = record_of(self.kind, job, robot_id)
-        return {"state": record.state, "summary": record.summary, "document": record.document}
+        return {
+            "state": record.state,
+            "summary": record.summary,
+            "document": record.document,
+            "elasticity": record.elasticity,
+        }
 
     def _end(
         self,

@@ -62,11 +62,14 @@ def _deviations(request: RunRequest) -> Iterator[str]:
     said = (
         (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
         (not request.positive, "negative compliances were allowed."),
-        (request.loss not in {None, "squared"}, f"loss {request.loss}: large residuals count less."),
+        (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
         (request.priors, f"prior knowledge of {', '.join(request.priors)} was used."),
         (request.stiffness_bounds, f"stiffness of {', '.join(request.stiffness_bounds)} was bounded."),
         (request.stiffness_order, f"an order of stiffness was demanded: {chains}."),
-        (request.elasticity != "joints", f"elastic elements: {request.elasticity.replace('_', ' ')}."),
+        (
+            request.elasticity not in {"automatic", "joints"},
+            f"elastic elements: {request.elasticity.replace('_', ' ')}.",
+        ),
         (request.complementary_stiffness == "included", "the complementary stiffness is included."),
     )
     yield from (text for differs, text in said if differs)

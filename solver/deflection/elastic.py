@@ -239,7 +239,9 @@ def folds_left_out(
     model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     residuals, halves = [], []
-    for indices, fit in zip(folds.held_out, fits, strict=True):
+    # One draw of the folds holds each posture once.
+    held_out = folds.held_out[: folds.per_draw]
+    for indices, fit in zip(held_out, fits[: folds.per_draw], strict=True):
         part = measurements[indices]
         residual, rows = elastic_residuals(robot, part, folds.columns, fit.compliances[0])
         half = np.zeros((len(rows), 3, 1))
@@ -251,4 +253,4 @@ def folds_left_out(
             half = half @ np.linalg.inv(factor).T
         residuals.append(residual)
         halves.append(half)
-    return leave_folds_out(measurements, folds.held_out, residuals, halves)
+    return leave_folds_out(measurements, held_out, residuals, halves)

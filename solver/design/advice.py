@@ -150,7 +150,8 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
 
 def _measured_postures(robot: Robot, measurements: Measurements, tools: Equipment, count: int) -> Postures:
     """Return postures of the set, evenly spread, each with its own load point."""
-    chosen = np.unique(np.linspace(0, len(measurements) - 1, min(count, len(measurements))).astype(np.intp))
+    inside = np.flatnonzero(within_limits(robot, measurements.joints))
+    chosen = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
     own = replace(tools, load_point=measurements.load_point[chosen])
     return replace(_in_motion(robot, own, measurements.joints[chosen]), observation=chosen)
 

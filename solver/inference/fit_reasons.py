@@ -204,7 +204,7 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Reas
             f"{_bends(screening)}{predicted}",
             "let the readings choose the model (elasticity automatic), or use these stiffnesses, of joints "
             "and links together, for postures and loads like these only",
-            Action("choose_model") if gain is None else None,
+            Action("choose_model") if gain is None and screening.comparable else None,
         )
 
 

@@ -30,7 +30,7 @@ MISTAKE_LEVEL: Final = 1e-5
 """p-value below which a load point elsewhere, or a constant force beside the load, is a mistake."""
 LINKS_LEVEL: Final = 3e-3
 """p-value below which links are worth a cross-validation."""
-_CLEAR_GAIN: Final = 2.0
+CLEAR_GAIN: Final = 2.0
 """Gain in paired standard errors above which joints alone do not fit."""
 _REFITS: Final = 4
 """Largest number of Gauss-Newton steps towards a load point or a force."""
@@ -84,7 +84,7 @@ class HeldOutGain:
     @property
     def significant(self) -> bool:
         """Return True if the difference exceeds two of its standard errors."""
-        return self.error_of_joints - self.error > _CLEAR_GAIN * self.standard_error
+        return self.error_of_joints - self.error > CLEAR_GAIN * self.standard_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +94,7 @@ class Screening:
     links_p_value: float  #: of the test of links, the load as stated; 1 where the readings cannot tell
     mistake: LoadMistake | None  #: the mistake in the load that explains most; None where none is significant
     gain: HeldOutGain | None = None  #: of the cross-validation; None where none was run
+    comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
 
     @property
     def lack_of_fit(self) -> bool:

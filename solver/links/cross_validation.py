@@ -31,6 +31,8 @@ Rule = Literal["best", "one_standard_error"]
 
 WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 1.0, 9))
 """λ: from hardly any penalty to one that leaves nothing of the links."""
+SELECTION_WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-3.0, 0.0, 7))
+"""λ that suffice to choose between models."""
 _GAP: Final = 1e-4
 """Tolerance of the fitted readings, or of the sum of their residuals, relative to all: far below the accuracy
 of predicted readings."""
@@ -40,7 +42,8 @@ of predicted readings."""
 class Plan:
     """Settings of the cross-validation."""
 
-    folds: int = 5  #: how many, at least 2; fewer where there are fewer configurations
+    folds: int = 5  #: how many a draw, at least 2; fewer where there are fewer configurations
+    draws: int = 1  #: how often the configurations are shared out anew
     seed: int = 0  #: of the draw that shares out the configurations
     weights: tuple[float, ...] = WEIGHTS  #: λ to choose from, ascending
     #: `best` takes the weight of least error, `one_standard_error` the largest whose error is within one
@@ -48,7 +51,7 @@ class Plan:
     rule: Rule = "best"
 
     def assigned(self, joints: FloatArray) -> tuple[IndexArray, ...]:
-        """The observations (N, n) of each fold; observations of one posture stay together.
+        """The observations (N, n) of each fold, draw by draw; observations of one posture stay together.
 
         Raises:
             UnsupportedMethodError: there is one posture only.
@@ -65,11 +68,14 @@ class Plan:
         first = np.full(count, len(joints))
         np.minimum.at(first, posture, np.arange(len(joints)))
         order = np.argsort(np.argsort(first))
-        drawn = np.random.default_rng(self.seed).permutation(count)
-        fold = np.empty(count, dtype=np.intp)
-        fold[drawn] = np.arange(count) % min(self.folds, count)
-        of_each = fold[order[posture.reshape(-1)]]
-        return tuple(np.flatnonzero(of_each == number) for number in range(min(self.folds, count)))
+        generator, folds = np.random.default_rng(self.seed), min(self.folds, count)
+        assigned = []
+        for _ in range(self.draws):
+            fold = np.empty(count, dtype=np.intp)
+            fold[generator.permutation(count)] = np.arange(count) % folds
+            of_each = fold[order[posture.reshape(-1)]]
+            assigned += [np.flatnonzero(of_each == number) for number in range(folds)]
+        return tuple(assigned)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +113,8 @@ class Folds:
         self._robot, self._measurements = robot, measurements
         self.columns, self.visible = columns, visible
         self.held_out = plan.assigned(measurements.joints)
+        self.per_draw = len(self.held_out) // plan.draws
+        """How many folds share out the configurations once."""
         self.sigma = measurements.sigma
         self.few = int(measurements.present.sum()) <= MOST_TARGETS
         """Are there few enough targets for robust losses?"""
@@ -125,7 +133,7 @@ class Folds:
     @cached_property
     def all_rows(self) -> ElasticRows:
         """Return the compressed rows of the whole set."""
-        return ElasticRows.merged(list(self.rows))
+        return ElasticRows.merged(list(self.rows[: self.per_draw]))
 
     @cached_property
     def targets(self) -> tuple[ElasticTargets, ...]:
@@ -136,10 +144,15 @@ class Folds:
         )
 
     def training(self, fold: int | None) -> ElasticRows:
-        """Return the compressed rows of all folds but one."""
+        """Return the compressed rows of all folds of a draw but one."""
         if fold is None:
             return self.all_rows
-        return ElasticRows.merged([rows for number, rows in enumerate(self.rows) if number != fold])
+        return ElasticRows.merged([self.rows[other] for other in self._others(fold)])
+
+    def _others(self, fold: int | None) -> list[int]:
+        """Return the other folds of the same draw; all of the first one for None."""
+        start = 0 if fold is None else fold // self.per_draw * self.per_draw
+        return [number for number in range(start, start + self.per_draw) if number != fold]
 
     def problem(self, model: ElasticModel, fold: int | None = None) -> LossProblem:
         """Return a model on all folds but one, or on the whole set, ready to be fitted.
@@ -150,8 +163,7 @@ class Folds:
         if (fold, model) not in self._problems:
             formulation, targets = formulate(self.training(fold), model, self.visible), None
             if model.loss != "squared":
-                parts = [part for number, part in enumerate(self.targets) if number != fold]
-                targets = ElasticTargets.merged(parts)
+                targets = ElasticTargets.merged([self.targets[other] for other in self._others(fold)])
             self._problems[fold, model] = LossProblem(model, formulation, targets, self.sigma)
         return self._problems[fold, model]
 

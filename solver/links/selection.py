@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.inference.screening import CLEAR_GAIN, HeldOutGain
 from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, answered, chosen_weight
 from jointstiff.solver.links.model import LOSSES, MODELS, Loss, ModelName
 from jointstiff.solver.links.regressor import elastic_blocks
@@ -26,6 +27,8 @@ class HeldOut:
     compensation: float  #: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
     standard_error: float  #: of that mean, from the spread of the folds
     by_fold: FloatArray  #: (K,) compensation of each fold
+    #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
+    by_posture: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +36,12 @@ class Selection:
     """Models and losses side by side, from simple to rich."""
 
     models: tuple[HeldOut, ...]  #: that were compared, each with all losses
-    best: ModelName  #: of the greatest mean compensation, each model with its loss of least held-out error
-    simplest: ModelName  #: the simplest whose mean is within one standard error of the best one's
+    best: ModelName  #: of the least mean residual of postures left out, each model with its best loss
+    #: the simplest whose mean is within one standard error of the best one's, paired by posture; joints alone
+    #: within two, as then nothing shows that they lack anything
+    simplest: ModelName
+    #: of the best model but joints over joints alone; None where either has no answer
+    gain: HeldOutGain | None
 
     def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
         """Return a model with the loss of least held-out error."""
@@ -76,24 +83,58 @@ def select_model(
     chosen = np.array(
         [[fit.compliances[place] for fit in fits[key]] for key, place in zip(keys, places, strict=True)]
     )
-    compensation = np.array(
-        [
-            _compensation(robot, measurements[indices], folds, chosen[:, number])
-            for number, indices in enumerate(folds.held_out)
-        ]
-    ).T
+    _, posture = np.unique(measurements.joints, axis=0, return_inverse=True)
+    predicted = [
+        _compensation(robot, measurements[indices], folds, chosen[:, number])
+        for number, indices in enumerate(folds.held_out)
+    ]
+    compensation = np.array([each for each, _ in predicted]).T
+    norms = np.concatenate([each for _, each in predicted], axis=1)
+    of_posture = posture.reshape(-1)[np.concatenate(folds.held_out)]
+    by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
     models = tuple(
-        _held_out(key, float(errors[key][:, place].mean()), plan.weights[place], compensation[number])
+        _held_out(
+            key,
+            float(errors[key][:, place].mean()),
+            plan.weights[place],
+            compensation[number],
+            by_posture[number],
+        )
         for number, (key, place) in enumerate(zip(keys, places, strict=True))
     )
     by_name = [_best_loss(models, name, LOSSES) for name in MODELS if any(name == key[0] for key in keys)]
-    best = max(by_name, key=lambda each: each.compensation)
-    limit = best.compensation - best.standard_error
-    simplest = next(each for each in by_name if each.compensation >= limit)
-    return Selection(models, best.model, simplest.model)
+    best = min(by_name, key=lambda each: float(each.by_posture.mean()))
+    simplest = next(
+        each for each in by_name if _behind(each, best) <= (CLEAR_GAIN if each.model == "joints" else 1.0)
+    )
+    return Selection(models, best.model, simplest.model, _gain(by_name))
 
 
-def _held_out(key: tuple[ModelName, Loss], error: float, weight: float, by_fold: FloatArray) -> HeldOut:
+def _behind(one: HeldOut, best: HeldOut) -> float:
+    """Return by how many paired standard errors a model predicts worse than the best."""
+    worse = one.by_posture - best.by_posture
+    spread = float(worse.std(ddof=1)) / np.sqrt(len(worse))
+    return float(worse.mean()) / spread if spread > 0.0 else 0.0
+
+
+def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
+    joints = next((each for each in by_name if each.model == "joints"), None)
+    others = [each for each in by_name if each.model != "joints"]
+    if joints is None or not others:
+        return None
+    best = min(others, key=lambda each: float(each.by_posture.mean()))
+    better = joints.by_posture - best.by_posture
+    return HeldOutGain(
+        best.model,
+        float(best.by_posture.mean()),
+        float(joints.by_posture.mean()),
+        float(better.std(ddof=1)) / np.sqrt(len(better)),
+    )
+
+
+def _held_out(
+    key: tuple[ModelName, Loss], error: float, weight: float, by_fold: FloatArray, by_posture: FloatArray
+) -> HeldOut:
     """Return mean and spread over the folds."""
     return HeldOut(
         model=key[0],
@@ -103,18 +144,26 @@ def _held_out(key: tuple[ModelName, Loss], error: float, weight: float, by_fold:
         compensation=float(by_fold.mean()),
         standard_error=float(by_fold.std(ddof=1) / np.sqrt(len(by_fold))),
         by_fold=by_fold,
+        by_posture=by_posture,
     )
 
 
 def _compensation(
     robot: Robot, measurements: Measurements, folds: Folds, compliances: FloatArray
-) -> FloatArray:
-    """(M,) compensation of some observations by the compliances (M, P) of M models."""
-    left, moved = np.zeros(len(compliances)), 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Predict some observations by the compliances (M, P) of M models.
+
+    Returns:
+        (M,) compensation; (M, N) mean norm of the residuals of each observation's targets [m].
+    """
+    left, moved, norms = np.zeros(len(compliances)), 0.0, []
     for block in elastic_blocks(robot, measurements, folds.columns):
         part = block.base.measurements
         predicted = np.einsum("btip,mp->mbti", block.rows, compliances)
         residual = np.linalg.norm(part.deflection - predicted, axis=-1)
+        count = np.maximum(part.present.sum(axis=1), 1)
+        norms.append(np.where(part.present, residual, 0.0).sum(axis=-1) / count)
         left += residual[:, part.present].sum(axis=1)
         moved += float(np.linalg.norm(part.deflection, axis=-1)[part.present].sum())
-    return 1.0 - left / moved if moved > 0.0 else np.zeros(len(compliances))
+    compensation = 1.0 - left / moved if moved > 0.0 else np.zeros(len(compliances))
+    return compensation, np.concatenate(norms, axis=1)

@@ -73,7 +73,7 @@ export type TrendState = TrendJoint["state"];
 export type Units = Schemas["Units-Output"];
 
 export type Elasticity = RunRequest["elasticity"];
-export type Loss = NonNullable<RunRequest["loss"]>;
+export type Loss = Exclude<RunRequest["loss"], "automatic">;
 export type ElementKind = Schemas["ElementShare"]["kind"];
 export type Method = RunRequest["method"];
 export type Observability = Schemas["ObservabilityIndices"];

@@ -96,7 +96,7 @@ export function changes(before: Run, after: Run): string[] {
   const left = b.leave_out.filter((label) => !a.leave_out.includes(label));
   return [
     ...(left.length > 0 ? [words.changed.leftOut(left)] : []),
-    ...(a.loss !== b.loss ? [words.changed.loss[b.loss ?? "chosen"]] : []),
+    ...(a.loss !== b.loss ? [words.changed.loss[b.loss === "automatic" ? "chosen" : b.loss]] : []),
     ...(a.complementary_stiffness !== b.complementary_stiffness
       ? [words.changed.complementary[b.complementary_stiffness]]
       : []),

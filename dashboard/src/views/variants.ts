@@ -19,7 +19,7 @@ export async function variantBy({ run, set, robot }: RunContext, action: Action)
     case "include_complementary_stiffness":
       return post({ ...asked, complementary_stiffness: "included" });
     case "choose_model":
-      return post({ ...asked, elasticity: "automatic", loss: null });
+      return post({ ...asked, elasticity: "automatic", loss: "automatic" });
     case "apply_joint_map": {
       const named = withJointMap(robot, action, text.assessment.corrected.map(robot.name));
       const added = await api.robots.add(named, contentKey("robot", named));

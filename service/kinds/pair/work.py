@@ -47,7 +47,7 @@ class Side:
         Raises:
             RequestError: the options do not fit the robot, or are for more than joints.
         """
-        if self.options.elasticity != "joints":
+        if self.options.elasticity not in {"automatic", "joints"}:
             raise RequestError(
                 f"a pair compares joints only, not elasticity {self.options.elasticity}",
                 where="options.elasticity",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from jointstiff.service.conversion.measurements import to_warnings
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.deflection.models import to_elastic_model
 from jointstiff.service.kinds.run.links import (
+    to_choice_by_comparison,
     to_elastic_columns,
     to_links_result,
     to_losses,
@@ -31,6 +33,7 @@ from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold
 from jointstiff.solver.links.estimate import ElasticEstimate
 from jointstiff.solver.links.estimation import (
@@ -41,15 +44,24 @@ from jointstiff.solver.links.estimation import (
 )
 from jointstiff.solver.links.joints import with_links
 from jointstiff.solver.links.losses import compared_losses
-from jointstiff.solver.links.model import MODELS, ElasticModel
+from jointstiff.solver.links.model import MODELS, ElasticModel, Loss
 from jointstiff.solver.links.penalty import judge_losses, judge_penalty
-from jointstiff.solver.links.selection import HeldOut, Selection, select_model
+from jointstiff.solver.links.selection import HeldOut, select_model
 
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
 
-JointRun = Callable[[RunOptions], RunResult]
-"""Identifies the prepared set by joints alone."""
+
+class JointRun(Protocol):
+    """Identification of the prepared set by joints alone."""
+
+    @property
+    def screening(self) -> Screening:
+        """Return what joints alone leave unexplained."""
+
+    def conclude_with(self, screening: Screening) -> RunResult:
+        """Report joints alone, with what is known of links beside them."""
+
 
 _OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
 """Reasons that remain where links do not explain what joints alone did not."""
@@ -65,7 +77,11 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
     activity = "cross-validating"
 
     def __init__(
-        self, prepared: PreparedSet, options: RunOptions, input_hash: str, by_joints: JointRun
+        self,
+        prepared: PreparedSet,
+        options: RunOptions,
+        input_hash: str,
+        by_joints: Callable[[RunOptions], JointRun],
     ) -> None:
         """Check what is asked for.
 
@@ -73,7 +89,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             prepared: the readings.
             options: how to identify.
             input_hash: of both.
-            by_joints: identifies by joints alone, for elasticity `automatic`.
+            by_joints: identifies by joints alone, with these options.
 
         Raises:
             RequestError: the readings cannot support it, or something about a joint that is not there.
@@ -145,16 +161,37 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             model.key: self._by_fold(spans, [part[number] for part in parts])
             for number, model in enumerate(self._models)
         }
-        asked = None if self._options.elasticity == "automatic" else self._options.elasticity
+        options = self._options
+        asked = None if options.elasticity == "automatic" else options.elasticity
         selection = select_model(robot, measurements, self._folds, fits, self._plan, asked)
         chosen = selection.of(asked or selection.simplest)
-        if chosen.model != "joints":
-            return self._result(selection, chosen, fits[chosen.model, chosen.loss])
-        chosen = selection.of("joints", ("squared", "huber"))
-        options = self._options.model_copy(
-            update={"elasticity": "joints", "loss": chosen.loss, "links": [], "link_penalty": None}
+        if chosen.model == "joints":
+            chosen = selection.of("joints", ("squared", "huber"))
+
+        def joints_alone(loss: Loss) -> JointRun:
+            alone: dict[str, object] = {
+                "elasticity": "joints",
+                "loss": loss,
+                "links": [],
+                "link_penalty": None,
+            }
+            return self._by_joints(options.model_copy(update=alone))
+
+        plain = joints_alone("squared")
+        screening = replace(plain.screening, gain=selection.gain)
+        same = (chosen.model, chosen.loss) == ("joints", "squared")
+        choice = to_choice_by_comparison(
+            selection,
+            chosen,
+            screening,
+            given=asked is not None,
+            plain=None if same else plain.conclude_with(screening),
         )
-        return self._by_joints(options).model_copy(update={"selection": to_selection(selection, chosen)})
+        if chosen.model == "joints":
+            result = joints_alone(chosen.loss).conclude_with(screening)
+        else:
+            result = self._result(chosen, fits[chosen.model, chosen.loss], screening)
+        return result.model_copy(update={"selection": to_selection(selection, chosen), "choice": choice})
 
     @property
     def _models(self) -> list[ElasticModel]:
@@ -188,7 +225,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             for steps in of_fold
         ]
 
-    def _result(self, selection: Selection, chosen: HeldOut, fits: Sequence[FoldFit]) -> RunResult:
+    def _result(self, chosen: HeldOut, fits: Sequence[FoldFit], screening: Screening) -> RunResult:
         prepared, options, grid = self._prepared, self._options, self._plan.weights
         robot, weight = prepared.robot, chosen.penalty or grid[0]
         model = next(model for model in self._models if model.key == (chosen.model, chosen.loss))
@@ -202,9 +239,11 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         findings = judge(estimate, elastic.prediction)
         if options.link_penalty is None:
             findings += judge_penalty(weight, elastic.penalty, grid)
-            findings += () if options.loss else judge_losses(int(prepared.measurements.present.sum()))
+            findings += (
+                () if options.loss != "automatic" else judge_losses(int(prepared.measurements.present.sum()))
+            )
         # No advice: what a further reading would bring is known for a model of joints alone.
-        assessment = prepared.assess(self._settings, estimate, elastic.prediction)
+        assessment = prepared.assess(self._settings, estimate, elastic.prediction, screening)
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
         warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
         warnings += to_warnings(findings, prepared.readings)
@@ -217,7 +256,6 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         return result.model_copy(
             update={
                 "links": links,
-                "selection": to_selection(selection, chosen),
                 "model": self._model(elastic, held_out),
             }
         )

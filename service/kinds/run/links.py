@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 from jointstiff.schemas.run import links as messages
 from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import ModelChoice, PlainModel, RunResult
 from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
-from jointstiff.solver.links.cross_validation import WEIGHTS, Plan
+from jointstiff.solver.finding import length_text
+from jointstiff.solver.inference.screening import Screening
+from jointstiff.solver.links.cross_validation import SELECTION_WEIGHTS, WEIGHTS, Plan
 from jointstiff.solver.links.estimate import ElasticEstimate
 from jointstiff.solver.links.model import LOSSES, Loss
 from jointstiff.solver.links.regressor import ElasticColumns
@@ -30,13 +33,16 @@ def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
 def to_plan(options: RunOptions) -> Plan:
     """Return how to cross-validate; a weight that is given is the only one."""
     asked = options.cross_validation
-    weights = WEIGHTS if options.link_penalty is None else (options.link_penalty,)
-    return Plan(folds=asked.folds, seed=asked.seed, weights=weights, rule=asked.rule)
+    weights, draws = (SELECTION_WEIGHTS, 4) if options.elasticity == "automatic" else (WEIGHTS, 1)
+    weights = weights if options.link_penalty is None else (options.link_penalty,)
+    return Plan(
+        folds=asked.folds, draws=asked.draws or draws, seed=asked.seed, weights=weights, rule=asked.rule
+    )
 
 
 def to_losses(options: RunOptions) -> tuple[Loss, ...]:
     """Return the losses to compare; squares alone under a penalty that is given, whose meaning they give."""
-    if options.loss is not None:
+    if options.loss != "automatic":
         return (options.loss,)
     return LOSSES if options.link_penalty is None else ("squared",)
 
@@ -64,6 +70,51 @@ def to_links_result(
             )
             for element in elastic.elements
         ],
+    )
+
+
+def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
+    """Return the choice of joints alone, with its reason."""
+    loss: Loss = "huber" if options.loss == "huber" else "squared"
+    p = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    if options.elasticity != "automatic":
+        source, text = "given", f"Joints alone, as requested ({p})."
+    elif excluded is not None:
+        source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
+    else:
+        source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
+    return ModelChoice(
+        elasticity="joints",
+        loss=loss,
+        source=source,
+        links_p_value=screening.links_p_value,
+        message=text,
+    )
+
+
+def to_choice_by_comparison(
+    selection: Selection, chosen: HeldOut, screening: Screening, *, given: bool, plain: RunResult | None
+) -> ModelChoice:
+    """Return the choice among models that were compared on postures left out."""
+    name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
+    evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    if gain is not None:
+        evidence += (
+            f"; postures left out are predicted to {length_text(float(chosen.by_posture.mean()))}, by joints "
+            f"alone to {length_text(gain.error_of_joints)}"
+        )
+    neglected = "" if chosen.model == "joints" else " K_c is neglected."
+    return ModelChoice(
+        elasticity=chosen.model,
+        loss=chosen.loss,
+        source="given" if given else "cross_validation",
+        links_p_value=screening.links_p_value,
+        message=f"{name}, loss {chosen.loss} ({evidence}).{neglected}",
+        plain=None
+        if plain is None
+        else PlainModel(
+            joints=plain.joints, compensation=plain.compensation, rms_residual=plain.rms_residual
+        ),
     )
 
 

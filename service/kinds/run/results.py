@@ -57,6 +57,7 @@ def to_result(
         budget=to_budget(budget, names),
         links=None,
         selection=None,
+        choice=None,
         residuals=_residuals(prediction, measurements, readings),
         encoder_residuals=[],
         weight=None,

@@ -43,7 +43,7 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
 
 def _joint_loss(options: RunOptions) -> Literal["squared", "huber"]:
     """Return the loss of a fit of joints alone; with links it belongs to the elastic model."""
-    return "huber" if options.loss == "huber" and options.elasticity == "joints" else "squared"
+    return "huber" if options.loss == "huber" and options.elasticity in {"joints", "automatic"} else "squared"
 
 
 def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:

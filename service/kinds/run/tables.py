@@ -46,7 +46,9 @@ def report(job: Run, result: RunResult, view: View) -> Report:
         evidence += [Line(""), *links_report(result.links, result.selection)]
     elif result.links is not None:
         parts.append(links_line(result.links, result.selection))
-    elif result.selection is not None and view.details:
+    elif result.choice is not None and result.choice.source != "given":
+        parts.append(Line(f"  {result.choice.message}", "dim"))
+    if result.links is None and result.selection is not None and view.details:
         evidence += [Line(""), selection_table(result.selection)]
     if result.resampling is not None:
         evidence += [Line(""), resampling_table(job, result.resampling, view.unit)]

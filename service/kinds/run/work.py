@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
+from functools import cached_property, partial
 
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
@@ -13,6 +14,7 @@ from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.elastic import ElasticWork
+from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_columns, to_plan
 from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
 from jointstiff.service.kinds.run.settings import to_settings
@@ -21,13 +23,15 @@ from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
 from jointstiff.solver.design.advice import advise
-from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
 from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict, predict_encoders
+from jointstiff.solver.inference.screening import Screening, screen_estimate
+from jointstiff.solver.links.estimation import refuse_unsupported_elastic
 from jointstiff.solver.resampling.draws import Resamples
 from jointstiff.solver.resampling.summary import summarise
 
@@ -35,18 +39,42 @@ from jointstiff.solver.resampling.summary import summarise
 class RunWork(SteppedWork[Resamples]):
     """The work of a run of joints alone: its draws, of which a quick run has none."""
 
-    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
+    def __init__(
+        self, prepared: PreparedSet, options: RunOptions, input_hash: str, excluded: str | None = None
+    ) -> None:
         """Check what is asked for.
+
+        Args:
+            prepared: the readings.
+            options: how to identify.
+            input_hash: of both.
+            excluded: the option that keeps an automatic choice to joints alone, if one does.
 
         Raises:
             RequestError: the readings cannot support it, or draws that cannot be made.
         """
         self.robot_id, self.input_hash = prepared.robot_id, input_hash
-        self._prepared, self._options = prepared, options
+        self._prepared, self._options, self._excluded = prepared, options, excluded
+        self._settings = to_settings(options, prepared.robot)
         self._draws: ResamplingWork | None = None
         if options.resampling is not None:
-            refuse_unsupported(prepared.robot, prepared.measurements, to_settings(options, prepared.robot))
+            refuse_unsupported(prepared.robot, prepared.measurements, self._settings)
             self._draws = ResamplingWork(prepared, options, options.resampling)
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """Return the estimate of the joints.
+
+        Raises:
+            JointstiffError: as `run_identification` does.
+        """
+        return identify(self._prepared.robot, self._prepared.measurements, self._settings)
+
+    @cached_property
+    def screening(self) -> Screening:
+        """Return what joints alone leave unexplained; raises as `estimate` does."""
+        found = screen_estimate(self._prepared.robot, self._prepared.measurements, self.estimate)
+        return replace(found, comparable=self._excluded is None)
 
     def steps(self) -> Sequence[Span]:
         """Return the draws, cut into steps."""
@@ -76,8 +104,11 @@ class RunWork(SteppedWork[Resamples]):
         Raises:
             JointstiffError: as `run_identification` does.
         """
-        prepared, options = self._prepared, self._options
-        settings, estimate = _identified(prepared, options)
+        return self.conclude_with(self.screening, parts)
+
+    def conclude_with(self, screening: Screening, parts: Sequence[Resamples] = ()) -> RunResult:
+        """Report joints alone, with what is known of links beside them; raises as `conclude` does."""
+        prepared, options, settings, estimate = self._prepared, self._options, self._settings, self.estimate
         model = JointModel.of(prepared.robot, estimate, settings.constraints)
         error: ModelError | JointstiffError
         try:
@@ -85,12 +116,13 @@ class RunWork(SteppedWork[Resamples]):
         except JointstiffError as none:  # the run stands without it, and predictions say why
             error = none
         left_out = error.left_out if isinstance(error, ModelError) else None
-        result = _reported(prepared, options, settings, estimate, parts, left_out)
-        return result.model_copy(update={"model": to_identified_model(model, error)})
+        result = _reported(prepared, options, settings, estimate, parts, left_out, screening)
+        choice = to_choice_of_joints(options, screening, self._excluded)
+        return result.model_copy(update={"model": to_identified_model(model, error), "choice": choice})
 
 
 def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWork:
-    """Return the work of a run.
+    """Return the work of a run; an automatic choice compares models only where the screening speaks.
 
     Raises:
         RequestError: there is no such set, or the readings cannot support what is asked for.
@@ -103,11 +135,37 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWo
     prepared = prepared.with_loads()
     if request.elasticity == "joints":
         return RunWork(prepared, request, input_hash)
+    excluded = _excluded(prepared, request) if request.elasticity == "automatic" else None
+    plain = RunWork(prepared, request, input_hash, excluded)
+    if request.elasticity == "automatic":
+        try:
+            speaks = excluded is None and plain.screening.links_speak
+        except JointstiffError:  # the run fails when it is carried out, and says why
+            speaks = False
+        if not speaks:
+            return plain
 
-    def by_joints(options: RunOptions) -> RunResult:
-        return RunWork(prepared, options, input_hash).conclude(())
+    def by_joints(options: RunOptions) -> RunWork:
+        return RunWork(prepared, options, input_hash)
 
     return ElasticWork(prepared, request, input_hash, by_joints)
+
+
+def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:
+    """Return the option that does not go with more than joints; None where all do.
+
+    Raises:
+        RequestError: a link is named that the robot does not have.
+    """
+    if options.resampling is not None:
+        return "resampling"
+    try:
+        refuse_unsupported_elastic(prepared.measurements, to_settings(options, prepared.robot))
+        to_elastic_columns(options, prepared.robot)
+        to_plan(options).assigned(prepared.measurements.joints)
+    except UnsupportedMethodError as error:
+        return error.where or "elasticity"
+    return None
 
 
 def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
@@ -150,6 +208,7 @@ def _reported(
     estimate: Estimate,
     parts: Sequence[Resamples],
     left_out: LeftOut | None = None,
+    screening: Screening | None = None,
 ) -> RunResult:
     prediction = predict(
         prepared.robot,
@@ -159,8 +218,10 @@ def _reported(
         estimated=estimate.estimated,
     )
     warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
-    advice = advise(prepared.robot, prepared.measurements, estimate)
-    assessment = prepared.assess(settings, estimate, prediction)
+    assessment = prepared.assess(settings, estimate, prediction, screening)
+    # Behind a mistake, what another reading would bring is not known.
+    usable = assessment.verdict != "do_not_use"
+    advice = advise(prepared.robot, prepared.measurements, estimate) if usable else ()
     prediction = assessment.supported(prediction)
     result = to_result(
         estimate,

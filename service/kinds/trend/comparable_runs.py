@@ -33,13 +33,13 @@ class _Verdict(_Part):
 class _Numbers(_Part):
     joints: list[JointNumbers]
     assessment: _Verdict
+    links: dict[str, object] | None
 
 
 class _Options(_Part):
     method: Method
     weighting: Weighting
     positive: bool
-    elasticity: str
     complementary_stiffness: Literal["neglected", "included"]
     priors: dict[str, object]
     stiffness_bounds: dict[str, object]
@@ -102,7 +102,7 @@ def _unfit(candidate: Candidate) -> str | None:
     if verdict is not None and verdict.verdict == "do_not_use":
         why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
         return f"its assessment is: do not use{why}"
-    if asked.elasticity != "joints":
+    if result.links is not None:
         return "its links or coupling are elastic, so that its joints' numbers are effective ones"
     for name, stated in (
         ("priors", asked.priors),

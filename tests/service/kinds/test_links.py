@@ -215,7 +215,6 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
         ({"method": "complete_pose"}, "method"),
         ({"weighting": "uniform"}, "weighting"),
         ({"positive": False}, "stiffness_bounds"),
-        ({"complementary_stiffness": "included"}, "complementary_stiffness"),
         ({"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}, "priors"),
         ({"resampling": {"size": 5}}, "resampling"),
     ],
@@ -252,14 +251,57 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
     readings = json.dumps(rigid["measurement_set"] | {"robot_id": robot.id})
     rigid_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
     options = {"elasticity": "automatic", "link_penalty": None, "links": ["joint_2"]}
-    options["cross_validation"] = {"folds": 2}
+    options["cross_validation"] = {"folds": 2, "draws": 2}
     joints = carried_out(store, rigid_id, **options).result
     assert joints.links is None
-    assert joints.selection.chosen == joints.selection.simplest == "joints"
+    assert joints.selection is None
+    assert (joints.choice.elasticity, joints.choice.loss, joints.choice.source) == (
+        "joints",
+        "squared",
+        "screening",
+    )
+    assert joints.choice.links_p_value > 3e-3
     assert joints.model is not None
     bends = carried_out(store, set_id, **options).result
+    assert (bends.choice.elasticity, bends.choice.source) == (bends.links.model, "cross_validation")
+    assert bends.choice.links_p_value < 1e-5
+    assert bends.selection.gain.error < bends.selection.gain.error_of_joints
+    plain = carried_out(store, set_id, elasticity="joints", link_penalty=None).result
+    assert bends.choice.plain.joints == plain.joints
+    assert bends.choice.plain.rms_residual == plain.rms_residual
+    said = {reason.code: reason.message for reason in bends.assessment.reasons}["links_bend_with_joints"]
+    assert "postures left out are predicted to" in said
     assert bends.links.model == bends.selection.simplest != "joints"
     assert bends.links.model_source == "cross_validation"
+
+
+@pytest.mark.parametrize(
+    ("options", "excluded"),
+    [
+        ({"method": "complete_pose"}, "method"),
+        ({"positive": False}, "stiffness bounds"),
+        ({"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}, "priors"),
+        ({"resampling": {"size": 5, "repetitions": 20}}, "resampling"),
+    ],
+)
+def test_automatic_keeps_to_joints_beside_options_of_joints(store, set_id, options, excluded):
+    result = carried_out(store, set_id, elasticity="automatic", link_penalty=None, **options).result
+    assert (result.choice.source, result.choice.elasticity) == ("options", "joints")
+    assert f"exclude {excluded}" in result.choice.message
+    (reason,) = (each for each in result.assessment.reasons if each.code == "lack_of_fit")
+    assert reason.action is None
+
+
+def test_a_run_is_listed_by_what_bends(store, set_id):
+    options = {"elasticity": "automatic", "links": ["joint_2"], "cross_validation": {"folds": 2, "draws": 1}}
+    jobs = Parts.of(store).jobs["run"]
+    record = jobs.create(RunRequest.model_validate({"measurement_set_id": set_id, **options}), None)
+    worker = Parts.of(store).jobs["run"]
+    worker.start(record.id)
+    work = worker.work(record.id)
+    worker.conclude(record.id, [work.encode(work.compute(span)) for span in work.steps()])
+    run = jobs.current(record.id)
+    assert run.elasticity == run.result.links.model != "automatic"
 
 
 def test_an_unknown_link_is_refused(store, set_id):
@@ -289,7 +331,7 @@ def test_options_of_links_go_with_links(options):
     ("options", "text"),
     [
         ({"loss": "absolute"}, "huber"),
-        ({"elasticity": "automatic", "loss": "huber"}, "omit `loss`"),
+        ({"elasticity": "automatic", "loss": "absolute"}, "huber"),
         ({"elasticity": "automatic", "link_penalty": 0.1}, "automatic"),
     ],
 )

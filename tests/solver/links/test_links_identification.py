@@ -481,7 +481,6 @@ def test_a_joint_that_nothing_twists_gets_no_number():
         ({"weighting": "uniform"}, "weighting"),
         ({"bounds": Bounds.unconstrained(6)}, "stiffness_bounds"),
         ({"order": ((1, 2),)}, "stiffness_order"),
-        ({"complementary_stiffness": True}, "complementary_stiffness"),
     ],
 )
 def test_what_does_not_go_with_links_is_refused(elastic, change, where):
