@@ -207,7 +207,9 @@ class RunResult(Result):
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
-    complementary_stiffness: ComplementaryStiffness
+    complementary_stiffness: ComplementaryStiffness | None = Field(
+        description="Effect of K_c; null where links or coupling bend, whose model neglects it."
+    )
     robust: RobustLoss | None = Field(
         default=None, description="Suspicious readings and weights, if the loss is `huber`."
     )
