@@ -1,5 +1,5 @@
 /** The frame of the page: header, the view of the address, messages. */
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { Tip } from "./charts/tip";
 import { Busy, Choice, Empty, Select, Title } from "./components/basics";
 import { Boundary } from "./components/boundary";
@@ -128,7 +128,8 @@ function Compared({ kind, id, query }: { kind: string | undefined; id: string | 
   if (kind === "runs") return <SideBySideView ids={(query.get("ids") ?? "").split(",").filter(Boolean)} />;
   if (kind === "methods" && id) return <ComparisonView id={id} />;
   if (kind === "pairs" && id) return <PairView id={id} />;
-  if (kind === "trend" && id) return <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} />;
+  if (kind === "trend")
+    return id ? <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} /> : <FleetView />;
   return <CompareView kind={kind ?? "methods"} />;
 }
 
@@ -172,16 +173,8 @@ function Header({ section, settings, session }: { section: string; settings: Set
   );
 }
 
-/** The way to the documentation, unless this service was installed without it. */
+/** The way to the documentation; a service that was installed without it says there how it is had. */
 function Documentation() {
-  const [built, setBuilt] = useState(true);
-  useEffect(() => {
-    void fetch("docs/", { method: "HEAD" }).then(
-      ({ status }) => setBuilt(status !== 404),
-      () => undefined,
-    );
-  }, []);
-  if (!built) return null;
   return (
     <a class="docs" href="docs/" aria-label={text.app.docs}>
       <svg viewBox="0 0 24 24" aria-hidden="true">

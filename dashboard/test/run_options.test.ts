@@ -29,7 +29,7 @@ describe("request of a run", () => {
       ...initialOptions,
       loss: "huber" as const,
       huberThreshold: "2",
-      characteristicLength: "1.5",
+      characteristicLength: "1500",
       linkPenalty: "0.1",
       links: ["joint_2"],
       folds: "4",
@@ -73,7 +73,7 @@ describe("noise", () => {
     const sheet = {
       ...NOISE_AS_READ,
       kind: "instrument" as const,
-      station: "-2 0.5 1",
+      station: "-2000 500 1000",
       range: ["10", "0"] as [string, string],
     };
     expect(noiseOf({ ...sheet, transverse: ["15", "6"] }, null, units)).toEqual({

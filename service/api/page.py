@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from fastapi import FastAPI
-from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
 
 from jointstiff.service.api.access import PUBLIC, AccessRoute
@@ -32,7 +32,13 @@ DOCS_HEADERS: Final = SECURITY_HEADERS | {
 """The same, but for the form that searches the documentation."""
 
 _NOT_BUILT = "The dashboard is not built: install the package again (scripts/setup). The API is at /v1.\n"
-_NO_DOCS = "The documentation is not built: run scripts/docs. The API is described at /openapi.json.\n"
+_NO_DOCS = """<!doctype html>
+<html lang="en"><meta name="viewport" content="width=device-width"><title>Documentation · Jointstiff</title>
+<h1>The documentation is not built</h1>
+<p>In a checkout <code>scripts/docs</code> builds it; until then read its folder <code>docs/</code>.
+The API is described at <a href="../openapi.json">openapi.json</a>. <a href="../">Back to the page</a></p>
+</html>
+"""
 
 
 class _Assets(StaticFiles):
@@ -83,7 +89,7 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
 
     def index() -> Response:
         if not (docs / "index.html").is_file():
-            return PlainTextResponse(_NO_DOCS, 404)
+            return HTMLResponse(_NO_DOCS, 404, headers=SECURITY_HEADERS)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
     _add(app, "/docs", enter)

@@ -150,7 +150,7 @@ def stored(api: httpx2.Client) -> Stored:
     tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
     made = post(api, "/v1/maps", work | tool)["id"]
     sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
-    geometry = post(api, "/v1/geometries", sweeps)["id"]
+    geometry = post(api, "/v1/geometries", {**sweeps, "name": "stored sweeps"})["id"]
     return Stored(robot, first, second, run, comparison, pair, plan, made, compensated(api, run), geometry)
 
 
@@ -165,7 +165,7 @@ def compensated(api: httpx2.Client, run: str) -> str:
         "bases": [{"values": [0.0] * 6}],
         "start": [math.degrees(angle) for angle in START],
     }
-    file = ("pocket.src", program_text("krl", tool_poses(path(6)), 4).encode())
+    file = ("corner.src", program_text("krl", tool_poses(path(6)), 4).encode())
     answer = api.post("/v1/programs?wait=1", data={"options": json.dumps(options)}, files={"files": file})
     assert answer.status_code == 201, answer.text
     return str(answer.json()["id"])

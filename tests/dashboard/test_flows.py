@@ -76,7 +76,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
         page.get_by_role("img", name=f"Stiffness of {size} secondary over that of {size} motor")
     ).to_be_visible()
 
-    visited.go("#/compare/trend")
+    visited.go("#/fleet")
     page.get_by_role("link", name=name).click()
     chart = page.get_by_role("group", name="Stiffness of joint_2 over its campaigns")
     expect(chart).to_be_visible()
@@ -135,7 +135,7 @@ def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
     visited.go(f"#/runs/{stored.run}")
     page = visited.page
     figure = page.locator("figure", has=page.get_by_role("heading", name="Joint stiffness"))
-    figure.get_by_text("Table behind it").click()
+    figure.get_by_text("Table, CSV, SVG").click()
     cells = figure.locator("tbody tr td:last-child").all_inner_texts()
     mean = sum(float(cell.replace("\u2212", "-")) for cell in cells)
     residuals = api.get(f"/v1/runs/{stored.run}").json()["result"]["residuals"]

@@ -136,6 +136,7 @@ def test_downloads_guard_against_formulas(visit, api, tmp_path):
     visited = visit("tablet")
     visited.go(f"#/runs/{run}/deflection")
     page = visited.page
+    page.locator("figure", has_text="Residuals").last.get_by_text("Table, CSV, SVG").click()
     with page.expect_download() as table:
         page.get_by_role("button", name="Download CSV of “Residuals”").click()
     table.value.save_as(tmp_path / "table.csv")

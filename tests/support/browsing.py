@@ -133,7 +133,6 @@ VIEWS = (
     "#/plans/{plan}",
     "#/compare/methods",
     "#/compare/pairs",
-    "#/compare/trend",
     "#/compare/methods/{comparison}",
     "#/compare/pairs/{pair}",
     "#/compare/trend/{robot}",

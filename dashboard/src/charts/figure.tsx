@@ -1,4 +1,4 @@
-/** The frame of every chart: title, note, legend, downloads, and the table behind it. */
+/** The frame of every chart: title, note, legend, and folded away the table behind it with its downloads. */
 import { type ComponentChildren, render } from "preact";
 import { useRef } from "preact/hooks";
 import { DataTable, heading, type Table } from "../components/table";
@@ -48,15 +48,7 @@ export function Figure({
           <h3>{title}</h3>
           {note !== undefined && <p>{note}</p>}
         </div>
-        <div class="tools">
-          {tools}
-          <button type="button" class="button quiet" onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
-            {text.figure.csv}
-          </button>
-          <button type="button" class="button quiet" onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
-            {text.figure.svg}
-          </button>
-        </div>
+        {tools && <div class="tools">{tools}</div>}
       </figcaption>
       {legend.length > 0 && (
         <ul class="legend">
@@ -74,6 +66,14 @@ export function Figure({
       <details>
         <summary>{text.figure.table}</summary>
         <DataTable table={table} caption={title} />
+        <div class="actions">
+          <button type="button" class="button" onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
+            {text.figure.csv}
+          </button>
+          <button type="button" class="button" onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
+            {text.figure.svg}
+          </button>
+        </div>
       </details>
     </figure>
   );

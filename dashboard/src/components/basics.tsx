@@ -293,19 +293,13 @@ export function Tabs({
 }
 
 /** A time as people of this device write it. */
+export const timeText = (time: string): string =>
+  new Date(time).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
+
 export function When({ time }: { time: string }) {
-  const date = new Date(time);
-  const thisYear = date.getFullYear() === new Date().getFullYear();
-  const shown = date.toLocaleString(undefined, {
-    ...(thisYear ? {} : { year: "numeric" }),
-    month: "short",
-    day: "numeric",
-    hour: "numeric",
-    minute: "2-digit",
-  });
   return (
-    <time dateTime={time} title={date.toLocaleString()}>
-      {shown}
+    <time dateTime={time} title={new Date(time).toLocaleString()}>
+      {timeText(time)}
     </time>
   );
 }

@@ -97,19 +97,19 @@ export function SliceChart({
         />
       )}
       <text class="tick" x={MARGIN.left} y={height - 22}>
-        {fixed(position(cells[0]?.[0], u), 2)}
+        {fixed(1e3 * position(cells[0]?.[0], u), 0)}
       </text>
       <text class="tick" x={MARGIN.left + wide} y={height - 22} text-anchor="end">
-        {fixed(position(cells[0]?.at(-1), u), 2)}
+        {fixed(1e3 * position(cells[0]?.at(-1), u), 0)}
       </text>
       <text class="tick" x={MARGIN.left + wide / 2} y={height - 6} text-anchor="middle">
-        {AXES[u]} [{text.units.metre}]
+        {AXES[u]} [{text.units.mm}]
       </text>
       <text class="tick" x={MARGIN.left - 6} y={MARGIN.top + 10} text-anchor="end">
-        {fixed(position(cells[0]?.[0], v), 2)}
+        {fixed(1e3 * position(cells[0]?.[0], v), 0)}
       </text>
       <text class="tick" x={MARGIN.left - 6} y={MARGIN.top + high} text-anchor="end">
-        {fixed(position(cells.at(-1)?.[0], v), 2)}
+        {fixed(1e3 * position(cells.at(-1)?.[0], v), 0)}
       </text>
       <text class="tick" x={MARGIN.left - 6} y={MARGIN.top + high / 2 + 4} text-anchor="end">
         {AXES[v]}

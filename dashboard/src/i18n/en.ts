@@ -53,7 +53,6 @@ export const en = {
     notFoundHint: "The address may be incomplete. Start again from the list of runs.",
     loading: "Loading…",
     close: "Close",
-    back: "Back",
     retry: "Try again",
     all: "All",
     more: "Load more",
@@ -92,7 +91,6 @@ export const en = {
     newton: "N",
     share: "%",
     deg: "°",
-    rad: "rad",
   },
   files: {
     title: "Readings",
@@ -281,7 +279,6 @@ export const en = {
     more: "More options",
     go: "Identify",
     going: "Identifying…",
-    ready: "Ready",
     notReady: "Choose a file first",
     anotherFile: "Choose another file, or a stored set",
     readFindings: "Read the findings; the next tap identifies all the same",
@@ -429,7 +426,6 @@ export const en = {
     correlationNote: "Correlation coefficients of the combined uncertainty.",
   },
   run: {
-    title: (set: string) => set,
     kind: "Identification",
     views: {
       result: "Stiffness",
@@ -452,7 +448,6 @@ export const en = {
     noWorker:
       "No worker is running: the run waits until one is started (jointstiff worker, or serve with --workers 1).",
     away: "No connection to the service; trying again. Computed results are kept.",
-    failed: "This run failed",
     repeat: "Repeat",
     share: "Copy link",
     shared: "Link copied",
@@ -470,7 +465,6 @@ export const en = {
       noiseSmall: "Residuals are smaller than the stated noise",
       noiseEstimated: "Noise estimated from the residuals",
     },
-    warnings: (count: number) => plural(count, "warning", "warnings"),
     stiffness: "Joint stiffness",
     stiffnessNote: (level: string) =>
       `Point: estimate. Bar: ${level} interval. Arrow: no upper limit. Logarithmic axis.`,
@@ -489,8 +483,6 @@ export const en = {
     standardUncertainty: "standard uncertainty",
     low: "low",
     high: "high",
-    status: "status",
-    noValue: "no value",
     negative: "negative",
     contributionMean: "mean part",
     contributionShare: "share",
@@ -666,7 +658,6 @@ export const en = {
     unread: (line: string) => `“${line}” is not understood: numbers separated by blanks are needed.`,
     go: "Plan",
     going: "Planning …",
-    count: (readings: number) => `${readings} readings`,
     certified: (share: string, criterion: string) =>
       `Certified: the list has at least ${share} of the information of the best list of as many readings from these candidates (${criterion}).`,
     criteria: {
@@ -676,8 +667,6 @@ export const en = {
       d: "volume of the uncertainty ellipsoid",
       e: "worst combination of joints",
     },
-    others: (random: string, greedy: string) =>
-      `Random plans have ${random} of its information; taking the best next reading each time, ${greedy}.`,
     feasible: (left: number, all: number) => `${left} of ${all} readings were feasible`,
     struck: {
       joint_limits: "joint limits",
@@ -773,7 +762,6 @@ export const en = {
     title: "Deflection before and after compensation",
     note: "Mean over the targets of a configuration: measured, and what remains when the prediction is subtracted.",
     before: "before",
-    after: "after",
     afterBy: (method: string) => `after, ${method}`,
     configuration: "Configuration",
     length: "Deflection",
@@ -788,7 +776,6 @@ export const en = {
     byConfigurationNote: "Mean part of each joint along the predicted deflection.",
   },
   scene: {
-    title: "Robot and deflection",
     hint: "Drag to orbit, pinch or scroll to zoom. Arrow keys orbit, + and − zoom, 0 resets.",
     canvas: (label: string) => `Robot in configuration ${label}. Arrow keys orbit, plus and minus zoom.`,
     canvasPlain: "Robot. Arrow keys orbit, plus and minus zoom.",
@@ -820,7 +807,6 @@ export const en = {
     top: "top (x, y)",
     loading: "Preparing the 3D view…",
     table: "Deflections in this configuration",
-    length: "length",
   },
   program: {
     kind: "Compensated program",
@@ -952,7 +938,7 @@ export const en = {
     stage: (number: number) => `stage ${number}`,
     stages: { arm: "arm", wrist: "wrist" },
     jointsAlone: "Joint model only: elastic links are not included.",
-    observability: "Observability indices",
+    observability: "Observability indices and singular values",
     observabilityNote: "Larger is better, none exceeds 1.",
     indices: {
       o1: "O₁ geometric mean",
@@ -986,7 +972,6 @@ export const en = {
     complementaryNote: (ratio: string) => `At most ${ratio} of a joint's stiffness`,
     provenance: "Provenance",
     created: "Created",
-    ended: "Ended",
     took: "Took",
     input: "Input hash",
     versions: "Versions",
@@ -999,7 +984,7 @@ export const en = {
     norm: "residual / σ",
   },
   figure: {
-    table: "Table behind it",
+    table: "Table, CSV, SVG",
     open: "Show in 3D",
     clickToOpen: "Click to show it",
     csv: "CSV",
@@ -1016,7 +1001,6 @@ export const en = {
     noMatch: "No run matches",
     noMatchHint: "Shorten the search, or show all states.",
     clear: "Clear search",
-    open: (set: string) => `Open run of ${set}`,
     deleted: (set: string) => `Run of ${set} deleted`,
     undo: "Undo",
     restored: "Run restored",
@@ -1026,7 +1010,6 @@ export const en = {
     method: "Method",
     when: "When",
     set: "Measurement set",
-    robot: "Robot",
   },
   robots: {
     title: "Robots",
@@ -1183,7 +1166,6 @@ export const en = {
     methodsIntro:
       "All methods on one measurement set, unconstrained and constrained, as a table: shows which numbers depend on the method.",
     pairsIntro: "Two measurement sets, or runs, of one robot: the effect of secondary encoders, or of a repair.",
-    trendIntro: "Each joint of one robot over its runs. Shows the wear of a gearbox.",
     set: "Measurement set",
     first: "First side",
     second: "Second side",
@@ -1207,7 +1189,7 @@ export const en = {
     entry: (method: string, positive: boolean) => `${method}, ${positive ? "constrained" : "unconstrained"}`,
     anyNegative: "negative draws",
     of: (set: string) => `Methods on ${set}`,
-    lengthOf: (length: string) => `rotations weighted by ${length} m`,
+    lengthOf: (length: string) => `rotations weighted by ${length} mm`,
     byLength: "rotations weighted by a length",
     notPossible: "not possible",
   },

@@ -10,7 +10,7 @@ export interface StatedNoise {
   kind: "" | "residuals" | "sigma" | "instrument";
   /** µm. */
   sigma: string;
-  /** Position of the tracker in R0, m. */
+  /** Position of the tracker in R0, mm. */
   station: string;
   /** µm, and µm per metre. */
   range: [string, string];
@@ -65,7 +65,7 @@ export function noiseOf(stated: StatedNoise, before: Noise | null, units: Units)
     sigma: { sigma: posted(stated.sigma, MICRO / length) },
     instrument: {
       instrument: {
-        station: station ? station.map((metres) => Number((metres / length).toPrecision(15))) : [],
+        station: station ? station.map((typed) => Number(((typed * 1e-3) / length).toPrecision(15))) : [],
         range: uncertainty(stated.range),
         transverse: uncertainty(stated.transverse),
       },

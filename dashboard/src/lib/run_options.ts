@@ -19,7 +19,7 @@ export interface Options {
   confidence: string;
   elasticity: Elasticity;
   weighting: Weighting;
-  /** As typed, m. */
+  /** As typed, mm. */
   characteristicLength: string;
   huberThreshold: string;
   /** By joint, as typed, in the page's unit of stiffness. */
@@ -83,7 +83,7 @@ export function requestOf(set: string, options: Options, stiffness = 1): Record<
     measurement_set_id: set,
     method: unless(options.method, "partial_pose"),
     weighting: unless(options.weighting, "covariance"),
-    characteristic_length: byLength ? posted(options.characteristicLength) : null,
+    characteristic_length: byLength ? posted(options.characteristicLength, 1e-3) : null,
     positive: unless(options.positive, true),
     stiffness_bounds: filled(options.bounds, ([least, greatest]) => [
       posted(least, stiffness),

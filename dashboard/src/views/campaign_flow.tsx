@@ -140,13 +140,15 @@ export function CampaignFlow({
         )}
       </section>
 
-      <MethodStep
-        step={3}
-        form={form}
-        facts={facts}
-        joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
-        problem={identify.problem}
-      />
+      {facts && (
+        <MethodStep
+          step={3}
+          form={form}
+          facts={facts}
+          joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
+          problem={identify.problem}
+        />
+      )}
       <GoBar
         action={identify}
         ready={campaign ? chosenRobot !== "" : set !== null}

@@ -1,8 +1,8 @@
-/** Where comparisons start: methods on one set, two sets, one robot over time. */
+/** Where comparisons start: methods on one set, or two sets. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RunSummary } from "../api/types";
-import { Empty, Name, ProblemNote, Select, Show, Tabs, Title, Toggle } from "../components/basics";
+import { Empty, Name, ProblemNote, Select, Show, Tabs, Title, Toggle, timeText } from "../components/basics";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
@@ -12,7 +12,7 @@ import { text } from "../i18n";
 import { Earlier } from "./earlier";
 
 const words = text.compare;
-const KINDS = ["methods", "pairs", "trend"] as const;
+const KINDS = ["methods", "pairs"] as const;
 
 export function CompareView({ kind }: { kind: string }) {
   const names = useNames();
@@ -34,8 +34,6 @@ export function CompareView({ kind }: { kind: string }) {
             </Empty>
           ) : kind === "pairs" ? (
             <StartPair names={known} />
-          ) : kind === "trend" ? (
-            <StartTrend names={known} />
           ) : (
             <StartMethods names={known} />
           )
@@ -94,7 +92,7 @@ function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: 
     ...setOptions(names).map(({ value, label }) => ({ value: `set:${value}`, label })),
     ...runs.map((run) => ({
       value: `run:${run.id}`,
-      label: words.runSide(names.set(run.measurement_set_id), howRun(run), new Date(run.created_at).toLocaleString()),
+      label: words.runSide(names.set(run.measurement_set_id), howRun(run), timeText(run.created_at)),
     })),
   ];
 }
@@ -140,28 +138,5 @@ function StartPair({ names }: { names: Names }) {
         )}
       />
     </>
-  );
-}
-
-function StartTrend({ names }: { names: Names }) {
-  return (
-    <section class="card form">
-      <p>{words.trendIntro}</p>
-      <ul class="rows">
-        {names.robots.map((robot) => (
-          <li class="item">
-            <a class="main" href={link(["compare", "trend", robot.id])}>
-              <span class="what">
-                <Name>{names.robot(robot.id)}</Name>
-                <small>{text.robots.joints(robot.joints.length)}</small>
-              </span>
-              <span class="how">
-                {text.robots.sets}: {names.sets.filter((set) => set.robot_id === robot.id).length}
-              </span>
-            </a>
-          </li>
-        ))}
-      </ul>
-    </section>
   );
 }

@@ -60,7 +60,7 @@ function entryName(fit: ComparedFit): string {
   const short = text.methods[fit.method];
   if (fit.weighting !== "characteristic_length") return short;
   return fit.characteristic_length
-    ? `${short}, ${words.lengthOf(significant(fit.characteristic_length, 2))}`
+    ? `${short}, ${words.lengthOf(significant(fit.characteristic_length * 1e3, 2))}`
     : `${short}, ${words.byLength}`;
 }
 

@@ -104,7 +104,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const layer = layerOf(grid, across, chosen);
   const unit =
     quantity === "deflection" || quantity === "upper" ? text.units.micrometre : text.units.micrometrePerNewton;
-  const height = fixed(own.places[chosen]?.position[across] ?? 0, 2);
+  const height = fixed(1e3 * (own.places[chosen]?.position[across] ?? 0), 0);
   return (
     <>
       <Counts loaded={own} />
@@ -279,8 +279,8 @@ function Sliced({
 function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
   const level = percent(map.request.confidence);
   const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
-  const { metre, micrometre, micrometrePerNewton: perNewton, deg } = text.units;
-  const position = { label: words.position, value: `${place.position.map((v) => fixed(v, 3)).join(", ")} ${metre}` };
+  const { mm, micrometre, micrometrePerNewton: perNewton, deg } = text.units;
+  const position = { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` };
   const angles = {
     label: words.angles,
     value: `${place.joints.map((angle) => fixed(degrees(angle), 1)).join(", ")} ${deg}`,

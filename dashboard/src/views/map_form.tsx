@@ -42,9 +42,9 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
     const made = await api.maps.add(
       {
         run_id: run.id,
-        area: [numbers(least), numbers(greatest)],
+        area: [metres(least), metres(greatest)],
         grid: numbers(grid),
-        place: numbers(tool),
+        place: metres(tool),
         tool_axis: numbers(axis),
         directions: [numbers(direction)],
         turns: Number(turns),
@@ -55,17 +55,17 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
     );
     go(link(["maps", made.id]));
   });
-  const { metre, newton } = text.units;
+  const { mm, newton } = text.units;
   return (
     <section class="card form">
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
       <div class="map-fields">
-        <Three label={`${words.least} [${metre}]`} values={least} change={setLeast} />
-        <Three label={`${words.greatest} [${metre}]`} values={greatest} change={setGreatest} />
+        <Three label={`${words.least} [${mm}]`} values={least} change={setLeast} />
+        <Three label={`${words.greatest} [${mm}]`} values={greatest} change={setGreatest} />
         <Three label={words.grid} values={grid} change={setGrid} />
         <Three label={`${words.force} [${newton}]`} values={force} change={setForce} />
-        <Three label={`${words.tool} [${metre}]`} values={tool} change={setTool} />
+        <Three label={`${words.tool} [${mm}]`} values={tool} change={setTool} />
         <Three label={words.toolAxis} values={axis} change={setAxis} />
         <Three label={words.direction} values={direction} change={setDirection} />
         <label class="field">
@@ -150,12 +150,13 @@ function proposal(set: RunContext["set"], postures: Posture[]) {
   const shown = (vector: Vector, digits: number): Triple =>
     vector.map((value) => String(Number(value.toFixed(digits)))) as Triple;
   return {
-    least: shown(least, 2),
-    greatest: shown(greatest, 2),
+    least: shown(times(least, 1e3), 0),
+    greatest: shown(times(greatest, 1e3), 0),
     force: shown(strongest, 0),
-    tool: shown(point, 4),
+    tool: shown(times(point, 1e3), 1),
     direction: shown(mean, 2),
   };
 }
 
 const numbers = (values: Triple): number[] => values.map(Number);
+const metres = (values: Triple): number[] => values.map((value) => Number(value) / 1e3);

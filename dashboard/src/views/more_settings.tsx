@@ -79,7 +79,7 @@ function WeightingFields({ options, change, problem }: SettingsProps) {
         {options.weighting === "characteristic_length" && (
           <NumberField
             label={words.length}
-            unit={text.units.metre}
+            unit={text.units.mm}
             help={words.lengthHelp}
             placeholder={words.chosen}
             value={options.characteristicLength}

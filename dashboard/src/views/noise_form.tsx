@@ -46,7 +46,7 @@ export function NoiseForm({
           <>
             <VectorField
               label={words.station}
-              unit={text.units.metre}
+              unit={text.units.mm}
               help={words.stationHelp}
               value={noise.station}
               change={(station) => set({ station })}

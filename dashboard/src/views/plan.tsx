@@ -102,8 +102,6 @@ function Promise({ result }: { result: PlanResult }) {
       cell: (joint: Promised) => (joint.relative === null ? null : percent(joint.relative)),
     },
     { column: { title: columns.now, unit, show }, cell: (joint: Promised) => nano(joint.before) },
-    { column: { title: columns.random, unit, show }, cell: (joint: Promised) => nano(joint.random) },
-    { column: { title: columns.greedy, unit, show }, cell: (joint: Promised) => nano(joint.one_at_a_time) },
   ].filter(({ cell }) => result.joints.some((joint) => cell(joint) !== null)); // nothing is known to begin with
   return (
     <section class="card">
@@ -117,9 +115,7 @@ function Promise({ result }: { result: PlanResult }) {
         }}
       />
       <p class="soft">
-        {words.promisedNote}.{" "}
-        {words.others(percent(result.random_efficiency), percent(result.one_at_a_time_efficiency))}{" "}
-        {words.feasible(result.feasible, result.considered)}
+        {words.promisedNote}. {words.feasible(result.feasible, result.considered)}
         {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}
       </p>
     </section>

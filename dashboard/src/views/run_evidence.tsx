@@ -1,12 +1,10 @@
 /** Why the numbers can be trusted: identifiability, advice, certificate, goodness of fit, provenance. */
 import { entriesOf } from "../lib/entries";
 import type { RunResult } from "../api/types";
-import { Figure } from "../charts/figure";
-import { Intervals } from "../charts/intervals";
 import { Facts, Name, When } from "../components/basics";
 import { Term } from "../components/term";
 import { DataTable } from "../components/table";
-import { fixed, percent, pValue, powerOfTen, significant } from "../lib/format";
+import { fixed, percent, pValue, significant } from "../lib/format";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { isElastic, type RunContext } from "./run_context";
@@ -19,7 +17,6 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
   return (
     <div class="evidence">
       <Identifiable result={result} elastic={elastic} />
-      <SingularValues result={result} elastic={elastic} />
       <Goodness result={result} />
       <Certificate result={result} />
       {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
@@ -30,7 +27,6 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
 }
 
 function Identifiable({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
-  const indices = elastic || !found.observability ? [] : entriesOf(found.observability);
   return (
     <section class="card">
       <h2>{words.identifiability}</h2>
@@ -56,9 +52,27 @@ function Identifiable({ result: { identifiability: found }, elastic }: { result:
         ]}
       />
       {!elastic && found.weakest.map((sentence) => <p class="note warn">{sentence}</p>)}
+      <Singular found={found} elastic={elastic} />
+    </section>
+  );
+}
+
+/** How much each direction of the compliances is seen, in numbers that few need. */
+function Singular({ found, elastic }: { found: RunResult["identifiability"]; elastic: boolean }) {
+  const indices = elastic || !found.observability ? [] : entriesOf(found.observability);
+  const several = found.stages.length > 1;
+  const names = [words.stages.arm, words.stages.wrist];
+  const values = found.stages.flatMap((stage, s) =>
+    stage.singular_values.map((value, i) => [
+      several ? `${names[s] ?? words.stage(s + 1)} ${i + 1}` : `s${i + 1}`,
+      value,
+    ]),
+  );
+  return (
+    <details>
+      <summary>{words.observability}</summary>
       {indices.length > 0 && (
         <>
-          <h3>{words.observability}</h3>
           <p class="soft">{words.observabilityNote}</p>
           <Facts
             facts={indices.map(([name, value]) => ({
@@ -68,44 +82,12 @@ function Identifiable({ result: { identifiability: found }, elastic }: { result:
           />
         </>
       )}
-    </section>
-  );
-}
-
-function SingularValues({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
-  const several = found.stages.length > 1;
-  const names = [words.stages.arm, words.stages.wrist];
-  const values = found.stages
-    .flatMap((stage, s) =>
-      stage.singular_values.map((value, i) => ({
-        name: several ? `${names[s] ?? words.stage(s + 1)} ${i + 1}` : `s${i + 1}`,
-        value,
-      })),
-    )
-    .filter(({ value }) => value > 0);
-  if (values.length === 0) return null;
-  return (
-    <Figure
-      title={words.singular}
-      note={elastic ? `${words.singularNote} ${words.jointsAlone}` : words.singularNote}
-      table={{
-        columns: [{ title: words.singular }, { title: text.run.value }],
-        rows: values.map(({ name, value }) => [name, value]),
-      }}
-    >
-      {(width) => (
-        <Intervals
-          rows={values.map(({ name, value }) => ({
-            name,
-            marks: [{ mark: "positive", value, low: null, high: value, label: `${name}: ${significant(value, 3)}` }],
-          }))}
-          width={width}
-          label={words.singular}
-          unit={text.units.none}
-          format={(v) => (v < 0.01 ? powerOfTen(Math.round(Math.log10(v))) : String(Number(v.toPrecision(2))))}
-        />
-      )}
-    </Figure>
+      <p class="soft">{words.singularNote}</p>
+      <DataTable
+        caption={words.singular}
+        table={{ columns: [{ title: words.singular }, { title: text.run.value }], rows: values }}
+      />
+    </details>
   );
 }
 

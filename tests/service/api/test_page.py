@@ -53,3 +53,4 @@ def test_a_page_and_documentation_that_were_not_built_say_so(tmp_path):
     assert "scripts/setup" in page.text
     assert docs.status_code == 404
     assert "scripts/docs" in docs.text
+    assert 'href="../openapi.json"' in docs.text
