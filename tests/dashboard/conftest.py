@@ -69,7 +69,7 @@ def site(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ser
 @pytest.fixture(scope="session")
 def api(site: Any) -> Iterator[httpx2.Client]:
     """The API beside the page."""
-    with httpx2.Client(base_url=site.url, timeout=60.0) as session:
+    with httpx2.Client(base_url=site.url, timeout=180.0) as session:
         yield session
 
 

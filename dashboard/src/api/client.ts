@@ -58,19 +58,19 @@ export function onRefused(hear: () => void): () => void {
 }
 
 /** What was thrown, as problem details. */
-export function problemOf(error: unknown): Problem {
-  if (error instanceof ApiError) return error.problem;
-  return {
-    type: "about:blank",
-    title: text.errors.unexpected,
-    status: 0,
-    detail: String(error),
-    where: null,
-    remedy: null,
-    request_id: null,
-    errors: [],
-  };
-}
+export const problemOf = (error: unknown): Problem =>
+  error instanceof ApiError ? error.problem : ours({ title: text.errors.unexpected, detail: String(error) });
+
+/** A problem of which the service says nothing. */
+const ours = (said: { title: string; detail: string; remedy?: string }, status = 0): Problem => ({
+  type: "about:blank",
+  where: null,
+  remedy: null,
+  request_id: null,
+  errors: [],
+  status,
+  ...said,
+});
 
 async function answerOf(method: string, path: string, { body, key, signal }: Call = {}): Promise<Response> {
   const headers: Record<string, string> = { Accept: "application/json" };
@@ -87,7 +87,7 @@ async function answerOf(method: string, path: string, { body, key, signal }: Cal
     });
   } catch (error) {
     if (signal?.aborted) throw error;
-    throw new ApiError(unreachable());
+    throw new ApiError(ours(text.errors.unreachable));
   }
   if (response.ok) return response;
   const answer: unknown = await response.json().catch(() => null);
@@ -111,32 +111,9 @@ function isProblem(answer: unknown): answer is Problem {
   return typeof answer === "object" && answer !== null && "detail" in answer && "title" in answer;
 }
 
-function unreachable(): Problem {
-  const { unreachable: words } = text.errors;
-  return {
-    type: "about:blank",
-    title: words.title,
-    status: 0,
-    detail: words.detail,
-    where: null,
-    remedy: words.remedy,
-    request_id: null,
-    errors: [],
-  };
-}
-
 function unreadable(status: number): Problem {
-  const { unreadable: words } = text.errors;
-  return {
-    type: "about:blank",
-    title: words.title,
-    status,
-    detail: words.detail(status),
-    where: null,
-    remedy: words.remedy,
-    request_id: null,
-    errors: [],
-  };
+  const { detail, ...words } = text.errors.unreadable;
+  return ours({ ...words, detail: detail(status) }, status);
 }
 
 function query(values: Record<string, string | number | null | undefined>): string {

@@ -1,4 +1,5 @@
 /** Bars: one or more series by configuration, and shares of joints. */
+import type { ComponentChildren } from "preact";
 import { clip, percent, significant } from "../lib/format";
 import { extent, linear } from "../lib/scale";
 import { LeftAxis, Names } from "./axis";
@@ -13,21 +14,52 @@ export interface Series {
 
 /** Where a click on a column leads, and which column one came back to. */
 export interface Opening {
-  open?: (name: string) => string;
-  at?: string | null;
+  open?: ((name: string) => string) | undefined;
+  at?: string | null | undefined;
 }
 
-/** Bars for the first series, narrower ones inside for the second, dots for the others. */
-export function Bars({
+/** A drawing above each name, over one axis; a column says its `lines` when it is pointed at, over its whole height. */
+function ByName({
   names,
-  series,
+  range,
   width,
   height = 300,
   label,
   unit,
-  format = (v) => significant(v, 3),
+  lines,
   open,
   at,
+  children,
+}: {
+  names: string[];
+  /** Least and greatest value. */
+  range: readonly [number, number];
+  width: number;
+  height?: number;
+  label: string;
+  unit: string;
+  lines: (index: number) => string[];
+  children: (place: (index: number) => number, step: number, y: (value: number) => number) => ComponentChildren;
+} & Opening) {
+  const [left, right, bottom] = [56, width - 8, height - 34];
+  const y = linear(Math.min(0, range[0]), Math.max(0, range[1]), bottom, 28);
+  const step = (right - left) / Math.max(1, names.length);
+  const place = (i: number) => left + (i + 0.5) * step;
+  return (
+    <Chart width={width} height={height} label={label}>
+      <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
+      {children(place, step, y)}
+      <Names names={names} place={place} bottom={bottom} room={right - left} />
+      <Columns {...{ names, place, step, bottom, lines, open, at }} />
+    </Chart>
+  );
+}
+
+/** Bars for the first series, narrower ones inside for the second, dots for the others. */
+export function Bars({
+  series,
+  format = (v) => significant(v, 3),
+  ...frame
 }: {
   names: string[];
   series: Series[];
@@ -37,43 +69,30 @@ export function Bars({
   unit: string;
   format?: (value: number) => string;
 } & Opening) {
-  const [left, right, bottom] = [56, width - 8, height - 34];
-  const [low, high] = extent(series.flatMap((s) => s.values.filter((v) => v !== null))) ?? [0, 1];
-  const y = linear(Math.min(0, low), Math.max(0, high), bottom, 28);
-  const step = (right - left) / Math.max(1, names.length);
-  const place = (i: number) => left + (i + 0.5) * step;
+  const lines = (i: number) =>
+    series.flatMap((one) => {
+      const value = one.values[i];
+      return value === null || value === undefined ? [] : [`${one.label}: ${format(value)} ${frame.unit}`];
+    });
+  const range = extent(series.flatMap((s) => s.values.filter((v) => v !== null))) ?? [0, 1];
   return (
-    <Chart width={width} height={height} label={label}>
-      <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
-      {series.map((one, s) => (
-        <g class={`bars ${one.mark}`}>
-          {one.values.map(
-            (value, i) =>
-              value !== null &&
-              (s < 2 ? (
-                <Bar x={place(i)} width={step * (s === 0 ? 0.78 : 0.42)} from={y(0)} to={y(value)} />
-              ) : (
-                <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)} />
-              )),
-          )}
-        </g>
-      ))}
-      <Names names={names} place={place} bottom={bottom} room={right - left} />
-      <Columns
-        names={names}
-        place={place}
-        step={step}
-        bottom={bottom}
-        {...(open ? { open } : {})}
-        {...(at === undefined ? {} : { at })}
-        lines={(i) =>
-          series.flatMap((one) => {
-            const value = one.values[i];
-            return value === null || value === undefined ? [] : [`${one.label}: ${format(value)} ${unit}`];
-          })
-        }
-      />
-    </Chart>
+    <ByName {...frame} range={range} lines={lines}>
+      {(place, step, y) =>
+        series.map((one, s) => (
+          <g class={`bars ${one.mark}`}>
+            {one.values.map(
+              (value, i) =>
+                value !== null &&
+                (s < 2 ? (
+                  <Bar x={place(i)} width={step * (s === 0 ? 0.78 : 0.42)} from={y(0)} to={y(value)} />
+                ) : (
+                  <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)} />
+                )),
+            )}
+          </g>
+        ))
+      }
+    </ByName>
   );
 }
 
@@ -92,11 +111,7 @@ export function Columns({
   step: number;
   bottom: number;
   lines: (index: number) => string[];
-  /** Address that a column leads to. */
-  open?: (name: string) => string;
-  /** The column that was come from. */
-  at?: string | null;
-}) {
+} & Opening) {
   return (
     <g>
       {names.map((name, i) => (
@@ -164,62 +179,41 @@ export function Shares({
 
 /** Stacked bars: what each joint adds, by configuration. */
 export function Stacks({
-  names,
   parts,
-  width,
-  height = 300,
-  label,
-  unit,
-  open,
-  at,
+  ...frame
 }: {
   names: string[];
   /** For each configuration, what each joint adds. */
   parts: { name: string; values: number[] }[];
   width: number;
-  height?: number;
   label: string;
   unit: string;
 } & Opening) {
-  const [left, right, bottom] = [56, width - 8, height - 34];
-  const ends = names.map((_, i) => {
+  const ends = frame.names.flatMap((_, i) => {
     const values = parts.map((part) => part.values[i] ?? 0);
-    return [
-      values.filter((v) => v < 0).reduce((a, b) => a + b, 0),
-      values.filter((v) => v > 0).reduce((a, b) => a + b, 0),
-    ];
+    const total = (of: number[]) => of.reduce((a, b) => a + b, 0);
+    return [total(values.filter((v) => v < 0)), total(values.filter((v) => v > 0))];
   });
-  const [low, high] = extent(ends.flat()) ?? [0, 1];
-  const y = linear(low, high, bottom, 28);
-  const step = (right - left) / Math.max(1, names.length);
-  const place = (i: number) => left + (i + 0.5) * step;
+  const lines = (i: number) =>
+    parts.map((part) => `${part.name}: ${significant(part.values[i] ?? 0, 3)} ${frame.unit}`);
   return (
-    <Chart width={width} height={height} label={label}>
-      <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
-      {names.map((_, i) => {
-        let [down, up] = [0, 0];
-        return parts.map((part, j) => {
-          const value = part.values[i] ?? 0;
-          const from = value < 0 ? down : up;
-          if (value < 0) down += value;
-          else up += value;
-          return (
-            <g class={`bars joint-${j % 6}`}>
-              <Bar x={place(i)} width={step * 0.78} from={y(from)} to={y(from + value)} />
-            </g>
-          );
-        });
-      })}
-      <Names names={names} place={place} bottom={bottom} room={right - left} />
-      <Columns
-        names={names}
-        place={place}
-        step={step}
-        bottom={bottom}
-        {...(open ? { open } : {})}
-        {...(at === undefined ? {} : { at })}
-        lines={(i) => parts.map((part) => `${part.name}: ${significant(part.values[i] ?? 0, 3)} ${unit}`)}
-      />
-    </Chart>
+    <ByName {...frame} range={extent(ends) ?? [0, 1]} lines={lines}>
+      {(place, step, y) =>
+        frame.names.map((_, i) => {
+          let [down, up] = [0, 0];
+          return parts.map((part, j) => {
+            const value = part.values[i] ?? 0;
+            const from = value < 0 ? down : up;
+            if (value < 0) down += value;
+            else up += value;
+            return (
+              <g class={`bars joint-${j % 6}`}>
+                <Bar x={place(i)} width={step * 0.78} from={y(from)} to={y(from + value)} />
+              </g>
+            );
+          });
+        })
+      }
+    </ByName>
   );
 }

@@ -54,27 +54,74 @@ export function Faults({ faults }: { faults: string[] }) {
   );
 }
 
-/** One number. */
-export function NumberField({
-  value,
-  change,
-  placeholder,
-  ...rest
-}: Hints & {
+interface Typed extends Hints {
   label: string;
   unit?: string | undefined;
   value: string;
   change: (typed: string) => void;
-  placeholder?: string;
-}) {
+}
+
+/** Of the box, where it is not plain. */
+interface Box {
+  type?: "text" | "search" | "number" | "date" | "datetime-local";
+  inputMode?: "decimal" | "numeric";
+  placeholder?: string | undefined;
+  maxLength?: number | undefined;
+  required?: boolean;
+  min?: number;
+  max?: number;
+  "aria-invalid"?: boolean;
+}
+
+/** Text, in several `lines` if wanted; what else there is goes to the box. */
+export function TextField({
+  label,
+  unit,
+  help,
+  faults,
+  value,
+  change,
+  lines,
+  type = "text",
+  ...box
+}: Typed & Box & { lines?: number | undefined }) {
   return (
-    <Field {...rest}>
-      {(control) => (
-        <NumberBox value={value} change={change} {...(placeholder === undefined ? {} : { placeholder })} {...control} />
-      )}
+    <Field {...{ label, unit, help, faults }}>
+      {(control) =>
+        lines !== undefined ? (
+          <textarea
+            {...control}
+            rows={lines}
+            placeholder={box.placeholder}
+            maxLength={box.maxLength}
+            value={value}
+            onInput={(event) => change(event.currentTarget.value)}
+          />
+        ) : (
+          <input
+            type={type as "text"} // each type has attributes of its own; these are common
+            autocomplete="off"
+            {...control}
+            {...box}
+            aria-invalid={control["aria-invalid"] || box["aria-invalid"] === true}
+            value={value}
+            onInput={(event) => change(event.currentTarget.value)}
+          />
+        )
+      }
     </Field>
   );
 }
+
+/** One number. */
+export const NumberField = ({ value, ...rest }: Typed & Box) => (
+  <TextField inputMode="decimal" {...rest} value={value} aria-invalid={Number.isNaN(numberIn(value))} />
+);
+
+/** Three numbers along x, y and z in one box. */
+export const VectorField = ({ value, ...rest }: Typed & Box) => (
+  <TextField placeholder="0, 0, 0" {...rest} value={value} aria-invalid={vectorIn(value) === undefined} />
+);
 
 /** The box of a number: marked where it holds none. */
 export function NumberBox({
@@ -100,35 +147,5 @@ export function NumberBox({
       aria-invalid={rest["aria-invalid"] || Number.isNaN(numberIn(value))}
       onInput={(event) => change(event.currentTarget.value)}
     />
-  );
-}
-
-/** Three numbers along x, y and z in one box. */
-export function VectorField({
-  value,
-  change,
-  placeholder = "0, 0, 0",
-  ...rest
-}: Hints & {
-  label: string;
-  unit?: string | undefined;
-  value: string;
-  change: (typed: string) => void;
-  placeholder?: string;
-}) {
-  return (
-    <Field {...rest}>
-      {(control) => (
-        <input
-          type="text"
-          autocomplete="off"
-          placeholder={placeholder}
-          {...control}
-          value={value}
-          aria-invalid={control["aria-invalid"] || vectorIn(value) === undefined}
-          onInput={(event) => change(event.currentTarget.value)}
-        />
-      )}
-    </Field>
   );
 }

@@ -2,7 +2,7 @@
 import { METADATA, type Metadata } from "../api/types";
 import type { Typed } from "../lib/metadata";
 import { text } from "../i18n";
-import { Field } from "./fields";
+import { TextField } from "./fields";
 
 const LONGEST: Record<Exclude<keyof Metadata, "measured_at">, number> = {
   serial_number: 200,
@@ -17,37 +17,17 @@ export function MetadataForm({ typed, change }: { typed: Typed; change: (typed: 
   return (
     <>
       {METADATA.map((name) => {
-        const put = (value: string) => change({ ...typed, [name]: value });
         return (
-          <Field label={words.fields[name]} help={name === "measured_at" ? words.zone : undefined}>
-            {(control) =>
-              name === "measured_at" ? (
-                <input
-                  {...control}
-                  type="datetime-local"
-                  value={typed[name]}
-                  onInput={(event) => put(event.currentTarget.value)}
-                />
-              ) : name === "notes" ? (
-                <textarea
-                  {...control}
-                  rows={4}
-                  maxLength={LONGEST[name]}
-                  value={typed[name]}
-                  onInput={(event) => put(event.currentTarget.value)}
-                />
-              ) : (
-                <input
-                  {...control}
-                  type="text"
-                  maxLength={LONGEST[name]}
-                  placeholder={words.placeholders[name] ?? ""}
-                  value={typed[name]}
-                  onInput={(event) => put(event.currentTarget.value)}
-                />
-              )
-            }
-          </Field>
+          <TextField
+            label={words.fields[name]}
+            help={name === "measured_at" ? words.zone : undefined}
+            type={name === "measured_at" ? "datetime-local" : "text"}
+            placeholder={words.placeholders[name] ?? ""}
+            value={typed[name]}
+            change={(value) => change({ ...typed, [name]: value })}
+            {...(name === "measured_at" ? {} : { maxLength: LONGEST[name] })}
+            {...(name === "notes" ? { lines: 4 } : {})}
+          />
         );
       })}
     </>

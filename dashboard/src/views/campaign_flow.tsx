@@ -89,7 +89,7 @@ export function CampaignFlow({
             change={setChosenSet}
             options={[
               { value: "", label: text.files.storedNone },
-              ...known.sets.map((s) => ({ value: s.id, label: `${s.name} (${known.robot(s.robot_id)})` })),
+              ...known.sets.map((s) => ({ value: s.id, label: `${known.set(s.id)} (${known.robot(s.robot_id)})` })),
             ]}
           />
         )}

@@ -44,7 +44,7 @@ export function CompareView({ kind }: { kind: string }) {
 }
 
 const setOptions = (names: Names) =>
-  names.sets.map((set) => ({ value: set.id, label: `${set.name} (${names.robot(set.robot_id)})` }));
+  names.sets.map((set) => ({ value: set.id, label: `${names.set(set.id)} (${names.robot(set.robot_id)})` }));
 
 function StartMethods({ names }: { names: Names }) {
   const [set, setSet] = useState(parse(location.hash).query.get("set") ?? names.sets[0]?.id ?? "");

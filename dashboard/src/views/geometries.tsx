@@ -129,7 +129,7 @@ function Start({ readings }: { readings: Readings }) {
           ...(readings.robot
             ? [{ value: FROM_FILE, label: text.start.fromFile(String(readings.robot.name ?? "")) }]
             : []),
-          ...(known?.robots ?? []).map((robot) => ({ value: robot.id, label: robot.name })),
+          ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
         ]}
       />
       {source && <Arm key={chosen} source={source} start={null} sliders={false} />}

@@ -4,6 +4,7 @@ import { api } from "../api/client";
 import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
 import { Arm } from "../components/arm";
 import { type Fact, Facts, ProblemNote } from "../components/basics";
+import { TextField } from "../components/fields";
 import { JobPage } from "../components/job_page";
 import { fixed, significant } from "../lib/format";
 import { sentence } from "../lib/said";
@@ -100,10 +101,7 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
   return (
     <>
       <div class="row">
-        <label class="field">
-          <span>{words.saveName}</span>
-          <input type="text" value={name} maxLength={200} onInput={(event) => setName(event.currentTarget.value)} />
-        </label>
+        <TextField label={words.saveName} value={name} maxLength={200} change={setName} />
         <button type="button" class="button primary" disabled={save.busy || !name.trim()} onClick={save.run}>
           {save.busy ? words.saving : words.save}
         </button>

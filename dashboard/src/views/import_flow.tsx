@@ -54,7 +54,9 @@ export function ImportFlow({
   const form = useRunForm();
   keepDraft(files, { options, stated, frame, typed });
 
-  const robots = (known?.robots ?? []).filter((one) => joints === null || one.joints.length === joints);
+  const robots = (known?.robots ?? [])
+    .filter((one) => joints === null || one.joints.length === joints)
+    .map((one) => ({ ...one, name: known?.robot(one.id) ?? one.name }));
   const robot = chosen || (robots.length === 1 ? (robots[0]?.id ?? "") : "");
   const request = { ...withStated(options, stated), ...(robot && frame.of === "" ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);

@@ -1,7 +1,7 @@
 /** What no file says: encoders, load, load point, places of targets. Asked only where it is missing. */
 import type { ImportAnswer } from "../api/types";
 import { Choice, Prose, Toggle } from "../components/basics";
-import { Field, NumberField, VectorField } from "../components/fields";
+import { NumberField, TextField, VectorField } from "../components/fields";
 import type { Stated } from "../lib/stated";
 import { text } from "../i18n";
 
@@ -87,18 +87,12 @@ export function ImportForm({
           <Toggle label={words.unusual} checked={stated.unusual} change={(unusual) => set({ unusual })} />
         </div>
       )}
-      <Field label={words.name}>
-        {(control) => (
-          <input
-            type="text"
-            autocomplete="off"
-            placeholder={answer.measurement_set?.name ?? ""}
-            {...control}
-            value={stated.name}
-            onInput={(event) => set({ name: event.currentTarget.value })}
-          />
-        )}
-      </Field>
+      <TextField
+        label={words.name}
+        placeholder={answer.measurement_set?.name ?? ""}
+        value={stated.name}
+        change={(name) => set({ name })}
+      />
     </div>
   );
 }

@@ -4,6 +4,7 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Posture } from "../api/types";
 import { Busy, Choice, ProblemNote, Select } from "../components/basics";
+import { TextField } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { boxAround } from "../lib/map";
 import { loadOf } from "../lib/places";
@@ -68,16 +69,7 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
         <Three label={`${words.tool} [${mm}]`} values={tool} change={setTool} />
         <Three label={words.toolAxis} values={axis} change={setAxis} />
         <Three label={words.direction} values={direction} change={setDirection} />
-        <label class="field">
-          <span>{words.turns}</span>
-          <input
-            type="number"
-            min={1}
-            max={360}
-            value={turns}
-            onInput={(event) => setTurns(event.currentTarget.value)}
-          />
-        </label>
+        <TextField label={words.turns} type="number" min={1} max={360} value={turns} change={setTurns} />
       </div>
       <Choice
         label={words.posture}

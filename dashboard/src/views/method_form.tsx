@@ -1,7 +1,7 @@
 /** How to identify: the method in words, and the rest folded away. */
 import type { Elasticity, Loss, Method, Problem } from "../api/types";
 import { Choice, Select, Toggle } from "../components/basics";
-import { Faults } from "../components/fields";
+import { Faults, TextField } from "../components/fields";
 import type { Facts } from "../lib/campaign";
 import { entriesOf } from "../lib/entries";
 import { faultsAt } from "../lib/faults";
@@ -113,16 +113,14 @@ function Count({
     if (Number.isInteger(entered) && entered >= 1 && entered <= most) change(entered);
   };
   return (
-    <label class="field">
-      <span>{label}</span>
-      <input
-        type="number"
-        inputMode="numeric"
-        min={1}
-        max={most}
-        value={value}
-        onInput={(event) => take(Number(event.currentTarget.value))}
-      />
-    </label>
+    <TextField
+      label={label}
+      type="number"
+      inputMode="numeric"
+      min={1}
+      max={most}
+      value={String(value)}
+      change={(typed) => take(Number(typed))}
+    />
   );
 }

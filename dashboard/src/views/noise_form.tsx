@@ -8,6 +8,14 @@ import type { StatedNoise } from "../lib/noise";
 import { text } from "../i18n";
 
 const words = text.noise;
+/** What may be stated whatever the tracker's noise comes from: field, unit, place in a set's noise. */
+const COMMON = [
+  ["forceScale", text.units.share, "force.scale"],
+  ["forceDirection", "mrad", "force.direction"],
+  ["loadPoint", text.units.mm, "load_point"],
+  ["targetPlaces", text.units.mm, "target_places"],
+  ["encoder", "µrad", "encoder_sigma"],
+] as const;
 const PER_METRE = `${text.units.micrometre}/${text.units.metre}`;
 
 export function NoiseForm({
@@ -73,46 +81,16 @@ export function NoiseForm({
             ))}
           </>
         )}
-        <NumberField
-          label={words.forceScale}
-          unit={text.units.share}
-          help={words.forceScaleHelp}
-          value={noise.forceScale}
-          change={(forceScale) => set({ forceScale })}
-          faults={at("force.scale")}
-        />
-        <NumberField
-          label={words.forceDirection}
-          unit="mrad"
-          help={words.forceDirectionHelp}
-          value={noise.forceDirection}
-          change={(forceDirection) => set({ forceDirection })}
-          faults={at("force.direction")}
-        />
-        <NumberField
-          label={words.loadPoint}
-          unit={text.units.mm}
-          help={words.loadPointHelp}
-          value={noise.loadPoint}
-          change={(loadPoint) => set({ loadPoint })}
-          faults={at("load_point")}
-        />
-        <NumberField
-          label={words.targetPlaces}
-          unit={text.units.mm}
-          help={words.targetPlacesHelp}
-          value={noise.targetPlaces}
-          change={(targetPlaces) => set({ targetPlaces })}
-          faults={at("target_places")}
-        />
-        <NumberField
-          label={words.encoder}
-          unit="µrad"
-          help={words.encoderHelp}
-          value={noise.encoder}
-          change={(encoder) => set({ encoder })}
-          faults={at("encoder_sigma")}
-        />
+        {COMMON.map(([name, unit, path]) => (
+          <NumberField
+            label={words[name]}
+            unit={unit}
+            help={words[`${name}Help`]}
+            value={noise[name]}
+            change={(typed) => set({ [name]: typed })}
+            faults={at(path)}
+          />
+        ))}
       </div>
     </fieldset>
   );

@@ -2,6 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import { Empty, Name, ProblemNote, Select, Show, Title, Toggle } from "../components/basics";
+import { TextField } from "../components/fields";
 import { type Asked, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -88,10 +89,15 @@ function Form({ names, given }: { names: Names; given: string }) {
             value: `robot:${robot.id}`,
             label: `${names.robot(robot.id)} (${words.robotGroup})`,
           })),
-          ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${set.name} (${words.setGroup})` })),
+          ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${names.set(set.id)} (${words.setGroup})` })),
         ]}
       />
-      <Line label={words.readings} value={asked.readings} change={(readings) => change({ readings })} numeric />
+      <TextField
+        label={words.readings}
+        value={asked.readings}
+        change={(readings) => change({ readings })}
+        inputMode="decimal"
+      />
       {kind === "set" ? (
         <>
           <p class="soft">{words.fromCampaign}</p>
@@ -126,11 +132,12 @@ function Form({ names, given }: { names: Names; given: string }) {
 function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
   return (
     <>
-      <Lines
+      <TextField
+        lines={4}
         label={words.targets}
         value={asked.targets}
         change={(targets) => change({ targets })}
-        example={"P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120"}
+        placeholder={"P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120"}
       />
       <Select
         label={words.load}
@@ -138,61 +145,37 @@ function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Ask
         change={(kind) => change({ kind: kind as Asked["kind"] })}
         options={Object.entries(words.kinds).map(([value, label]) => ({ value, label }))}
       />
-      <Line label={words.force} value={asked.force} change={(force) => change({ force })} numeric example="900" />
+      <TextField
+        label={words.force}
+        value={asked.force}
+        change={(force) => change({ force })}
+        inputMode="decimal"
+        placeholder="900"
+      />
       {asked.kind === "cable" && (
-        <Lines
+        <TextField
+          lines={4}
           label={words.anchors}
           value={asked.anchors}
           change={(anchors) => change({ anchors })}
-          example="3000 0 0"
+          placeholder="3000 0 0"
         />
       )}
-      <Line
+      <TextField
         label={words.loadPoint}
         value={asked.loadPoint}
         change={(loadPoint) => change({ loadPoint })}
-        example="-60 20 180"
+        placeholder="-60 20 180"
       />
-      <Line label={words.sigma} value={asked.sigma} change={(sigma) => change({ sigma })} numeric />
-      <Line
+      <TextField label={words.sigma} value={asked.sigma} change={(sigma) => change({ sigma })} inputMode="decimal" />
+      <TextField
         label={words.station}
         value={asked.station}
         change={(station) => change({ station })}
-        example="4000 0 1500"
+        placeholder="4000 0 1500"
       />
-      <Line label={words.floor} value={asked.floor} change={(floor) => change({ floor })} numeric />
+      <TextField label={words.floor} value={asked.floor} change={(floor) => change({ floor })} inputMode="decimal" />
     </>
-  );
-}
-
-interface Field {
-  label: string;
-  value: string;
-  change: (value: string) => void;
-  example?: string;
-}
-
-function Line({ label, value, change, example = "", numeric = false }: Field & { numeric?: boolean }) {
-  return (
-    <label class="field">
-      <span>{label}</span>
-      <input
-        type="text"
-        inputMode={numeric ? "decimal" : "text"}
-        value={value}
-        placeholder={example}
-        onInput={(event) => change(event.currentTarget.value)}
-      />
-    </label>
-  );
-}
-
-function Lines({ label, value, change, example = "" }: Field) {
-  return (
-    <label class="field">
-      <span>{label}</span>
-      <textarea rows={4} value={value} placeholder={example} onInput={(event) => change(event.currentTarget.value)} />
-    </label>
   );
 }
 

@@ -1,8 +1,9 @@
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
-import { useId, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import { ProblemNote, Select } from "../components/basics";
 import { DropZone } from "../components/drop";
+import { TextField } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { numbersIn } from "../lib/program";
 import { useAction } from "../state/action";
@@ -72,9 +73,9 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           change={setAxes}
           options={(["robot", "tool", "base"] as const).map((value) => ({ value, label: words.axesOf[value] }))}
         />
-        <Numbers label={words.tool} value={tool} change={setTool} hint={words.frameHint} />
-        <Numbers label={words.base} value={base} change={setBase} hint={words.frameHint} />
-        <Numbers label={`${words.start} [${text.units.deg}]`} value={start} change={setStart} hint={words.startHint} />
+        <Numbers label={words.tool} value={tool} change={setTool} help={words.frameHint} />
+        <Numbers label={words.base} value={base} change={setBase} help={words.frameHint} />
+        <Numbers label={`${words.start} [${text.units.deg}]`} value={start} change={setStart} help={words.startHint} />
       </div>
       {make.problem && <ProblemNote problem={make.problem} />}
       <button
@@ -89,29 +90,6 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
   );
 }
 
-function Numbers({
-  label,
-  value,
-  change,
-  hint,
-}: {
-  label: string;
-  value: string;
-  change: (value: string) => void;
-  hint?: string;
-}) {
-  const id = useId();
-  return (
-    <div class="field">
-      <label for={id}>{label}</label>
-      <input
-        type="text"
-        id={id}
-        value={value}
-        aria-invalid={numbersIn(value) === null}
-        onInput={(event) => change(event.currentTarget.value)}
-      />
-      {hint !== undefined && <small>{hint}</small>}
-    </div>
-  );
-}
+const Numbers = ({ value, ...rest }: Parameters<typeof TextField>[0]) => (
+  <TextField {...rest} value={value} aria-invalid={numbersIn(value) === null} />
+);

@@ -4,6 +4,7 @@ import { api } from "../api/client";
 import type { NominalArm, RobotDocument } from "../api/types";
 import { Arm } from "../components/arm";
 import { Choice, ProblemNote, Title } from "../components/basics";
+import { TextField } from "../components/fields";
 import { contentKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
@@ -50,16 +51,13 @@ export function RobotNewView() {
       <Title plain={words.add}>{words.add}</Title>
       <div class="flow editor">
         <section class="card">
-          <label class="field">
-            <span>{words.name}</span>
-            <input
-              type="text"
-              maxLength={200}
-              value={name}
-              placeholder={format === "catalogue" && arm ? arm.name : words.namePlaceholder}
-              onInput={(event) => setName(event.currentTarget.value)}
-            />
-          </label>
+          <TextField
+            label={words.name}
+            maxLength={200}
+            value={name}
+            placeholder={format === "catalogue" && arm ? arm.name : words.namePlaceholder}
+            change={setName}
+          />
           <Choice
             cards
             label={words.ways}

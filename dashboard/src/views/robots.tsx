@@ -3,6 +3,7 @@ import type { ComponentChild } from "preact";
 import { useState } from "preact/hooks";
 import { api, every } from "../api/client";
 import { Empty, Name, Show, Title, Toggle, When } from "../components/basics";
+import { TextField } from "../components/fields";
 import { RobotTabs } from "../components/robot_tabs";
 import { matches, type SetFilter } from "../lib/metadata";
 import { type Names, useNames } from "../state/names";
@@ -119,29 +120,20 @@ function Sets({ names }: { names: Names }) {
 
 function FilterRow({ filter, change }: { filter: SetFilter; change: (filter: SetFilter) => void }) {
   const words = text.metadata;
-  const day = (name: "from" | "to") => (
-    <label class="field">
-      <span>{words[name]}</span>
-      <input
-        type="date"
-        value={filter[name]}
-        onInput={(event) => change({ ...filter, [name]: event.currentTarget.value })}
-      />
-    </label>
+  const field = (name: keyof SetFilter, label: string, type: "search" | "date") => (
+    <TextField
+      label={label}
+      type={type}
+      value={filter[name]}
+      placeholder={name === "words" ? words.filterPlaceholder : ""}
+      change={(typed) => change({ ...filter, [name]: typed })}
+    />
   );
   return (
     <div class="row">
-      <label class="field">
-        <span>{words.filter}</span>
-        <input
-          type="search"
-          value={filter.words}
-          placeholder={words.filterPlaceholder}
-          onInput={(event) => change({ ...filter, words: event.currentTarget.value })}
-        />
-      </label>
-      {day("from")}
-      {day("to")}
+      {field("words", words.filter, "search")}
+      {field("from", words.from, "date")}
+      {field("to", words.to, "date")}
     </div>
   );
 }

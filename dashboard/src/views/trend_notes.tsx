@@ -1,8 +1,9 @@
 /** What people note in a trend: alarms that were seen, and new baselines. */
-import { useId, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
 import { Name, ProblemNote, Select, When } from "../components/basics";
+import { TextField } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
 import { link } from "../state/router";
@@ -72,7 +73,6 @@ function Alarm({ robot, raised: { joint, alarm }, reload }: { robot: string; rai
 }
 
 function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: string; run: string; reload: () => void }) {
-  const id = useId();
   const [note, setNote] = useState("");
   const send = useAction(async () => {
     await api.acknowledge(robot, { run_id: run, joint, note: note.trim() });
@@ -86,17 +86,7 @@ function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: stri
         send.run();
       }}
     >
-      <div class="field">
-        <label for={id}>{words.note}</label>
-        <input
-          id={id}
-          type="text"
-          required
-          maxLength={2000}
-          value={note}
-          onInput={(event) => setNote(event.currentTarget.value)}
-        />
-      </div>
+      <TextField label={words.note} required maxLength={2000} value={note} change={setNote} />
       <button type="submit" class="button" disabled={send.busy || note.trim() === ""}>
         {words.acknowledge}
       </button>
@@ -107,7 +97,6 @@ function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: stri
 
 /** A new baseline from a campaign on, with its reason. */
 export function NewBaseline({ trend, reload }: Noted) {
-  const ids = [useId(), useId()];
   const [run, setRun] = useState(trend.campaigns.at(-1)?.run_id ?? "");
   const [reason, setReason] = useState("");
   const [size, setSize] = useState(LEAST);
@@ -140,30 +129,22 @@ export function NewBaseline({ trend, reload }: Noted) {
           change={setRun}
           options={trend.campaigns.map(({ run_id: value, name, at }) => ({ value, label: `${day(at)}, ${name}` }))}
         />
-        <div class="field">
-          <label for={ids[0]}>{words.reason}</label>
-          <input
-            id={ids[0]}
-            type="text"
-            required
-            maxLength={200}
-            placeholder={words.reasonExample}
-            value={reason}
-            onInput={(event) => setReason(event.currentTarget.value)}
-          />
-        </div>
-        <div class="field">
-          <label for={ids[1]}>{words.size}</label>
-          <input
-            id={ids[1]}
-            type="number"
-            min={LEAST}
-            max={MOST}
-            step={1}
-            value={size}
-            onInput={(event) => setSize(event.currentTarget.valueAsNumber)}
-          />
-        </div>
+        <TextField
+          label={words.reason}
+          required
+          maxLength={200}
+          placeholder={words.reasonExample}
+          value={reason}
+          change={setReason}
+        />
+        <TextField
+          label={words.size}
+          type="number"
+          min={LEAST}
+          max={MOST}
+          value={String(size)}
+          change={(typed) => setSize(Number(typed))}
+        />
         <button type="submit" class="button" disabled={send.busy || reason.trim() === ""}>
           {words.begin}
         </button>
