@@ -1,16 +1,22 @@
 import { describe, expect, it } from "vitest";
-import { boxAround, greatest, parseMap, sliceOf, thinnest, valueOfPlace } from "../src/lib/map";
+import { boxAround, greatest, placesOf, sliceOf, thinnest, valueOfPlace } from "../src/lib/map";
 
-const HEAD = '"odd, name [rad]",header,of,no,interest';
+const NAMES = "status,x [m],y [m],z [m],direction,turn,x [rad],odd name [rad],dx [m],dy [m],dz [m],deflection [m],";
+const HEADS = `${NAMES}readings only low [m],readings only high [m],with model error low [m],with model error high [m],`;
+const LAST = "compliance along [m/N],compliance across [m/N],extrapolation [1]";
 const ROWS = [
-  "reached,1.2,-0.6,0.4,0,3,0.1,0.2,1e-06,-2e-06,2e-06,3e-06,2.9e-06,3.1e-06,,,1e-09,2e-09,",
-  "out_of_reach,9,0,0,,,,,,,,,,,,,,,",
+  ["reached", 1.2, -0.6, 0.4, 0, 3, 0.1, 0.2, 1e-6, -2e-6, 2e-6, 3e-6, 2.9e-6, 3.1e-6, null, null, 1e-9, 2e-9, null],
+  ["out_of_reach", 9, 0, 0, ...Array.from({ length: 15 }, () => null)],
 ];
 
 describe("the table of a map", () => {
-  const [first, second] = parseMap([HEAD, ...ROWS, ""].join("\r\n"));
+  const columns = (HEADS + LAST).split(",").map((head, i) => {
+    const [name = "", unit = ""] = head.replace("]", "").split(" [");
+    return { name, unit, values: ROWS.map((row) => row[i] ?? null) };
+  });
+  const [first, second] = placesOf({ columns });
 
-  it("is read by the number of its joints", () => {
+  it("is read by its heads, joints by their unit", () => {
     expect(first?.joints).toEqual([0.1, 0.2]);
     expect(first?.position).toEqual([1.2, -0.6, 0.4]);
     expect(first?.displacement).toEqual([1e-6, -2e-6, 2e-6]);
@@ -18,6 +24,7 @@ describe("the table of a map", () => {
     expect(first?.withModelError.every(Number.isNaN)).toBe(true);
     expect(first && valueOfPlace(first, "deflection")).toBeCloseTo(3);
     expect(first && valueOfPlace(first, "across")).toBeCloseTo(2e-3);
+    expect(first?.extrapolation).toBeNaN();
   });
 
   it("keeps why a place has no numbers", () => {

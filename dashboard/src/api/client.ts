@@ -1,5 +1,6 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../i18n";
+import type { Columns } from "../lib/map";
 import type {
   Authorisation,
   AuthorisationList,
@@ -192,7 +193,7 @@ export const api = {
   geometries: jobs<Geometry, GeometrySummary>("geometries", true),
   plans: jobs<Plan, PlanSummary>("plans", true),
   maps,
-  mapTable: (map: string) => textOf(maps.file(map, "map.csv")),
+  mapTable: (map: string) => call<Columns>("GET", maps.file(map, "map.json")),
   programs,
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
   programPoints: (program: string) => textOf(programs.file(program, "points.csv")),

@@ -46,6 +46,17 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
   );
 }
 
+/** A table in a card of its own. */
+export function TableCard({ title, note, table }: { title: string; note?: ComponentChildren; table: Table }) {
+  return (
+    <section class="card">
+      <h2>{title}</h2>
+      {note && <p class="soft">{note}</p>}
+      <DataTable caption={title} table={table} />
+    </section>
+  );
+}
+
 /** Whether a column has numbers; what is missing among them stands where they do. */
 const numeric = (table: Table, column: number): boolean => table.rows.some((row) => typeof row[column] === "number");
 

@@ -23,33 +23,30 @@ export interface MapPlace {
 
 export type Quantity = "deflection" | "upper" | "along" | "across";
 
-/** Columns beside the joints: status, x, y, z, direction, turn before them; twelve after. */
-const BEFORE = 6;
-const AFTER = 11;
+/** `map.json`: a table by columns, null where there is no number. */
+export interface Columns {
+  columns: { name: string; unit: string; values: (number | string | null)[] }[];
+}
 
-/** Read `map.csv`: one row a place. */
-export function parseMap(csv: string): MapPlace[] {
-  const [, ...rows] = csv.split("\r\n"); // names of joints stand in the first line only
-  return rows.filter(Boolean).map((row) => {
-    const cells = row.split(",");
-    const n = cells.length - BEFORE - AFTER;
-    const at = (i: number): number => {
-      const cell = cells[i];
-      return cell === undefined || cell === "" ? Number.NaN : Number(cell);
-    };
-    const joints = Array.from({ length: n }, (_, j) => at(BEFORE + j));
-    const rest = BEFORE + n;
+/** The places of a map's table; angles of joints are its columns in radians. */
+export function placesOf({ columns }: Columns): MapPlace[] {
+  const byHead = new Map(columns.map(({ name, unit, values }) => [unit ? `${name} [${unit}]` : name, values]));
+  const angles = columns.filter(({ unit }) => unit === "rad");
+  const numeric = (value: unknown): number => (typeof value === "number" ? value : Number.NaN);
+  return (byHead.get("status") ?? []).map((status, i) => {
+    const at = (head: string): number => numeric(byHead.get(head)?.[i]);
+    const joints = angles.map(({ values }) => numeric(values[i]));
     return {
-      status: cells[0] as PlaceStatus,
-      position: [at(1), at(2), at(3)],
+      status: status as PlaceStatus,
+      position: [at("x [m]"), at("y [m]"), at("z [m]")],
       joints: joints.some(Number.isNaN) ? [] : joints,
-      displacement: [at(rest), at(rest + 1), at(rest + 2)],
-      deflection: at(rest + 3),
-      readingsOnly: [at(rest + 4), at(rest + 5)],
-      withModelError: [at(rest + 6), at(rest + 7)],
-      along: at(rest + 8),
-      across: at(rest + 9),
-      extrapolation: at(rest + 10),
+      displacement: [at("dx [m]"), at("dy [m]"), at("dz [m]")],
+      deflection: at("deflection [m]"),
+      readingsOnly: [at("readings only low [m]"), at("readings only high [m]")],
+      withModelError: [at("with model error low [m]"), at("with model error high [m]")],
+      along: at("compliance along [m/N]"),
+      across: at("compliance across [m/N]"),
+      extrapolation: at("extrapolation [1]"),
     };
   });
 }

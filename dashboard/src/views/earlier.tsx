@@ -6,6 +6,7 @@ import type { Collection } from "../api/events";
 import type { Page, RunState, RunSummary, Usability } from "../api/types";
 import { Badge } from "../components/badge";
 import { Choice, Empty, Name, ProblemNote, State, When } from "../components/basics";
+import { Item } from "../components/item";
 import { useLoad } from "../state/load";
 import type { Names } from "../state/names";
 import { link } from "../state/router";
@@ -19,8 +20,8 @@ const MOST = 50;
 type Listed = Exclude<Collection, "runs">;
 type Summary<Of extends Listed> = Awaited<ReturnType<(typeof api)[Of]["list"]>>["items"][number];
 
-interface Item
-  extends Partial<Pick<RunSummary, "compensation" | "joints_identified" | "joint_count" | "warning_count">> {
+/** A geometry, a pair and a comparison have a verdict, and then all that is told of a run. */
+interface Listing {
   id: string;
   robot_id: string | null;
   state: RunState;
@@ -49,7 +50,7 @@ export function Earlier<Of extends Listed>({
   const found = useLoad(
     (signal) => {
       const wanted = { ...filters, limit: MOST, ...(deleted ? { deleted: "true" } : {}) };
-      return api[collection].list(wanted, signal) as Promise<Page<Item & Summary<Of>>>;
+      return api[collection].list(wanted, signal) as Promise<Page<Listing & Summary<Of>>>;
     },
     [shown, JSON.stringify(filters)],
   );
@@ -83,48 +84,24 @@ export function Earlier<Of extends Listed>({
       )}
       {items.length > 0 && (
         <ul class="rows">
-          {items.map((item) => {
-            const row = <Row item={item} names={names} title={title(item)} />;
-            return (
-              <li class="item">
-                {deleted ? (
-                  <div class="main">{row}</div>
-                ) : (
-                  <a class="main" href={addressOf(collection, item.id)}>
-                    {row}
-                  </a>
-                )}
-                {deleted && (
-                  <button type="button" class="button" onClick={() => bringBack(item.id)}>
-                    {text.lists.restore}
-                  </button>
-                )}
-              </li>
-            );
-          })}
+          {items.map((item) => (
+            <Item
+              href={deleted ? undefined : addressOf(collection, item.id)}
+              what={<span>{title(item)}</span>}
+              note={item.robot_id !== null && <Name>{names?.robot(item.robot_id) ?? "…"}</Name>}
+              figures={item.verdict && <Figures of={item as RunSummary} />}
+              when={<When time={item.created_at} />}
+              standing={item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
+            >
+              {deleted && (
+                <button type="button" class="button" onClick={() => bringBack(item.id)}>
+                  {text.lists.restore}
+                </button>
+              )}
+            </Item>
+          ))}
         </ul>
       )}
     </section>
-  );
-}
-
-function Row({ item, names, title }: { item: Item; names: Names | null; title: ComponentChildren }) {
-  const { compensation = null, joints_identified = null, joint_count = 0, warning_count = null } = item;
-  return (
-    <>
-      <span class="what">
-        <span>{title}</span>
-        {item.robot_id !== null && (
-          <small>
-            <Name>{names?.robot(item.robot_id) ?? "…"}</Name>
-          </small>
-        )}
-      </span>
-      <Figures of={{ compensation, joints_identified, joint_count, warning_count }} />
-      <span class="when">
-        <When time={item.created_at} />
-      </span>
-      <span class="standing">{item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}</span>
-    </>
   );
 }

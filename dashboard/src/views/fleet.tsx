@@ -2,6 +2,7 @@
 import { api } from "../api/client";
 import type { FleetRow } from "../api/types";
 import { Empty, Name, Show, Title, When } from "../components/basics";
+import { Item } from "../components/item";
 import { RobotTabs } from "../components/robot_tabs";
 import { changeText } from "../lib/trend";
 import { useLoad } from "../state/load";
@@ -43,24 +44,23 @@ export function FleetView() {
 export function Row({ row }: { row: FleetRow }) {
   const query = row.serial_number === null ? {} : { serial: row.serial_number };
   return (
-    <li class="item">
-      <a class="main" href={link(["compare", "trend", row.robot_id], query)}>
-        <span class="what">
-          <Name>{row.name}</Name>
-          <small>{row.serial_number === null ? words.noSerial : <Name>{row.serial_number}</Name>}</small>
-        </span>
-        <span class="how">
+    <Item
+      href={link(["compare", "trend", row.robot_id], query)}
+      what={<Name>{row.name}</Name>}
+      note={row.serial_number === null ? words.noSerial : <Name>{row.serial_number}</Name>}
+      how={
+        <>
           {row.joint && row.change ? words.latest(row.joint, changeText(row.change)) : (row.missing ?? "")}
           {row.alarm !== null ? <small>{row.alarm}</small> : row.change && row.missing && <small>{row.missing}</small>}
-        </span>
-        <span class="when">
+        </>
+      }
+      when={
+        <>
           {row.measured_at === null ? words.never : <When time={row.measured_at} />}
           <small>{words.campaigns(row.campaigns)}</small>
-        </span>
-        <span class="standing">
-          <span class={`state ${row.state}`}>{words.states[row.state]}</span>
-        </span>
-      </a>
-    </li>
+        </>
+      }
+      standing={<span class={`state ${row.state}`}>{words.states[row.state]}</span>}
+    />
   );
 }

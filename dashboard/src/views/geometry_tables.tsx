@@ -1,6 +1,6 @@
 /** The numbers of a geometry: links beside the nominal model, axes, and what each sweep says by itself. */
 import type { GeometryResult } from "../api/types";
-import { DataTable } from "../components/table";
+import { TableCard } from "../components/table";
 import { fixed, significant } from "../lib/format";
 import { degrees } from "../lib/units";
 import { text } from "../i18n";
@@ -28,94 +28,82 @@ export function LinkTables({ links }: { links: GeometryResult["links"] }) {
   const first = [{ title: text.run.joint }, { title: words.parameter }];
   return (
     <>
-      <section class="card">
-        <h2>{words.lengths}</h2>
-        <p class="soft">{words.uncertaintyNote}</p>
-        <DataTable
-          caption={words.lengths}
-          table={{
-            columns: [
-              ...first,
-              { title: words.nominalValue, unit: mm, show: digits(3) },
-              { title: words.identifiedValue, unit: mm, show: digits(3) },
-              { title: words.difference, unit: mm, show: digits(3) },
-              { title: words.uncertainty, unit: micrometre, show: two },
-            ],
-            rows: rows("m", (value) => value * 1e3),
-          }}
-        />
-      </section>
-      <section class="card">
-        <h2>{words.angles}</h2>
-        <DataTable
-          caption={words.angles}
-          table={{
-            columns: [
-              ...first,
-              { title: words.nominalValue, unit: deg, show: digits(4) },
-              { title: words.identifiedValue, unit: deg, show: digits(4) },
-              { title: words.difference, unit: words.mrad, show: digits(3) },
-              { title: words.uncertainty, unit: words.microradian, show: two },
-            ],
-            rows: rows("rad", degrees),
-          }}
-        />
-      </section>
+      <TableCard
+        title={words.lengths}
+        note={words.uncertaintyNote}
+        table={{
+          columns: [
+            ...first,
+            { title: words.nominalValue, unit: mm, show: digits(3) },
+            { title: words.identifiedValue, unit: mm, show: digits(3) },
+            { title: words.difference, unit: mm, show: digits(3) },
+            { title: words.uncertainty, unit: micrometre, show: two },
+          ],
+          rows: rows("m", (value) => value * 1e3),
+        }}
+      />
+      <TableCard
+        title={words.angles}
+        table={{
+          columns: [
+            ...first,
+            { title: words.nominalValue, unit: deg, show: digits(4) },
+            { title: words.identifiedValue, unit: deg, show: digits(4) },
+            { title: words.difference, unit: words.mrad, show: digits(3) },
+            { title: words.uncertainty, unit: words.microradian, show: two },
+          ],
+          rows: rows("rad", degrees),
+        }}
+      />
     </>
   );
 }
 
 export function AxisTable({ axes }: { axes: GeometryResult["axes"] }) {
   return (
-    <section class="card">
-      <h2>{words.axes}</h2>
-      <DataTable
-        caption={words.axes}
-        table={{
-          columns: [
-            { title: words.axis },
-            ...["x", "y", "z"].map((title) => ({ title, unit: mm, show: digits(3) })),
-            ...["x", "y", "z"].map((title) => ({ title: `${words.direction} ${title}`, show: digits(5) })),
-            { title: words.uPosition, unit: micrometre, show: two },
-            { title: words.uDirection, unit: words.microradian, show: two },
-          ],
-          rows: axes.map((axis) => [
-            axis.name,
-            ...axis.base.point.map((value) => value * 1e3),
-            ...axis.base.direction,
-            micro(axis.position_uncertainty),
-            micro(axis.direction_uncertainty),
-          ]),
-        }}
-      />
-    </section>
+    <TableCard
+      title={words.axes}
+      table={{
+        columns: [
+          { title: words.axis },
+          ...["x", "y", "z"].map((title) => ({ title, unit: mm, show: digits(3) })),
+          ...["x", "y", "z"].map((title) => ({ title: `${words.direction} ${title}`, show: digits(5) })),
+          { title: words.uPosition, unit: micrometre, show: two },
+          { title: words.uDirection, unit: words.microradian, show: two },
+        ],
+        rows: axes.map((axis) => [
+          axis.name,
+          ...axis.base.point.map((value) => value * 1e3),
+          ...axis.base.direction,
+          micro(axis.position_uncertainty),
+          micro(axis.direction_uncertainty),
+        ]),
+      }}
+    />
   );
 }
 
 export function SweepTable({ sweeps }: { sweeps: GeometryResult["sweeps"] }) {
   if (sweeps.length === 0) return null;
   return (
-    <section class="card">
-      <h2>{words.sweeps}</h2>
-      <DataTable
-        caption={words.sweeps}
-        table={{
-          columns: [
-            { title: text.run.joint },
-            { title: words.positions, show: digits(0) },
-            { title: words.arc, unit: deg, show: digits(1) },
-            { title: words.angleScale, show: digits(5) },
-            { title: words.chiSquare, show: digits(2) },
-          ],
-          rows: sweeps.map((sweep) => [
-            sweep.joint,
-            sweep.positions,
-            degrees(sweep.arc),
-            sweep.angle_scale,
-            sweep.variance_factor,
-          ]),
-        }}
-      />
-    </section>
+    <TableCard
+      title={words.sweeps}
+      table={{
+        columns: [
+          { title: text.run.joint },
+          { title: words.positions, show: digits(0) },
+          { title: words.arc, unit: deg, show: digits(1) },
+          { title: words.angleScale, show: digits(5) },
+          { title: words.chiSquare, show: digits(2) },
+        ],
+        rows: sweeps.map((sweep) => [
+          sweep.joint,
+          sweep.positions,
+          degrees(sweep.arc),
+          sweep.angle_scale,
+          sweep.variance_factor,
+        ]),
+      }}
+    />
   );
 }

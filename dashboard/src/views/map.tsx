@@ -13,7 +13,7 @@ import {
   type Axis,
   greatest,
   type MapPlace,
-  parseMap,
+  placesOf,
   type Quantity,
   sliceOf,
   thinnest,
@@ -44,7 +44,7 @@ interface Loaded extends RunContext {
 
 async function load(id: string, signal: AbortSignal): Promise<Loaded> {
   const map = await api.maps.one(id, signal);
-  const places = map.result ? parseMap(await cached(`map/${id}`, () => api.mapTable(id))) : [];
+  const places = map.result ? placesOf(await cached(`map/${id}`, () => api.mapTable(id))) : [];
   return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
 

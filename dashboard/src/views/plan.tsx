@@ -6,9 +6,8 @@ import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
 import { toFillIn } from "../lib/checklist";
-import { csv, fileName } from "../lib/csv";
+import { fileName } from "../lib/csv";
 import { percent, significant } from "../lib/format";
-import { degrees } from "../lib/units";
 import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
@@ -40,7 +39,9 @@ export function PlanView({ id }: { id: string }) {
             <Name>{subject}</Name>
           </a>
         ),
-        actions: job.result && <Files {...{ request: job.request, result: job.result, base, robot, subject }} />,
+        actions: job.result && (
+          <Files {...{ plan: id, request: job.request, result: job.result, base, robot, subject }} />
+        ),
       })}
     >
       {(result, { job, robot }) => (
@@ -54,12 +55,14 @@ export function PlanView({ id }: { id: string }) {
 }
 
 function Files({
+  plan,
   request,
   result,
   base,
   robot,
   subject,
 }: {
+  plan: string;
   request: PlanRequest;
   result: PlanResult;
   base: MeasurementSet | null;
@@ -76,13 +79,9 @@ function Files({
       >
         {words.fillIn}
       </button>
-      <button
-        type="button"
-        class="button"
-        onClick={() => save(listOf(result, robot), "text/csv", fileName(`${subject} plan`, "csv"))}
-      >
+      <a class="button" href={api.plans.file(plan, "readings.csv")} download>
         {words.csv}
-      </button>
+      </a>
     </>
   );
 }
@@ -120,22 +119,4 @@ function Promise({ result }: { result: PlanResult }) {
       </p>
     </section>
   );
-}
-
-function listOf(result: PlanResult, robot: Robot): string {
-  const head = [
-    "label",
-    ...robot.joints.map(({ name }) => `${name} [deg]`),
-    ...["Fx", "Fy", "Fz"].map((axis) => `${axis} [N]`),
-    "anchor",
-    "validation",
-  ];
-  const rows = result.readings.map((each) => [
-    each.label,
-    ...each.joints.map((angle) => Number(degrees(angle).toFixed(3))),
-    ...each.force.map((part) => Number(part.toFixed(1))),
-    each.anchor,
-    each.validation ? 1 : 0,
-  ]);
-  return csv(head, rows);
 }

@@ -4,6 +4,7 @@ import { useState } from "preact/hooks";
 import { api, every } from "../api/client";
 import { Empty, Name, Show, Title, Toggle, When } from "../components/basics";
 import { TextField } from "../components/fields";
+import { Item } from "../components/item";
 import { RobotTabs } from "../components/robot_tabs";
 import { matches, type SetFilter } from "../lib/metadata";
 import { type Names, useNames } from "../state/names";
@@ -66,23 +67,13 @@ function Robots({ names }: { names: Names }) {
       {toggle}
       <ul class="rows">
         {robots.map((robot) => (
-          <li class="item">
-            <a class="main" href={link(["robots", robot.id])}>
-              <span class="what">
-                <Name>{robot.name}</Name>
-                <small>
-                  {text.robots.joints(robot.joints.length)}
-                  {robot.nominal_arm && `, ${text.robots.nominal}`}
-                </small>
-              </span>
-              <span class="how">
-                {text.robots.sets}: {sets.filter((set) => set.robot_id === robot.id).length}
-              </span>
-              <span class="when">
-                <When time={robot.created_at} />
-              </span>
-            </a>
-          </li>
+          <Item
+            href={link(["robots", robot.id])}
+            what={<Name>{robot.name}</Name>}
+            note={text.robots.joints(robot.joints.length) + (robot.nominal_arm ? `, ${text.robots.nominal}` : "")}
+            how={`${text.robots.sets}: ${sets.filter((set) => set.robot_id === robot.id).length}`}
+            when={<When time={robot.created_at} />}
+          />
         ))}
       </ul>
     </>
@@ -142,32 +133,25 @@ export function SetList({ names, sets }: { names: Names | null; sets: Names["set
   return (
     <ul class="rows">
       {sets.map((set) => (
-        <li class="item">
-          <a class="main" href={link(["sets", set.id])}>
-            <span class="what">
-              <Name>{set.name}</Name>
-              <small>
-                <Name>{names?.robot(set.robot_id) ?? ""}</Name>
-                {set.serial_number && (
-                  <>
-                    {", "}
-                    <Name>{set.serial_number}</Name>
-                  </>
-                )}
-              </small>
-            </span>
-            <span class="how">
+        <Item
+          href={link(["sets", set.id])}
+          what={<Name>{set.name}</Name>}
+          note={
+            <>
+              <Name>{names?.robot(set.robot_id) ?? ""}</Name>
+              {set.serial_number && ", "}
+              {set.serial_number && <Name>{set.serial_number}</Name>}
+            </>
+          }
+          how={
+            <>
               {text.sets.observations(set.observation_count)}
               <small>{text.files.encoders[set.encoders]}</small>
-            </span>
-            <span class="when">
-              <When time={set.measured_at ?? set.created_at} />
-            </span>
-            <span class="standing">
-              {set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>}
-            </span>
-          </a>
-        </li>
+            </>
+          }
+          when={<When time={set.measured_at ?? set.created_at} />}
+          standing={set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>}
+        />
       ))}
     </ul>
   );

@@ -3,7 +3,7 @@ import { entriesOf } from "../lib/entries";
 import type { RunResult } from "../api/types";
 import { Facts, Name, When } from "../components/basics";
 import { Term } from "../components/term";
-import { DataTable } from "../components/table";
+import { DataTable, TableCard } from "../components/table";
 import { fixed, percent, pValue, significant } from "../lib/format";
 import { link } from "../state/router";
 import { text } from "../i18n";
@@ -145,21 +145,18 @@ function Certificate({ result: { certificate } }: { result: RunResult }) {
 
 function Suspicious({ result }: { result: RunResult }) {
   return (
-    <section class="card">
-      <h2>{words.suspicious}</h2>
-      <DataTable
-        caption={words.suspicious}
-        table={{
-          columns: [
-            { title: text.deflection.configuration },
-            { title: text.deflection.target },
-            { title: words.weight, show: (v) => fixed(v, 2) },
-            { title: words.norm, show: (v) => fixed(v, 1) },
-          ],
-          rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
-        }}
-      />
-    </section>
+    <TableCard
+      title={words.suspicious}
+      table={{
+        columns: [
+          { title: text.deflection.configuration },
+          { title: text.deflection.target },
+          { title: words.weight, show: (v) => fixed(v, 2) },
+          { title: words.norm, show: (v) => fixed(v, 1) },
+        ],
+        rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
+      }}
+    />
   );
 }
 

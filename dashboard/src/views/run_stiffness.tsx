@@ -3,7 +3,7 @@ import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Run, RunResult } from "../api/types";
 import { ProblemNote } from "../components/basics";
-import { DataTable } from "../components/table";
+import { TableCard } from "../components/table";
 import { percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { freshKey } from "../lib/hash";
@@ -120,30 +120,27 @@ function Resampled({ result }: { result: RunResult }) {
   const draws = result.resampling;
   if (!draws) return null;
   return (
-    <section class="card">
-      <h2>{text.run.resampling}</h2>
-      <p class="soft">{text.run.resamplingNote(draws.repetitions)}</p>
-      <DataTable
-        caption={text.run.resampling}
-        table={{
-          columns: [
-            { title: text.run.joint },
-            { title: text.run.mean, unit: column },
-            { title: text.run.deviation, unit: column, show: (v) => significant(v, 2) },
-            { title: text.run.negativeDraws, show: (v) => percent(v) },
-            { title: text.run.infiniteDraws, show: (v) => percent(v) },
-          ],
-          rows: draws.joints.map((joint) => [
-            joint.name,
-            maybeInUnit(joint.stiffness_mean, unit),
-            joint.stiffness_mean === null || joint.stiffness_deviation === null
-              ? null
-              : changeIn(joint.stiffness_deviation, joint.stiffness_mean, unit),
-            joint.share_negative,
-            joint.share_infinite,
-          ]),
-        }}
-      />
-    </section>
+    <TableCard
+      title={text.run.resampling}
+      note={text.run.resamplingNote(draws.repetitions)}
+      table={{
+        columns: [
+          { title: text.run.joint },
+          { title: text.run.mean, unit: column },
+          { title: text.run.deviation, unit: column, show: (v) => significant(v, 2) },
+          { title: text.run.negativeDraws, show: (v) => percent(v) },
+          { title: text.run.infiniteDraws, show: (v) => percent(v) },
+        ],
+        rows: draws.joints.map((joint) => [
+          joint.name,
+          maybeInUnit(joint.stiffness_mean, unit),
+          joint.stiffness_mean === null || joint.stiffness_deviation === null
+            ? null
+            : changeIn(joint.stiffness_deviation, joint.stiffness_mean, unit),
+          joint.share_negative,
+          joint.share_infinite,
+        ]),
+      }}
+    />
   );
 }

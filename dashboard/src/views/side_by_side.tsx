@@ -3,12 +3,10 @@ import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Badge } from "../components/badge";
-import { Empty, Name, ProblemNote, Show, Title } from "../components/basics";
-import { Scroll } from "../components/table";
+import { Empty, ProblemNote, Show, Title } from "../components/basics";
 import { percent } from "../lib/format";
 import { freshKey } from "../lib/hash";
-import { axisStiffness, shownStiffness } from "../lib/stiffness";
+import { axisStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS } from "../lib/units";
 import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
@@ -18,22 +16,18 @@ import { storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { markOf } from "./joint_marks";
 import { stiffnessTable } from "./joint_table";
+import { jointOf, jointsOf, type RunColumn, RunsTable } from "./runs_table";
 
 const words = text.lists;
 /** As many as there are marks. */
 export const MOST_RUNS = 4;
-
-interface Column {
-  run: Run;
-  name: string;
-}
 
 export function SideBySideView({ ids }: { ids: string[] }) {
   const loaded = useLoad(
     async (signal) => {
       const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.runs.one(id, signal)));
       const sets = await Promise.all(runs.map((run) => storedSet(run.request.measurement_set_id)));
-      return runs.map((run, i): Column => ({ run, name: sets[i]?.name ?? run.id }));
+      return runs.map((run, i): RunColumn => ({ run, name: sets[i]?.name ?? run.id, note: how(run) }));
     },
     [ids.join()],
   );
@@ -54,7 +48,7 @@ const how = ({ request }: Run): string =>
     ...(request.leave_out.length > 0 ? [words.without(request.leave_out)] : []),
   ].join(", ");
 
-function Page({ columns }: { columns: Column[] }) {
+function Page({ columns }: { columns: RunColumn[] }) {
   const { unit } = useSettings();
   const [first, second] = columns;
   const pair = useAction(async () => {
@@ -65,8 +59,7 @@ function Page({ columns }: { columns: Column[] }) {
     );
     go(link(["compare", "pairs", made.id]));
   });
-  const names = [...new Set(columns.flatMap(({ run }) => run.result?.joints.map((joint) => joint.name) ?? []))];
-  const jointOf = (column: Column, name: string) => column.run.result?.joints.find((joint) => joint.name === name);
+  const names = jointsOf(columns);
   const title = columns.map((column) => column.name).join(" · ");
   return (
     <>
@@ -84,54 +77,7 @@ function Page({ columns }: { columns: Column[] }) {
       </div>
       {pair.problem && <ProblemNote problem={pair.problem} />}
       <section class="card">
-        <Scroll label={title}>
-          <table class="side-by-side">
-            <thead>
-              <tr>
-                <th scope="col" />
-                {columns.map(({ run, name }) => (
-                  <th scope="col">
-                    <a href={link(["runs", run.id])}>
-                      <Name>{name}</Name>
-                    </a>
-                    <small class="soft">{how(run)}</small>
-                  </th>
-                ))}
-              </tr>
-            </thead>
-            <tbody>
-              <tr>
-                <th scope="row">{words.verdict}</th>
-                {columns.map(({ run }) => (
-                  <td>{run.result ? <Badge verdict={run.result.assessment.verdict} /> : "–"}</td>
-                ))}
-              </tr>
-              <tr>
-                <th scope="row">{words.explainedTitle}</th>
-                {columns.map(({ run }) => (
-                  <td>{run.result?.compensation == null ? "–" : percent(run.result.compensation)}</td>
-                ))}
-              </tr>
-              {names.map((name) => (
-                <tr>
-                  <th scope="row">
-                    <Name>{name}</Name> <small class="soft">{STIFFNESS_UNITS[unit].label}</small>
-                  </th>
-                  {columns.map((column) => {
-                    const joint = jointOf(column, name);
-                    const shown = joint && shownStiffness(joint, unit);
-                    return (
-                      <td>
-                        <b>{shown?.value ?? shown?.limit ?? "–"}</b>
-                        {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
-                      </td>
-                    );
-                  })}
-                </tr>
-              ))}
-            </tbody>
-          </table>
-        </Scroll>
+        <RunsTable columns={columns} label={title} />
       </section>
       <Figure
         title={text.run.stiffness}

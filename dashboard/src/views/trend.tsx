@@ -5,6 +5,7 @@ import type { Method, Robot, Trend as Found, TrendJoint } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Trend } from "../charts/trend";
 import { Choice, Empty, Name, Select, Show, Title } from "../components/basics";
+import { Item } from "../components/item";
 import { pValue } from "../lib/format";
 import { bandsOf, changeText, pointsOf, worstFirst } from "../lib/trend";
 import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
@@ -200,14 +201,7 @@ function LeftOut({ trend }: { trend: Found }) {
       <summary>{words.leftOut(trend.left_out.length)}</summary>
       <ul class="rows">
         {trend.left_out.map(({ measurement_set_id: set, name, reason }) => (
-          <li class="item">
-            <a class="main" href={link(["sets", set])}>
-              <span class="what">
-                <Name>{name}</Name>
-                <small>{reason}</small>
-              </span>
-            </a>
-          </li>
+          <Item href={link(["sets", set])} what={<Name>{name}</Name>} note={reason} />
         ))}
       </ul>
     </details>
