@@ -1136,7 +1136,6 @@ export const en = {
       conditions: "21 °C, warmed up for 30 min",
     } as Partial<Record<keyof Metadata, string>>,
     zone: "Time of this device's zone.",
-    badTime: "a date and a time are needed",
     filter: "Filter",
     filterPlaceholder: "Name, serial number, operator, instrument",
     from: "Measured from",
