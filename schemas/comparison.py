@@ -14,6 +14,7 @@ from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run.joints import JointResult, identified_in
 from jointstiff.schemas.run.options import Method, Weighting
 from jointstiff.schemas.run.resampling import Resampling, ResamplingResult
+from jointstiff.schemas.terminal import Terminal, draws_of
 
 MAX_METHODS = 8
 MAX_FITS = 400_000
@@ -62,7 +63,9 @@ class ComparisonOptions(Message):
         default=["unconstrained", "positive"],
         description="Constraints to combine with each method: compliances free, or zero or positive.",
     )
-    resampling: Resampling | None = Field(
+    resampling: Annotated[
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", draws_of)
+    ] = Field(
         default=None,
         description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
         "The comparison may then take long.",

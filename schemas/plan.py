@@ -26,6 +26,7 @@ from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
 from jointstiff.schemas.measurement.noise import Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.options import StiffnessPrior
+from jointstiff.schemas.terminal import Terminal, planned_load_of, prior_of
 
 MAX_CANDIDATES = 50_000
 MAX_READINGS = 200
@@ -109,7 +110,7 @@ class PlanOptions(Message):
     work_area: Metres[Box | None] = Field(
         default=None, description="Box, in R0, in which predictions matter."
     )
-    load: PlannedLoad | None = Field(
+    load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
         default=None, description="Loads that can be applied; with a campaign, its strongest force if absent."
     )
     targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
@@ -132,7 +133,11 @@ class PlanOptions(Message):
         description="Guess of joints' stiffness, to which relative uncertainties refer; those of "
         "the campaign, or such that joints move the targets alike, if absent.",
     )
-    priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
+    priors: Annotated[
+        dict[Name, StiffnessPrior],
+        Field(max_length=MAX_JOINTS),
+        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
+    ] = Field(
         default_factory=dict, description="What is known of joints beforehand; it counts like readings."
     )
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(

@@ -22,6 +22,7 @@ from jointstiff.schemas.fields import (
 from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.schemas.terminal import Terminal, force_of, frame_of, numbers_of
 
 MAX_FILES = 4
 MAX_FRAMES = 64
@@ -104,7 +105,9 @@ class ProgramOptions(Message):
         "`same_as_measured` in "
         "the campaign, or one that `compensates_load` itself, which would be corrected twice and is refused."
     )
-    load: ProcessLoad | None = Field(default=None, description="One load for all moves.")
+    load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", force_of)] = Field(
+        default=None, description="One load for all moves."
+    )
     segments: Annotated[list[LoadSegment], Field(max_length=MAX_SEGMENTS)] = Field(
         default_factory=list, description="Loads by lines; other moves have none. In place of `load`."
     )
@@ -120,14 +123,20 @@ class ProgramOptions(Message):
         default="robot",
         description="Axes of forces and moments: those of R0, of the tool or of the program's base.",
     )
-    load_point: Vector3 | None = Field(
+    load_point: Annotated[Vector3 | None, Terminal(unit="m")] = Field(
         default=None,
         description="Where the force acts, flange frame, in units.length; the tool's centre if absent.",
     )
-    tools: Annotated[list[ProgramFrame], Field(max_length=MAX_FRAMES)] = Field(
-        default_factory=list, description="Tools in the flange frame that the program only names."
-    )
-    bases: Annotated[list[ProgramFrame], Field(max_length=MAX_FRAMES)] = Field(
+    tools: Annotated[
+        list[ProgramFrame],
+        Field(max_length=MAX_FRAMES),
+        Terminal("--tool", "[NAME=]NUMBERS", frame_of, "list"),
+    ] = Field(default_factory=list, description="Tools in the flange frame that the program only names.")
+    bases: Annotated[
+        list[ProgramFrame],
+        Field(max_length=MAX_FRAMES),
+        Terminal("--base", "[NAME=]NUMBERS", frame_of, "list"),
+    ] = Field(
         default_factory=list, description="Bases in the controller's world that the program only names."
     )
     world: _FrameNumbers | None = Field(
@@ -142,7 +151,10 @@ class ProgramOptions(Message):
         "needed for "
         "programs that state the tool's axis or a position only.",
     )
-    start: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None = Field(
+    start: Annotated[
+        Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
+        Terminal("", "NUMBERS[deg]", numbers_of),
+    ] = Field(
         default=None,
         description="Controller's angles near the first cartesian target, in units.angle, where the "
         "program does "

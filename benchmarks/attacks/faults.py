@@ -28,7 +28,7 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.library.campaigns import identify
+from jointstiff.service.library.in_process import identify
 from jointstiff.service.workers.doctor import examine
 
 __all__ = ["run"]

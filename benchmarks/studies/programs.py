@@ -22,7 +22,7 @@ from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.program.points import Corrections
 from jointstiff.service.kinds.program.rewriting import certified, rewritten
 from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
-from jointstiff.service.library import campaigns
+from jointstiff.service.library import in_process
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
@@ -65,7 +65,7 @@ def exact_run() -> tuple[Robot, Run]:
     document = simulate_campaign(ARM, load="pull", configurations=12, sigma=0.0, noise=False, seed=1)
     document["run"] = {"method": "partial_pose", "complementary_stiffness": "included"}
     campaign = Campaign.model_validate_json(json.dumps(document))
-    return prepare_robot(campaign.robot).robot, campaigns.identify(campaign, campaign.run)
+    return prepare_robot(campaign.robot).robot, in_process.identify(campaign, campaign.run)
 
 
 def path(count: int) -> Array:
@@ -261,7 +261,7 @@ def _beams(count: int) -> Section:
     }
     campaign = Campaign.model_validate_json(json.dumps(document))
     robot = prepare_robot(campaign.robot).robot
-    stored = campaigns.identify(campaign, campaign.run).result
+    stored = in_process.identify(campaign, campaign.run).result
     if stored is None or stored.model is None or stored.model.elastic is None:
         raise RuntimeError("no elastic model")
     links, _ = to_forward_model(robot, stored.model)

@@ -13,6 +13,7 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement.measurement_set import AngleUnit, LengthUnit
 from jointstiff.schemas.measurement.noise import Sigma, Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
+from jointstiff.schemas.terminal import Terminal
 
 MAX_GEOMETRY_TARGETS = 8
 MAX_GEOMETRY_POSITIONS = 1_200
@@ -146,7 +147,7 @@ class GeometryRequest(Message):
 
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits
-    robot_id: Identifier | None = Field(
+    robot_id: Annotated[Identifier | None, Terminal()] = Field(
         default=None, description="Robot whose stored model is the nominal one; or give `robot`."
     )
     robot: RobotDocument | None = Field(default=None, description="Nominal model; it is not stored.")

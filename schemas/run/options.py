@@ -11,6 +11,7 @@ from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.links import CrossValidation, Elasticity, Loss
 from jointstiff.schemas.run.resampling import Resampling
 from jointstiff.schemas.run.weight import Weight
+from jointstiff.schemas.terminal import Terminal, chain_of, draws_of, prior_of
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
@@ -91,14 +92,20 @@ class RunOptions(Message):
         "Kao's conservative congruence transformation, K_c); the paper neglects it, and so do the models "
         "with elastic links or coupling.",
     )
-    priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
+    priors: Annotated[
+        dict[Name, StiffnessPrior],
+        Field(max_length=MAX_JOINTS),
+        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
+    ] = Field(
         default_factory=dict,
         description="Priors by joint name: stiffness and standard uncertainty known beforehand, for example "
         "from a data sheet.",
         examples=[{"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}],
     )
     stiffness_order: Annotated[
-        list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
+        list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]],
+        Field(max_length=MAX_JOINTS),
+        Terminal("", "JOINT,JOINT,...", chain_of, "list"),
     ] = Field(
         default_factory=list,
         description="Order constraints: chains of joints, each at least as stiff as the next; all "
@@ -129,7 +136,9 @@ class RunOptions(Message):
     cross_validation: CrossValidation = Field(
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
     )
-    resampling: Resampling | None = Field(
+    resampling: Annotated[
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", draws_of)
+    ] = Field(
         default=None,
         description="Resampling: repeat the fit on configurations drawn at random; the run may "
         "then take long.",

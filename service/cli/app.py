@@ -2,27 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import typer
+import typer.core
+from typer.main import get_command_from_info
 
-from jointstiff.service.cli.compensate import compensate
 from jointstiff.service.cli.database import backup, doctor, restore
 from jointstiff.service.cli.export import export
-from jointstiff.service.cli.geometry import geometry
-from jointstiff.service.cli.identify import compare, identify, pair
 from jointstiff.service.cli.imports import import_readings
 from jointstiff.service.cli.keys import keys
-from jointstiff.service.cli.maps import map_area
-from jointstiff.service.cli.plan import plan
 from jointstiff.service.cli.predict import predict
 from jointstiff.service.cli.report import report
 from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
 from jointstiff.service.cli.watch import watch
+from jointstiff.service.kinds.rooms import ROOMS
+
+
+class _Commands(typer.core.TyperGroup):
+    """Commands; those of the kinds of work are made when they are called, as their messages take time."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
+        """Return name, command and arguments; build the command of a kind."""
+        name = next((name for name, room in ROOMS.items() if args and room.command == args[0]), None)
+        if name is not None:
+            from jointstiff.service.cli.generated import command_of
+
+            info = typer.models.CommandInfo(name=args[0], callback=command_of(name))
+            self.commands[args[0]] = get_command_from_info(
+                info, pretty_exceptions_short=False, rich_markup_mode=None
+            )
+        return super().resolve_command(ctx, args)
+
 
 app = typer.Typer(
+    cls=_Commands,
     name="jointstiff",
     help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"
     "Start with `jointstiff simulate campaign.json`, then `jointstiff identify campaign.json`.",
@@ -32,18 +49,24 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+
+def _placeholder(summary: str) -> Callable[[], None]:
+    """Return a command that the list of commands shows in place of one that is built when it is called."""
+
+    def command() -> None:
+        raise NotImplementedError
+
+    command.__doc__ = summary
+    return command
+
+
 app.command()(simulate)
+for _room in ROOMS.values():
+    app.command(_room.command)(_placeholder(_room.summary))
 app.command("import")(import_readings)
-app.command("map")(map_area)
 for command in (
-    geometry,
     robots,
-    plan,
-    identify,
-    compare,
-    pair,
     predict,
-    compensate,
     export,
     report,
     serve,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
@@ -138,103 +137,6 @@ LaboratoryFile = Annotated[
         help="TOML file of the laboratory that issues reports; they name none without it.",
     ),
 ]
-Resample = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="M", help="Resample: repeat each fit on M random configurations."),
-]
-Repetitions = Annotated[int | None, typer.Option(min=1, help="Number of draws; default 1000.")]
-Seed = Annotated[int | None, typer.Option(min=0, help="Random seed of the draws; default 0.")]
-Priors = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--prior",
-        metavar="JOINT=STIFFNESS:UNCERTAINTY",
-        help="Prior from a data sheet in N.m/rad, such as joint_5=4e5:4e4 (± standard uncertainty). "
-        "Repeatable.",
-    ),
-]
-Stiffer = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--stiffer",
-        metavar="JOINT,JOINT,...",
-        help="Joints, each at least as stiff as the next, such as joint_2,joint_4. Repeatable.",
-    ),
-]
-
-
-Links = Annotated[
-    str | None,
-    typer.Option(
-        metavar="JOINT,JOINT,...",
-        help="Elastic links, each named by the joint that carries it; default: all.",
-    ),
-]
-
-
-def link_names(text: str | None) -> list[str] | None:
-    """Return what `--links` says, as the request has it; None if it was not given."""
-    return None if text is None else [name.strip() for name in text.split(",")]
-
-
-def priors(texts: Sequence[str] | None) -> dict[str, dict[str, float]] | None:
-    """Return what `--prior` says, as the request has it; None if it was not given.
-
-    Raises:
-        typer.BadParameter: naming the text that is none.
-    """
-    found = {}
-    for text in texts or ():
-        name, _, numbers = text.rpartition("=")
-        stiffness, _, uncertainty = numbers.partition(":")
-        try:
-            found[name] = {"stiffness": float(stiffness), "standard_uncertainty": float(uncertainty)}
-        except ValueError as error:
-            raise typer.BadParameter(
-                f"'{text}' must be like joint_5=4e5:4e4: joint, stiffness and standard uncertainty",
-                param_hint="--prior",
-            ) from error
-    return found or None
-
-
-def chains(texts: Sequence[str] | None) -> list[list[str]] | None:
-    """Return what `--stiffer` says, as the request has it; None if it was not given."""
-    return [[name.strip() for name in text.split(",")] for text in texts or ()] or None
-
-
-class MethodChoice(StrEnum):
-    """Methods of method.md §4."""
-
-    COMPLETE = "complete_pose"
-    PARTIAL = "partial_pose"
-    DECOUPLED = "decoupled_partial_pose"
-
-
-class WeightingChoice(StrEnum):
-    """Weightings of method.md §3."""
-
-    COVARIANCE = "covariance"
-    LENGTH = "characteristic_length"
-    UNIFORM = "uniform"
-
-
-class ElasticityChoice(StrEnum):
-    """Models of method.md §7, from simple to rich."""
-
-    JOINTS = "joints"
-    COUPLED = "coupled_joints"
-    DIAGONAL = "diagonal_links"
-    LINKS = "joints_and_links"
-    AUTOMATIC = "automatic"
-
-
-class LossChoice(StrEnum):
-    """Losses of method.md §5."""
-
-    SQUARED = "squared"
-    HUBER = "huber"
-    ABSOLUTE = "absolute"
-    AUTOMATIC = "automatic"
 
 
 class UnitChoice(StrEnum):

@@ -24,6 +24,9 @@ OPTIONS_BYTES: Final = 64 * 1024
 READINGS_BYTES: Final = 4 * 1024 * 1024
 """Size of a request that holds readings."""
 
+Source = Literal["measurement_set", "run", "pair", "robot_or_set", "readings", "files"]
+"""What a request is made of: a campaign, a run of one, two campaigns, a robot or a campaign, files."""
+
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)
 AnySummary = TypeVar("AnySummary", bound=Message)
@@ -65,6 +68,8 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     # a job in a listing: each field is one of the job, of its request, of its provenance, or of its
     # result's summary
     summary: type[AnySummary]
+    options: type[Message]  # part of the request that people state
+    sources: tuple[Source, ...]  # that the command line and `import jointstiff` make the rest of, in order
     title: str  # of its report
     description: str  # of the post, for the API's users
     stepped: bool = False  # whether its jobs may take steps, which are left to workers

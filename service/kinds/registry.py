@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Final
 
-from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.map import MAP
-from jointstiff.service.kinds.pair import PAIR
-from jointstiff.service.kinds.plan import PLAN
-from jointstiff.service.kinds.program import PROGRAM
-from jointstiff.service.kinds.run import RUN
+from jointstiff.service.kinds.rooms import ROOMS
 
-KINDS: Final[tuple[AnyKind, ...]] = (RUN, COMPARISON, PAIR, GEOMETRY, PLAN, MAP, PROGRAM)
+
+def kind_of(name: str) -> AnyKind:
+    """Return the declaration of a kind; nothing of the others is imported."""
+    kind: AnyKind = getattr(import_module(f"jointstiff.service.kinds.{name}"), name.upper())
+    return kind
+
+
+KINDS: Final[tuple[AnyKind, ...]] = tuple(map(kind_of, ROOMS))

@@ -10,14 +10,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
 from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
@@ -28,14 +26,12 @@ from jointstiff.service.kinds.execution import carry_out, new_job
 from jointstiff.service.kinds.kind import AnyRequest, Kind
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.library.results import shown
+from jointstiff.service.library.results import shown, with_inputs
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.deflection import DeflectionResult
-    from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
-    from jointstiff.schemas.pair import Pair, PairOptions
 
 Document = TypeVar("Document", bound=BaseModel)
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -79,6 +75,21 @@ def read_document(
             document = json.loads(content)
             content = json.dumps(document | changes).encode() if isinstance(document, dict) else content
     return parse_content(message, content, section)
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Read a file with a JSON object; what it should hold is checked later.
+
+    Raises:
+        CampaignError: the file is too large, or no JSON object.
+    """
+    return read_document(path, AnyObject).model_dump(mode="json")
+
+
+class AnyObject(BaseModel):
+    """Any JSON object."""
+
+    model_config = ConfigDict(extra="allow")
 
 
 def parse_document(document: Mapping[str, Any], message: type[Document]) -> Document:
@@ -142,22 +153,6 @@ _KINDS: Final = (
 )
 
 
-def identify(campaign: Campaign, options: RunOptions, on_progress: OnProgress | None = None) -> Run:
-    """Carry out one run.
-
-    Args:
-        campaign: robot and readings.
-        options: how to identify.
-        on_progress: called with the progress of a run that takes steps.
-
-    Raises:
-        CampaignError: the robot, the readings or the request cannot be used.
-    """
-    inputs = FromFile()
-    request = RunRequest(measurement_set_id=add_campaign(inputs, campaign), **options.model_dump())
-    return carried_out(RUN, inputs, request, on_progress)
-
-
 def predict(campaign: Campaign, table: str, run: Run | None = None, **options: object) -> DeflectionResult:
     """Predict deflections by the model of a campaign.
 
@@ -178,62 +173,6 @@ def predict(campaign: Campaign, table: str, run: Run | None = None, **options: o
     with as_campaign_error("prediction"):
         cases = read_load_cases(table, found.prepared.robot.joint_names, **options)
         return predict_by_run(found.prepared.robot, found.run, cases)
-
-
-def compare(
-    campaign: Campaign, options: ComparisonOptions, on_progress: OnProgress | None = None
-) -> Comparison:
-    """Carry out one comparison.
-
-    Args:
-        campaign: robot and readings; its run is not asked.
-        options: what to compare.
-        on_progress: called with the progress of a comparison that resamples.
-
-    Raises:
-        CampaignError: the robot, the readings or the request cannot be used.
-    """
-    from jointstiff.service.kinds.comparison import COMPARISON
-
-    inputs = FromFile()
-    request = ComparisonRequest(measurement_set_id=add_campaign(inputs, campaign), **options.model_dump())
-    return carried_out(COMPARISON, inputs, request, on_progress)
-
-
-def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
-    """Compare two campaigns.
-
-    Args:
-        first: such as with the motors' encoders in the loop, or before.
-        second: such as with secondary encoders in the loop, or after.
-        options: how to identify both; their own runs are not asked.
-
-    Raises:
-        CampaignError: a robot, readings or the request cannot be used.
-    """
-    from jointstiff.schemas.pair import PairRequest, PairSide
-    from jointstiff.service.kinds.pair import PAIR
-
-    inputs = FromFile()
-    one, other = (
-        PairSide(measurement_set_id=add_campaign(inputs, campaign, f"{name}."))
-        for name, campaign in (("first", first), ("second", second))
-    )
-    return carried_out(PAIR, inputs, PairRequest(first=one, second=other, **dict(options)))
-
-
-def find_geometry(request: GeometryRequest) -> Geometry:
-    """Find a robot's geometry.
-
-    Args:
-        request: the readings, with the nominal model if it is known.
-
-    Raises:
-        CampaignError: the robot, the readings or the request cannot be used.
-    """
-    from jointstiff.service.kinds.geometry import GEOMETRY
-
-    return carried_out(GEOMETRY, FromFile(), request, section="")
 
 
 def carried_out(
@@ -258,7 +197,8 @@ def carried_out(
     with as_campaign_error(kind.name if section is None else section):
         work = kind.work(inputs, request)
         job: AnyJob = carry_out(new_job(shown(kind), request, work), work, on_progress)
-        return job
+    with_inputs(job, inputs)
+    return job
 
 
 def add_campaign(inputs: FromFile, campaign: Campaign, file: str = "") -> str:

@@ -56,6 +56,10 @@ def __getattr__(name: str) -> object:
     if name == "__version__":
         return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
     if name not in __all__:
+        from jointstiff.service.kinds.rooms import ROOMS
+
+        if any(room.command == name for room in ROOMS.values()):
+            return import_module("jointstiff.service.library.in_process").function_of(name)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"jointstiff.service.library.{_HOMES.get(name, 'in_process')}"), name)
 

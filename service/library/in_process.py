@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import Comparison, ComparisonOptions
@@ -26,10 +27,14 @@ from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.map import MAP
 from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.kinds.plan import PLAN
+from jointstiff.service.kinds.program import PROGRAM
+from jointstiff.service.kinds.registry import kind_of
+from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import campaigns
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.results import TabledRun
+from jointstiff.service.problems.table import http_problem
 
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 """A campaign, its document, or the name of its file."""
@@ -59,9 +64,7 @@ def identify(
         OSError: the file cannot be read.
     """
     read = campaign_of(campaign)
-    asked = _stated(options or read.run, fields, RunOptions)
-    inputs = FromFile()
-    run = _done(RUN, inputs, asked, on_progress, measurement_set_id=campaigns.add_campaign(inputs, read))
+    run = do(RUN, read, options=options or read.run, on_progress=on_progress, **fields)
     return TabledRun.of(run, read)
 
 
@@ -73,10 +76,9 @@ def compare(
     **fields: Any,  # noqa: ANN401 - fields of ComparisonOptions
 ) -> Comparison:
     """Compare the methods on a campaign, unconstrained and constrained; arguments as of `identify`."""
-    read, inputs = campaign_of(campaign), FromFile()
-    asked = _stated(options or ComparisonOptions(confidence=read.run.confidence), fields, ComparisonOptions)
-    set_id = campaigns.add_campaign(inputs, read)
-    return _done(COMPARISON, inputs, asked, on_progress, measurement_set_id=set_id)
+    read = campaign_of(campaign)
+    stated = options or ComparisonOptions(confidence=read.run.confidence)
+    return do(COMPARISON, read, options=stated, on_progress=on_progress, **fields)
 
 
 def pair(
@@ -96,13 +98,8 @@ def pair(
     Raises:
         CampaignError: a robot, readings or the options cannot be used.
     """
-    one, other, inputs = campaign_of(first), campaign_of(second), FromFile()
-    sides = {
-        name: {"measurement_set_id": campaigns.add_campaign(inputs, read, f"{name}.")}
-        for name, read in (("first", one), ("second", other))
-    }
-    asked = _stated(options or PairOptions(options=one.run), fields, PairOptions)
-    return _done(PAIR, inputs, asked | sides)
+    one = campaign_of(first)
+    return do(PAIR, one, campaign_of(second), options=options or PairOptions(options=one.run), **fields)
 
 
 def geometry(
@@ -124,15 +121,9 @@ def geometry(
 
     changes = dict(fields)
     if robot is not None:
-        changes["robot"] = (read_robot(robot) if isinstance(robot, str) else robot).model_dump(mode="json")
-    if isinstance(request, str | PathLike):
-        asked = campaigns.read_document(Path(request), GeometryRequest, changes=changes)
-    else:
-        stated = (
-            request.model_dump(mode="json", exclude_unset=True) if isinstance(request, Message) else request
-        )
-        asked = campaigns.parse_document({**stated, **changes}, GeometryRequest)
-    return campaigns.carried_out(GEOMETRY, FromFile(), asked, section="")
+        nominal = read_robot(robot) if isinstance(robot, str) else robot
+        changes |= {"robot": nominal.model_dump(mode="json"), "robot_id": None}
+    return do(GEOMETRY, request, **changes)
 
 
 def plan(
@@ -151,18 +142,7 @@ def plan(
     Raises:
         CampaignError: the robot, the readings or the options cannot be used.
     """
-    from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.library.plans import read_planned
-
-    read = read_planned(source) if isinstance(source, str) else source
-    if not isinstance(read, RobotDocument):
-        read = campaign_of(read)
-    inputs, asked = FromFile(), _stated(options, fields, PlanOptions)
-    if isinstance(read, Campaign):
-        return _done(PLAN, inputs, asked, measurement_set_id=campaigns.add_campaign(inputs, read))
-    with campaigns.as_campaign_error("robot"):
-        robot_id = inputs.add_robot(prepare_robot(read))
-    return _done(PLAN, inputs, asked, robot_id=robot_id)
+    return do(PLAN, source, options=options, **fields)
 
 
 def predict(
@@ -203,9 +183,7 @@ def map(  # noqa: A001 - the kind's name
     Raises:
         CampaignError: run or options cannot be used.
     """
-    found, inputs = _identified(run), FromFile()
-    run_id = campaigns.add_model(inputs, found.campaign, found)
-    return _done(MAP, inputs, _stated(options, fields, MapOptions), on_progress, run_id=run_id)
+    return do(MAP, run, options=options, on_progress=on_progress, **fields)
 
 
 def compensate(
@@ -228,14 +206,108 @@ def compensate(
     Raises:
         CampaignError: run, options or program cannot be used.
     """
-    from jointstiff.service.library import programs
+    if "force" in fields:
+        fields["load"] = {"force": fields.pop("force")}
+    if options is None:
+        fields = {"units": {"length": "m", "angle": "deg", "force": "N"}} | fields
+    table = fields.get("loads")
+    if table is not None and Path(table).is_file():
+        fields["loads"], files = Path(table).name, (*files, table)
+    return do(PROGRAM, run, *files, options=options, on_progress=on_progress, **fields)
 
-    found, changes = _identified(run), dict(fields)
-    if "force" in changes:
-        changes["load"] = {"force": changes.pop("force")}
+
+def do(
+    kind: Kind[AnyJob, Any, Any],
+    *sources: Any,  # noqa: ANN401 - one for each of the kind's, two for a pair, the rest for files
+    options: Message | None = None,
+    on_progress: OnProgress | None = None,
+    **fields: Any,  # noqa: ANN401 - fields of the kind's options
+) -> AnyJob:
+    """Carry out a job of any kind.
+
+    Args:
+        kind: its kind.
+        sources: what its request is made of, in the order of `kind.sources`.
+        options: options of the request.
+        on_progress: called with the progress of a job that takes steps.
+        fields: options that replace these.
+
+    Raises:
+        CampaignError: a source or the options cannot be used.
+    """
+    inputs, waiting = FromFile(), list(sources)
+    request: dict[str, Any] = {}
+    for source in kind.sources:
+        request |= _TAKE[source](inputs, waiting)
     stated = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
-    asked = programs.stated_options(None, stated | changes)
-    return programs.compensate(found.campaign, [Path(file) for file in files], asked, found, on_progress)
+    asked = campaigns.parse_document({**stated, **request, **fields}, kind.request)
+    section = "" if "readings" in kind.sources or "files" in kind.sources else None
+    return campaigns.carried_out(kind, inputs, asked, on_progress, section)
+
+
+def function_of(command: str) -> Callable[..., Any]:
+    """Return the function of a kind of work by its verb, of this module or made of the declaration."""
+    found: Callable[..., Any] | None = globals().get(command)
+    if found is not None:
+        return found
+    name = next(name for name, room in ROOMS.items() if room.command == command)
+    return partial(do, kind_of(name))
+
+
+def _take_set(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    return {"measurement_set_id": campaigns.add_campaign(inputs, campaign_of(waiting.pop(0)))}
+
+
+def _take_run(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    found = _identified(waiting.pop(0))
+    return {"run_id": campaigns.add_model(inputs, found.campaign, found)}
+
+
+def _take_pair(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    return {
+        name: {"measurement_set_id": campaigns.add_campaign(inputs, campaign_of(waiting.pop(0)), f"{name}.")}
+        for name in ("first", "second")
+    }
+
+
+def _take_robot_or_set(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.library.plans import read_planned
+
+    source = waiting.pop(0)
+    read = read_planned(source) if isinstance(source, str) else source
+    if not isinstance(read, RobotDocument):
+        return _take_set(inputs, [read])
+    with campaigns.as_campaign_error("robot"):
+        return {"robot_id": inputs.add_robot(prepare_robot(read))}
+
+
+def _take_readings(_inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    source = waiting.pop(0)
+    if isinstance(source, str | PathLike):
+        return campaigns.read_object(Path(source))
+    return source.model_dump(mode="json", exclude_unset=True) if isinstance(source, Message) else dict(source)
+
+
+def _take_files(_inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    from jointstiff.service.kinds.program.work import packed
+
+    contents = {Path(path).name: Path(path).read_bytes() for path in waiting}
+    if sum(len(content) for content in contents.values()) > PROGRAM.max_bytes:
+        raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
+    files = [packed(name, content) for name, content in contents.items()]
+    return {"files": [file.model_dump(mode="json") for file in files]}
+
+
+_TAKE: Final[Mapping[str, Callable[[FromFile, list[Any]], dict[str, Any]]]] = {
+    "measurement_set": _take_set,
+    "run": _take_run,
+    "pair": _take_pair,
+    "robot_or_set": _take_robot_or_set,
+    "readings": _take_readings,
+    "files": _take_files,
+}
+"""Fields of a request by what they are made of."""
 
 
 def campaign_of(campaign: AnyCampaign) -> Campaign:
@@ -257,25 +329,3 @@ def _identified(run: TabledRun | AnyCampaign) -> TabledRun:
     if found.error is not None:
         raise CampaignError(found.error)
     return found
-
-
-def _stated(options: Message | None, fields: Mapping[str, Any], message: type[Message]) -> dict[str, Any]:
-    """Return options with some fields replaced, checked.
-
-    Raises:
-        CampaignError: they are no such options, or do not go together.
-    """
-    stated = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
-    return campaigns.parse_document({**stated, **fields}, message).model_dump(mode="json", exclude_unset=True)
-
-
-def _done(
-    kind: Kind[AnyJob, Any, Any],
-    inputs: FromFile,
-    options: Mapping[str, Any],
-    on_progress: OnProgress | None = None,
-    **identifiers: Any,  # noqa: ANN401 - ids of the inputs
-) -> AnyJob:
-    """Carry out a job."""
-    request = campaigns.parse_document({**options, **identifiers}, kind.request)
-    return campaigns.carried_out(kind, inputs, request, on_progress)

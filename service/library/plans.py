@@ -6,23 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest
+from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.inputs.files import FromFile
-from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.library.campaigns import (
-    add_campaign,
-    as_campaign_error,
-    carried_out,
     read_document,
 )
-from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.robots import read_robot
-from jointstiff.service.problems.table import invalid_request
 
 
 def read_planned(text: str) -> RobotDocument | Campaign:
@@ -42,37 +32,6 @@ def read_planned(text: str) -> RobotDocument | Campaign:
     except (ValueError, TypeError):
         is_campaign = True  # whose reader says what is wrong
     return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)
-
-
-def plan(source: RobotDocument | Campaign, options: PlanOptions) -> Plan:
-    """Carry out one plan.
-
-    Args:
-        source: the robot, or the campaign so far.
-        options: how to plan.
-
-    Raises:
-        CampaignError: the robot, the readings or the request cannot be used.
-    """
-    inputs, stated = FromFile(), options.model_dump()
-    if isinstance(source, Campaign):
-        request = PlanRequest(measurement_set_id=add_campaign(inputs, source), **stated)
-    else:
-        with as_campaign_error("robot"):
-            request = PlanRequest(robot_id=inputs.add_robot(prepare_robot(source)), **stated)
-    return carried_out(PLAN, inputs, request)
-
-
-def changed(options: PlanOptions, changes: dict[str, Any]) -> PlanOptions:
-    """Return options with some of them changed.
-
-    Raises:
-        CampaignError: they do not go together.
-    """
-    try:
-        return PlanOptions.model_validate({**options.model_dump(exclude_unset=True), **changes})
-    except ValidationError as error:
-        raise CampaignError(invalid_request(error.errors())) from None
 
 
 def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[str, Any]:

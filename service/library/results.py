@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cache
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -15,9 +16,11 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import Run
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
+from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
 _WIDTH = 100
@@ -27,6 +30,23 @@ class _Shown:
     """A job that shows itself as tables: to be mixed with its message."""
 
     declared: ClassVar[AnyKind]
+    _inputs: Any  # of the work, where it was done in this process
+
+    def table(self, suffix: str) -> bytes:
+        """Return the table of the job as a file: `csv`, and for maps `npz` and `json`.
+
+        Raises:
+            ValueError: the kind has no such table, or its inputs are a service's.
+        """
+        job, kind = cast("Job", self), self.declared
+        file = next((file for file in kind.files if file.suffix == suffix), None)
+        if file is None:
+            endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
+            raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
+        if file.made_of == "work" and self._inputs is None:
+            raise ValueError(f"the table of a {kind.name} is made of its inputs, which are the service's")
+        made_of = job if file.made_of == "result" else kind.work(self._inputs, job.request)
+        return written(import_module(f"{kind.room}.tables").SHEETS[file.stem](made_of), suffix)
 
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
@@ -67,6 +87,7 @@ class TabledRun(_Shown, Run):
     """A run with its joints by name, as a table where it is displayed, and as a report or a model file."""
 
     declared: ClassVar[AnyKind] = RUN
+    _inputs: Any = PrivateAttr(default=None)
     _campaign: Campaign | None = PrivateAttr(default=None)  # that was identified in this process
 
     @property
@@ -164,10 +185,16 @@ def shown(kind: Kind[AnyJob, Any, Any]) -> type[AnyJob]:
     members = {
         "__doc__": kind.message.__doc__,
         "__module__": __name__,
-        "__annotations__": {"declared": ClassVar[AnyKind]},
+        "__annotations__": {"declared": ClassVar[AnyKind], "_inputs": Any},
         "declared": kind,
+        "_inputs": PrivateAttr(default=None),
     }
     return cast("type[AnyJob]", type(kind.message.__name__, (_Shown, kind.message), members))
+
+
+def with_inputs(job: Job, inputs: Inputs) -> None:
+    """Let a job that shows itself know its inputs, from which tables are made."""
+    cast("Any", job)._inputs = inputs
 
 
 def _suffix(path: str | Path, known: set[str]) -> str:

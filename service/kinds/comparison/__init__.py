@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
+from jointstiff.schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest, ComparisonSummary
 from jointstiff.service.kinds.kind import File, Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
@@ -24,6 +24,8 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
     room=__name__,
     message=Comparison,
     request=ComparisonRequest,
+    options=ComparisonOptions,
+    sources=("measurement_set",),
     summary=ComparisonSummary,
     title="Comparison of methods",
     stepped=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from jointstiff.schemas.map import Map, MapRequest, MapSummary
+from jointstiff.schemas.map import Map, MapOptions, MapRequest, MapSummary
 from jointstiff.service.kinds.kind import File, Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
@@ -32,6 +32,8 @@ MAP: Final = Kind[Map, MapRequest, MapSummary](
     room=__name__,
     message=Map,
     request=MapRequest,
+    options=MapOptions,
+    sources=("run",),
     summary=MapSummary,
     title="Map of a work area",
     stepped=True,

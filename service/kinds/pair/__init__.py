@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
+from jointstiff.schemas.pair import Pair, PairOptions, PairRequest, PairSummary
 from jointstiff.service.kinds.kind import File, Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
@@ -20,6 +20,8 @@ PAIR: Final = Kind[Pair, PairRequest, PairSummary](
     room=__name__,
     message=Pair,
     request=PairRequest,
+    options=PairOptions,
+    sources=("pair",),
     summary=PairSummary,
     title="Comparison of two measurement sets",
     filters={

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from jointstiff.schemas.plan import Plan, PlanRequest, PlanSummary
+from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest, PlanSummary
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
@@ -28,6 +28,8 @@ PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
     room=__name__,
     message=Plan,
     request=PlanRequest,
+    options=PlanOptions,
+    sources=("robot_or_set",),
     summary=PlanSummary,
     title="Plan of a campaign",
     max_bytes=READINGS_BYTES,

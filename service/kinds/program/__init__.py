@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from jointstiff.schemas.program import Program, ProgramRequest, ProgramSummary
+from jointstiff.schemas.program import Program, ProgramOptions, ProgramRequest, ProgramSummary
 from jointstiff.service.kinds.kind import Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
@@ -30,6 +30,8 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     room=__name__,
     message=Program,
     request=ProgramRequest,
+    options=ProgramOptions,
+    sources=("run", "files"),
     summary=ProgramSummary,
     title="Compensated program",
     stepped=True,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest, RunSummary
 from jointstiff.service.kinds.kind import Kind
 
@@ -21,6 +22,8 @@ RUN: Final = Kind[Run, RunRequest, RunSummary](
     room=__name__,
     message=Run,
     request=RunRequest,
+    options=RunOptions,
+    sources=("measurement_set",),
     summary=RunSummary,
     title="Joint stiffness",
     stepped=True,

@@ -62,9 +62,7 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     if request.weight is not None:
         way = "by the robot's own weight"
     cells = [unit.cells(joint) for joint in joints]
-    prior = [
-        Column("prior/data", [_prior_cell(joint, known=joint.name in request.priors) for joint in joints])
-    ]
+    prior = [_prior_cell(joint, known=joint.name in request.priors) for joint in joints]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),

@@ -23,7 +23,7 @@ from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.comparison.tables import entries_sheet
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run.work import run_identification
-from jointstiff.service.library import campaigns
+from jointstiff.service.library import in_process
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -48,7 +48,7 @@ def request(set_id, **changes):
 
 def compared(document, **options):
     campaign = Campaign.model_validate_json(json.dumps(document))
-    return campaigns.compare(campaign, ComparisonOptions.model_validate(options))
+    return in_process.compare(campaign, ComparisonOptions.model_validate(options))
 
 
 def test_only_a_run_takes_the_time_for_a_model():
@@ -56,7 +56,7 @@ def test_only_a_run_takes_the_time_for_a_model():
     document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
     campaign = Campaign.model_validate_json(json.dumps(document))
     options = RunOptions(method="complete_pose")
-    alone = campaigns.identify(campaign, options).result
+    alone = in_process.identify(campaign, options).result
     compared = run_identification(
         prepare_set(campaign.measurement_set, prepare_robot(campaign.robot), "robot"), options
     )

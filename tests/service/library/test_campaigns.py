@@ -16,7 +16,7 @@ from jointstiff.schemas.pair import PairOptions, PairRequest
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.library import campaigns
+from jointstiff.service.library import campaigns, in_process
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -52,16 +52,16 @@ def test_numbers_and_hashes_are_those_of_a_service():
         stored = run.current(run.create(RunRequest(measurement_set_id=sets[0]), None).id)
         sides = {name: {"measurement_set_id": s} for name, s in zip(("first", "second"), sets, strict=True)}
         paired = pair.current(pair.create(PairRequest.model_validate(sides), None).id)
-    here = campaigns.identify(one, one.run)
+    here = in_process.identify(one, one.run)
     assert (here.state, here.result) == (stored.state, stored.result)
     assert here.provenance.input_hash == stored.provenance.input_hash
-    beside = campaigns.pair(one, other, PairOptions())
+    beside = in_process.pair(one, other, PairOptions())
     assert beside.result == paired.result
     assert beside.provenance.input_hash == paired.provenance.input_hash
 
 
 def test_a_job_is_the_message_of_a_service():
-    found = campaigns.compare(campaign(), ComparisonOptions())
+    found = in_process.compare(campaign(), ComparisonOptions())
     assert found.state == "succeeded"
     assert found.id != found.request.measurement_set_id
     assert type(found).model_validate_json(found.model_dump_json()) == found
@@ -74,7 +74,7 @@ def test_a_run_of_other_readings_does_not_predict():
         "J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]\n" + "0," * 8 + "-100\n"
     )
     one, other = campaign(1), campaign(2)
-    run = campaigns.identify(one, RunOptions(complementary_stiffness="included"))
+    run = in_process.identify(one, RunOptions(complementary_stiffness="included"))
     found = campaigns.predict(one, table, run, load_point=(0.0, 0.0, 0.1))
     assert len(found.cases) == 1
     with pytest.raises(CampaignError) as caught:
@@ -92,7 +92,7 @@ def test_stored_resources_are_refused_with_their_place():
     document["measurement_set"]["frame"] = {"geometry_id": "g1"}
     framed = Campaign.model_validate_json(json.dumps(document))
     with pytest.raises(CampaignError) as caught:
-        campaigns.identify(framed, framed.run)
+        in_process.identify(framed, framed.run)
     assert caught.value.problem.where == "measurement_set.frame.geometry_id"
     assert "rotation and translation" in caught.value.problem.remedy
     sweep = {"joints": [0.0], "targets": {"P": [1, 0, 1]}}
@@ -104,5 +104,5 @@ def test_stored_resources_are_refused_with_their_place():
         }
     )
     with pytest.raises(CampaignError) as caught:
-        campaigns.find_geometry(request)
+        in_process.geometry(request)
     assert caught.value.problem.where == "robot_id"

@@ -23,7 +23,7 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.tables import joints_csv
-from jointstiff.service.library import campaigns
+from jointstiff.service.library import in_process
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.page import report_page
 from jointstiff.service.reports.pdf import report_pdf
@@ -65,7 +65,7 @@ def campaign(document):
 
 @pytest.fixture(scope="module")
 def run(campaign):
-    return campaigns.identify(campaign, campaign.run)
+    return in_process.identify(campaign, campaign.run)
 
 
 def subject_of(campaign, run, laboratory=LABORATORY, **changes):

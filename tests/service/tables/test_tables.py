@@ -16,7 +16,7 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
-from jointstiff.service.library import campaigns
+from jointstiff.service.library import in_process
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -28,7 +28,7 @@ def printed(report):
 
 
 def identified(document, **options):
-    return campaigns.identify(Campaign.model_validate_json(json.dumps(document)), RunOptions(**options))
+    return in_process.identify(Campaign.model_validate_json(json.dumps(document)), RunOptions(**options))
 
 
 @pytest.fixture(scope="module")
