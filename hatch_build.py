@@ -19,6 +19,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 PACKAGE_FILES = {
     "service/library/door.py": "jointstiff/__init__.py",
     "service/cli/__main__.py": "jointstiff/__main__.py",
+    "service/library/py.typed": "jointstiff/py.typed",
 }
 """Files of the package itself; its folders are `tool.hatch.build.targets.wheel.sources`."""
 

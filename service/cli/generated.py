@@ -87,6 +87,8 @@ def command_of(name: str) -> Callable[..., None]:
     def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
         given = [values[key] for key in sources]
         stated = {key: values[key] for key in fields if values[key] not in (None, [])}
+        if _has_tables(kind):
+            _refuse_other_endings(kind, values["output"])
         for path in [values.get("output"), *extra.written(values, given)]:
             if path is not None:
                 refuse_existing(path, overwrite=values.get("overwrite", False))
@@ -107,13 +109,19 @@ def command_of(name: str) -> Callable[..., None]:
         ]
     )
     command.__annotations__ = sources | {key: one for key, (one, _) in options.items()}
-    command.__doc__ = ROOMS[name].summary
+    command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the words."
     return command
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:  # noqa: ANN401
     given = inspect.Parameter.empty if default is ... else default
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=given)
+
+
+def _refuse_other_endings(kind: AnyKind, output: Path | None) -> None:
+    endings = [f".{file.suffix}" for file in kind.files]
+    if output is not None and output.suffix not in endings:
+        raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
 
 
 def _has_tables(kind: AnyKind) -> bool:

@@ -76,7 +76,7 @@ class Surroundings:
 
     @property
     def notes(self) -> list[str]:
-        """What was taken from the files, in words."""
+        """Account of what was taken from the files, in words."""
         notes = []
         if self.measured_at is not None:
             time = self.measured_at.isoformat(" ", "seconds")

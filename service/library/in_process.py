@@ -43,6 +43,7 @@ OnProgress = Callable[[Progress], object]
 
 def identify(
     campaign: AnyCampaign,
+    /,
     options: RunOptions | None = None,
     *,
     on_progress: OnProgress | None = None,
@@ -70,6 +71,7 @@ def identify(
 
 def compare(
     campaign: AnyCampaign,
+    /,
     options: ComparisonOptions | None = None,
     *,
     on_progress: OnProgress | None = None,
@@ -84,6 +86,7 @@ def compare(
 def pair(
     first: AnyCampaign,
     second: AnyCampaign,
+    /,
     options: PairOptions | None = None,
     **fields: Any,  # noqa: ANN401 - fields of PairOptions
 ) -> Pair:
@@ -104,6 +107,7 @@ def pair(
 
 def geometry(
     request: GeometryRequest | Mapping[str, Any] | str | PathLike[str],
+    /,
     robot: RobotDocument | str | None = None,
     **fields: Any,  # noqa: ANN401 - fields of GeometryRequest
 ) -> Geometry:
@@ -128,6 +132,7 @@ def geometry(
 
 def plan(
     source: AnyCampaign | RobotDocument,
+    /,
     options: PlanOptions | None = None,
     **fields: Any,  # noqa: ANN401 - fields of PlanOptions
 ) -> Plan:
@@ -148,6 +153,7 @@ def plan(
 def predict(
     run: TabledRun | AnyCampaign,
     postures: str | PathLike[str],
+    /,
     **options: Any,  # noqa: ANN401 - fields of DeflectionOptions
 ) -> DeflectionResult:
     """Predict deflections and compliance in given postures, under given loads.
@@ -167,6 +173,7 @@ def predict(
 
 def map(  # noqa: A001 - the kind's name
     run: TabledRun | AnyCampaign,
+    /,
     options: MapOptions | None = None,
     *,
     on_progress: OnProgress | None = None,
@@ -188,6 +195,7 @@ def map(  # noqa: A001 - the kind's name
 
 def compensate(
     run: TabledRun | AnyCampaign,
+    /,
     *files: str | PathLike[str],
     options: ProgramOptions | None = None,
     on_progress: OnProgress | None = None,
@@ -218,6 +226,7 @@ def compensate(
 
 def do(
     kind: Kind[AnyJob, Any, Any],
+    /,
     *sources: Any,  # noqa: ANN401 - one for each of the kind's, two for a pair, the rest for files
     options: Message | None = None,
     on_progress: OnProgress | None = None,

@@ -32,6 +32,16 @@ class _Shown:
     declared: ClassVar[AnyKind]
     _inputs: Any  # of the work, where it was done in this process
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether the other is the same job, whether it shows itself or not."""
+        return (
+            isinstance(other, Job)
+            and self.declared.name == other.kind
+            and dict(cast("Job", self)) == dict(other)
+        )
+
+    __hash__ = None
+
     def table(self, suffix: str) -> bytes:
         """Return the table of the job as a file: `csv`, and for maps `npz` and `json`.
 

@@ -56,7 +56,7 @@ class Literal:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """What a statement says; nothing of it depends on its numbers."""
+    """Content of a statement; nothing of it depends on its numbers."""
 
     act: Callable[[Any, Place], object] | None = None  # called with the script, in the order of the text
     gives: tuple[str, Literal] | None = None  # a name and the numbers that it gets
@@ -70,7 +70,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a statement stands, and its numbers."""
+    """Place of a statement, and its numbers."""
 
     source: int  # index of the file
     line: int  # from 1

@@ -197,7 +197,7 @@ class Cursor:
 
     @property
     def ended(self) -> bool:
-        """Whether all tokens are taken."""
+        """Return whether all tokens are taken."""
         return self._place >= len(self._tokens)
 
     def finish(self) -> None:

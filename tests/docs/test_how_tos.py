@@ -37,6 +37,7 @@ GUIDES = (
     "docs/geometry.md",
     "docs/plan.md",
     "docs/compensate.md",
+    "docs/python.md",
 )
 BEFORE = {
     "README.md": "rm secondary.json",
@@ -146,3 +147,16 @@ def test_lines_that_are_not_run_are_still_there():
     texts = "\n".join(text for guide in GUIDES for _, text in blocks_of(guide))
     assert [start for start in NOT_RUN if f"\n{start}" not in f"\n{texts}"] == []
     assert (ROOT / "scripts" / "run").is_file()
+
+
+def test_the_notebook_of_the_guide_runs(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    notebook = json.loads((ROOT / "examples" / "jointstiff.ipynb").read_text(encoding="utf-8"))
+    assert (
+        CliRunner().invoke(app, ["simulate", "campaign.json", "--load", "pull", "--overwrite"]).exit_code == 0
+    )
+    names = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), "notebook", "exec"), names)  # noqa: S102
+    assert names["run"].state == names["area"].state == names["program"].state == "succeeded"

@@ -17,6 +17,8 @@ from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.simulator import default_arm, simulate_campaign
 
+INCLUDED = ("--complementary-stiffness", "included")
+
 
 @pytest.fixture(scope="module")
 def document():
@@ -95,7 +97,7 @@ def test_residuals_are_those_of_the_model_that_was_fitted():
 
 
 def test_options_of_the_command(command):
-    shown = command("--json", "--loss", "huber", "--huber-threshold", "1.5", "--complementary-stiffness")
+    shown = command("--json", "--loss", "huber", "--huber-threshold", "1.5", *INCLUDED)
     found = Run.model_validate_json(shown.stdout)
     assert found.request.loss == "huber"
     assert found.result.robust.threshold == 1.5
@@ -112,9 +114,9 @@ def test_table_tells_both(command):
     assert "complementary stiffness neglected" in shown
 
 
-@pytest.mark.parametrize("option", [("--loss", "huber"), ("--complementary-stiffness",)])
+@pytest.mark.parametrize("option", [("--loss", "huber"), INCLUDED])
 def test_resampling_is_refused_in_words(command, option):
-    refused = command("--resample", "10", "--repetitions", "5", *option)
+    refused = command("--resample", "10:5", *option)
     assert refused.exit_code != 0
     assert "resampling" in refused.output
     assert "remedy" in refused.output

@@ -69,7 +69,7 @@ def test_identify_json_is_the_run(run, campaign):
 
 
 def test_options_override_the_file(run, campaign):
-    shown = run("identify", campaign, "--json", "--unconstrained", "--confidence", "0.9")
+    shown = run("identify", campaign, "--json", "--no-positive", "--confidence", "0.9")
     request = Run.model_validate_json(shown.stdout).request
     assert not request.positive
     assert request.confidence == 0.9
@@ -102,7 +102,7 @@ def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
     del document["robot"]["joint_map"]
     path = tmp_path / "fanuc.json"
     path.write_text(json.dumps(document))
-    assert "-1.86" in run("identify", path, "--unconstrained").stdout
+    assert "-1.86" in run("identify", path, "--no-positive").stdout
     constrained = run("identify", path).stdout
     assert "rigid" in constrained
     assert "cannot distinguish it from rigid" in constrained
@@ -173,12 +173,10 @@ def test_compare_shows_the_warnings_of_the_set(run, campaign):
 
 
 def test_resampling_shows_how_far_the_choice_of_configurations_decides(run, campaign):
-    shown = run("identify", campaign, "--resample", 10, "--repetitions", 200)
+    shown = run("identify", campaign, "--resample", "10:200")
     assert shown.exit_code == 0, shown.output
     assert "200 fits of 10 configurations drawn at random" in shown.stdout
-    found = Run.model_validate_json(
-        run("identify", campaign, "--resample", 10, "--repetitions", 200, "--json").stdout
-    )
+    found = Run.model_validate_json(run("identify", campaign, "--resample", "10:200", "--json").stdout)
     joints = found.result.resampling.joints
     assert joints[0].compliance_mean is None  # the whole set does not show it, so no part of it does
     for joint, whole in zip(joints[1:], found.result.joints[1:], strict=True):

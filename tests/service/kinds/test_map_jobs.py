@@ -180,14 +180,15 @@ class TestCommand:
         campaign.write_text(json.dumps(CAMPAIGN))
         request.write_text(json.dumps(AREA))
         table, arrays = tmp_path / "map.csv", tmp_path / "map.npz"
-        shown = CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", str(table)])
+        command = ["map", str(campaign), "--options", str(request)]
+        shown = CliRunner().invoke(app, [*command, "-o", str(table)])
         assert shown.exit_code == 0, shown.output
         assert "places reached" in shown.output
         assert "worst place" in shown.output
         assert len(table.read_text().splitlines()) == 19
-        again = CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", str(table)])
+        again = CliRunner().invoke(app, [*command, "-o", str(table)])
         assert again.exit_code == 2
-        made = CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", str(arrays), "--json"])
+        made = CliRunner().invoke(app, [*command, "-o", str(arrays), "--json"])
         assert made.exit_code == 0, made.output
         assert np.load(arrays, allow_pickle=False)["table"].shape == (18, 22)
 
@@ -195,7 +196,7 @@ class TestCommand:
         campaign, request = tmp_path / "c.json", tmp_path / "r.json"
         campaign.write_text(json.dumps(CAMPAIGN))
         request.write_text(json.dumps(AREA | {"force": [0, 0, 0]}))
-        refused = CliRunner().invoke(app, ["map", str(campaign), str(request)])
+        refused = CliRunner().invoke(app, command)
         assert refused.exit_code == 2
         assert "map.force" in refused.output
-        assert CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", "m.txt"]).exit_code == 2
+        assert CliRunner().invoke(app, [*command, "-o", "m.txt"]).exit_code == 2

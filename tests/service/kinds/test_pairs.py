@@ -281,8 +281,10 @@ def test_in_a_terminal(files):
     assert "19 observations on both sides" in shown.output
 
 
-def test_as_json(files):
-    shown = CliRunner().invoke(app, ["pair", *files, "--method", "complete_pose", "--json"])
+def test_as_json(files, tmp_path):
+    options = tmp_path / "options.json"
+    options.write_text('{"options": {"method": "complete_pose"}}')
+    shown = CliRunner().invoke(app, ["pair", *files, "--options", str(options), "--json"])
     pair = Pair.model_validate_json(shown.stdout)
     assert pair.request.options.method == "complete_pose"
     assert pair.result.avoided.matching == 19

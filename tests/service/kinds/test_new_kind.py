@@ -1,0 +1,31 @@
+"""A new kind of work: its messages, declaration, work and tables; all else follows from them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jointstiff.simulator import default_arm, simulate_campaign
+
+CHECK = Path(__file__).parents[2] / "support" / "small_kind" / "check.py"
+
+
+@pytest.mark.process
+def test_four_files_are_a_kind(tmp_path):
+    campaign = tmp_path / "campaign.json"
+    campaign.write_text(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=4, seed=1)))
+    done = subprocess.run(
+        [sys.executable, str(CHECK), str(campaign)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["client"] == found["route"] == found["command"] == found["python"] == 12
+    assert found["csv"] == "observations,readings\r\n4,12\r\n"
+    assert found["printed"].split() == ["observations,readings", "0,0"]
+    assert found["deleted"] == 204
+    assert "measurement_set_id" in found["filters"]
+    assert all(found[name] for name in ("text", "listing", "report", "index", "help"))

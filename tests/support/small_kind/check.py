@@ -1,0 +1,59 @@
+"""Add the small kind, and find all that it has without another line. usage: check.py CAMPAIGN"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import MappingProxyType
+
+import jointstiff.service.kinds
+from jointstiff.service.kinds import rooms
+
+jointstiff.service.kinds.__path__.append(str(Path(__file__).parent))
+rooms.ROOMS = MappingProxyType({**rooms.ROOMS, "small": rooms.Room("count", "Count the readings of a set.")})
+
+from fastapi.testclient import TestClient  # noqa: E402
+from typer.testing import CliRunner  # noqa: E402
+
+from jointstiff.service.app import create_app  # noqa: E402
+from jointstiff.service.cli.app import app  # noqa: E402
+from jointstiff.service.kinds.small import SMALL  # noqa: E402
+from jointstiff.service.library.client import Client  # noqa: E402
+from jointstiff.service.library.collections import Jobs  # noqa: E402
+from jointstiff.service.store.store import Store  # noqa: E402
+
+campaign = sys.argv[1]
+found: dict[str, object] = {}
+
+with Store.open("sqlite://") as store:
+    service = create_app(store)
+    with TestClient(service, base_url="http://127.0.0.1") as http:
+        with Client("http://127.0.0.1", transport=http._transport) as client:
+            _, stored = client.post_campaign(json.loads(Path(campaign).read_text()))
+            smalls = Jobs(client.send, SMALL)  # the typed line of a kind in `Client`
+            posted = smalls.done({"measurement_set_id": stored.id})
+            found["client"] = posted.result.readings
+            found["text"] = "Readings of the set" in str(posted)
+            found["listing"] = [each.id for each in smalls.list(measurement_set_id=stored.id)] == [posted.id]
+        address = f"/v1/smalls/{posted.id}"
+        found["route"] = http.get(address).json()["result"]["readings"]
+        found["csv"] = http.get(f"{address}/counts.csv").text
+        found["report"] = "Count of readings" in http.get(f"{address}/report.html").text
+        found["index"] = "/v1/smalls" in http.get("/v1").text
+        found["filters"] = [
+            each["name"] for each in service.openapi()["paths"]["/v1/smalls"]["get"]["parameters"]
+        ]
+        found["deleted"] = http.delete(address).status_code
+
+help_text = CliRunner().invoke(app, ["count", "--help"], env={"COLUMNS": "100"}).output
+found["help"] = "Least number of targets" in help_text and "--least" in help_text
+found["command"] = json.loads(CliRunner().invoke(app, ["count", campaign, "--json"]).stdout)["result"][
+    "readings"
+]
+found["printed"] = CliRunner().invoke(app, ["count", campaign, "--csv", "--least", "99"]).stdout
+
+import jointstiff as js  # noqa: E402
+
+found["python"] = js.count(campaign).result.readings
+sys.stdout.write(json.dumps(found))
