@@ -35,12 +35,15 @@ class _Shown:
     def __eq__(self, other: object) -> bool:
         """Return whether the other is the same job, whether it shows itself or not."""
         return (
-            isinstance(other, Job)
-            and self.declared.name == other.kind
-            and dict(cast("Job", self)) == dict(other)
+            isinstance(other, Job) and other.kind == self.declared.name and dict(self._job()) == dict(other)
         )
 
-    __hash__ = None
+    def __hash__(self) -> int:
+        """Return the hash of the id, which is the job's alone."""
+        return hash(self._job().id)
+
+    def _job(self) -> Job:
+        return cast("Job", self)
 
     def table(self, suffix: str) -> bytes:
         """Return the table of the job as a file: `csv`, and for maps `npz` and `json`.
@@ -48,7 +51,7 @@ class _Shown:
         Raises:
             ValueError: the kind has no such table, or its inputs are a service's.
         """
-        job, kind = cast("Job", self), self.declared
+        job, kind = self._job(), self.declared
         file = next((file for file in kind.files if file.suffix == suffix), None)
         if file is None:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
@@ -61,13 +64,13 @@ class _Shown:
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
         console = Console(file=StringIO(), width=_WIDTH, highlight=False)
-        console.print(job_report(self.declared, cast("Job", self)))
+        console.print(job_report(self.declared, self._job()))
         return cast("StringIO", console.file).getvalue()
 
     def _repr_html_(self) -> str:
         """Return the report of the terminal as HTML, which notebooks display."""
         console = Console(record=True, file=StringIO(), width=_WIDTH)
-        console.print(job_report(self.declared, cast("Job", self)))
+        console.print(job_report(self.declared, self._job()))
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )

@@ -196,6 +196,7 @@ class TestCommand:
         campaign, request = tmp_path / "c.json", tmp_path / "r.json"
         campaign.write_text(json.dumps(CAMPAIGN))
         request.write_text(json.dumps(AREA | {"force": [0, 0, 0]}))
+        command = ["map", str(campaign), "--options", str(request)]
         refused = CliRunner().invoke(app, command)
         assert refused.exit_code == 2
         assert "map.force" in refused.output
