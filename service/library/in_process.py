@@ -6,28 +6,15 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.comparison import Comparison, ComparisonOptions
-from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
 from jointstiff.schemas.job import Progress
-from jointstiff.schemas.map import Map, MapOptions
-from jointstiff.schemas.pair import Pair, PairOptions
-from jointstiff.schemas.plan import Plan, PlanOptions
-from jointstiff.schemas.program import Program, ProgramOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.inputs.files import FromFile
-from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.kind import AnyJob, Kind
-from jointstiff.service.kinds.map import MAP
-from jointstiff.service.kinds.pair import PAIR
-from jointstiff.service.kinds.plan import PLAN
-from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.kinds.registry import kind_of
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.kinds.run import RUN
@@ -35,6 +22,15 @@ from jointstiff.service.library import campaigns
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems.table import http_problem
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.comparison import Comparison, ComparisonOptions
+    from jointstiff.schemas.deflection import DeflectionResult
+    from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
+    from jointstiff.schemas.map import Map, MapOptions
+    from jointstiff.schemas.pair import Pair, PairOptions
+    from jointstiff.schemas.plan import Plan, PlanOptions
+    from jointstiff.schemas.program import Program, ProgramOptions
 
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 """A campaign, its document, or the name of its file."""
@@ -78,6 +74,9 @@ def compare(
     **fields: Any,  # noqa: ANN401 - fields of ComparisonOptions
 ) -> Comparison:
     """Compare the methods on a campaign, unconstrained and constrained; arguments as of `identify`."""
+    from jointstiff.schemas.comparison import ComparisonOptions
+    from jointstiff.service.kinds.comparison import COMPARISON
+
     read = campaign_of(campaign)
     stated = options or ComparisonOptions(confidence=read.run.confidence)
     return do(COMPARISON, read, options=stated, on_progress=on_progress, **fields)
@@ -101,6 +100,9 @@ def pair(
     Raises:
         CampaignError: a robot, readings or the options cannot be used.
     """
+    from jointstiff.schemas.pair import PairOptions
+    from jointstiff.service.kinds.pair import PAIR
+
     one = campaign_of(first)
     return do(PAIR, one, campaign_of(second), options=options or PairOptions(options=one.run), **fields)
 
@@ -121,6 +123,7 @@ def geometry(
     Raises:
         CampaignError: the robot or the readings cannot be used.
     """
+    from jointstiff.service.kinds.geometry import GEOMETRY
     from jointstiff.service.library.robots import read_robot
 
     changes = dict(fields)
@@ -147,6 +150,8 @@ def plan(
     Raises:
         CampaignError: the robot, the readings or the options cannot be used.
     """
+    from jointstiff.service.kinds.plan import PLAN
+
     return do(PLAN, source, options=options, **fields)
 
 
@@ -190,6 +195,8 @@ def map(  # noqa: A001 - the kind's name
     Raises:
         CampaignError: run or options cannot be used.
     """
+    from jointstiff.service.kinds.map import MAP
+
     return do(MAP, run, options=options, on_progress=on_progress, **fields)
 
 
@@ -214,6 +221,8 @@ def compensate(
     Raises:
         CampaignError: run, options or program cannot be used.
     """
+    from jointstiff.service.kinds.program import PROGRAM
+
     if "force" in fields:
         fields["load"] = {"force": fields.pop("force")}
     if options is None:
@@ -299,6 +308,7 @@ def _take_readings(_inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
 
 
 def _take_files(_inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
+    from jointstiff.service.kinds.program import PROGRAM
     from jointstiff.service.kinds.program.work import packed
 
     contents = {Path(path).name: Path(path).read_bytes() for path in waiting}
