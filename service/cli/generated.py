@@ -30,8 +30,7 @@ from jointstiff.service.cli.options import (
     vector_of,
 )
 from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.registry import kind_of
-from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.kinds.rooms import ROOMS, kind_of
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo

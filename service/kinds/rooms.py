@@ -1,11 +1,15 @@
-"""The rooms of the kinds of work, in order: the one list that names them. It needs nothing but itself."""
+"""The rooms of the kinds of work, in order: the one list that names them. Nothing else is imported."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from types import MappingProxyType
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from jointstiff.service.kinds.kind import AnyKind
 
 
 @dataclass(frozen=True)
@@ -35,3 +39,9 @@ ROOMS: Final[Mapping[str, Room]] = MappingProxyType(
     }
 )
 """By the name of the kind: each is a package of this one, whose declaration has that name in capitals."""
+
+
+def kind_of(name: str) -> AnyKind:
+    """Return the declaration of a kind; nothing of the others is imported."""
+    kind: AnyKind = getattr(import_module(f"jointstiff.service.kinds.{name}"), name.upper())
+    return kind

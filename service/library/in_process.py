@@ -15,8 +15,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.kinds.kind import AnyJob, Kind
-from jointstiff.service.kinds.registry import kind_of
-from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import campaigns
 from jointstiff.service.library.errors import CampaignError

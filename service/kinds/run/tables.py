@@ -69,7 +69,7 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
             Column(unit.quantity, [value for value, _, _ in cells]),
             Column("std. uncertainty", [uncertainty for _, uncertainty, _ in cells]),
             Column(f"{100 * request.confidence:g} % interval", [interval for _, _, interval in cells]),
-            *(prior if request.priors else []),
+            *([Column("prior/data", prior)] if request.priors else []),
             Column("verdict", joints, _verdict_cell, text=True),
         ],
         title=f"Joint {unit.quantity}, {way}, {constraint}",
