@@ -97,6 +97,7 @@ def run(*command, folder):
 
 def test_python_client(url, bodies, tmp_path):
     """openapi-python-client: no warning, mypy --strict, and every body is accepted."""
+    httpx2.get(f"{url}/openapi.json", timeout=100.0)
     (tmp_path / "bodies.json").write_text(json.dumps(bodies))
     (tmp_path / "post.py").write_text(PROGRAM.read_text(encoding="utf-8"))
     package = ("--meta", "none", "--output-path", "jointstiff_client", "--config", CONFIG)
@@ -122,7 +123,7 @@ def test_typescript_client(url, bodies, tmp_path):
     (tmp_path / "node_modules").symlink_to(DASHBOARD / "node_modules")
     (tmp_path / "package.json").write_text('{"type": "module"}')
     (tmp_path / "post.ts").write_text(typescript(url, bodies))
-    (tmp_path / "openapi.json").write_bytes(httpx2.get(f"{url}/openapi.json").content)
+    (tmp_path / "openapi.json").write_bytes(httpx2.get(f"{url}/openapi.json", timeout=100.0).content)
     made = run_npm(
         "run", "types", "--", str(tmp_path / "openapi.json"), "--output", str(tmp_path / "schema.d.ts")
     )
