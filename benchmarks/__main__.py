@@ -93,6 +93,7 @@ BENCHMARKS = {
         "the 100,000 requests of `attacks`; a quarter of an hour",
         in_parts=True,
     ),
+    "growth": Benchmark("attacks.growth", "time of the program readers on hostile lines", in_parts=True),
     "faults": Benchmark("attacks.faults", "disks, locks, clocks, servers, workers; 10 minutes, as root"),
     "durability": Benchmark("attacks.durability", "kill -9 of workers and services; 20 minutes"),
 }
