@@ -77,7 +77,7 @@ def test_every_run_tells_the_complementary_stiffness(document, method):
     neglected, included = (of.complementary_stiffness for of in found)
     assert (neglected.included, neglected.iterations) == (False, 0)
     assert included.included
-    assert included.iterations >= 1  # one refit after the first-order shift suffices (METHOD, docs/method.md)
+    assert included.iterations >= 1  # one refit after the first-order shift suffices
     assert neglected.largest_ratio == pytest.approx(included.largest_ratio, rel=0.05)
     assert neglected.largest_shift == pytest.approx(included.largest_shift, rel=0.05)
 

@@ -62,7 +62,8 @@ def test_only_a_run_takes_the_time_for_a_model():
     )
     assert alone.model is not None
     assert "model_error" in {part.source for part in alone.budget.components}
-    without = {"model": None, "budget": None}
+    assert alone.choice.elasticity == "joints"
+    without = {"model": None, "budget": None, "choice": None}
     assert compared.model_copy(update=without) == alone.model_copy(update=without)
 
 
