@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.fields import Message, Metres, Name, Stiffness
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run.links import CrossValidation, Elasticity, Loss
+from jointstiff.schemas.run.links import CrossValidation, Elasticity
 from jointstiff.schemas.run.resampling import Resampling
 from jointstiff.schemas.run.weight import Weight
 from jointstiff.schemas.terminal import Terminal, chain_of, draws_of, prior_of
@@ -73,7 +73,7 @@ class RunOptions(Message):
         "positive.",
         examples=[{"joint_2": [1e6, None]}],
     )
-    loss: Annotated[Loss | Literal["automatic"], BeforeValidator(_named)] = Field(
+    loss: Annotated[Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_named)] = Field(
         default="automatic",
         description="Loss function of the norm of each target's whitened residual. `huber` grows linearly "
         "beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it "

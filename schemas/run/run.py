@@ -291,6 +291,6 @@ class Run(Job):
 
     @property
     def elasticity(self) -> Elasticity:
-        """What bends in the numbers; what was asked for while there are none."""
+        """Elements that bend in the numbers; while there are none, those of the request."""
         choice = None if self.result is None else self.result.choice
         return self.request.elasticity if choice is None else choice.elasticity

@@ -57,10 +57,10 @@ class _FollowedRoute(BodyRoute):
 
         async def handle_followed(request: Request) -> Response:
             response = await handle(request)
-            wait = float(request.query_params.get("wait", WaitQuery().wait))
             if response.status_code != 202 or request.app.state.limited_child is None:
                 return response
             jobs = request.app.state.parts.jobs[Program.kind]
+            wait = float(request.query_params.get("wait", WaitQuery().wait))  # a number: it was answered 202
             record = await run_in_threadpool(jobs.record, json.loads(bytes(response.body))["id"])
             return await answer(jobs, record, wait, request.app.state.followers)
 

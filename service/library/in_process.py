@@ -85,7 +85,7 @@ def pair(
     first: AnyCampaign,
     second: AnyCampaign,
     /,
-    options: PairOptions | None = None,
+    options: PairOptions | Mapping[str, Any] | None = None,
     **fields: Any,  # noqa: ANN401 - fields of PairOptions
 ) -> Pair:
     """Compare two campaigns: encoders of motors and secondary ones, before and after, units A and B.
@@ -93,7 +93,8 @@ def pair(
     Args:
         first: campaign such as with the motors' encoders in the loop, or before.
         second: campaign such as with secondary encoders in the loop, or after.
-        options: how to identify both; those of the run in the first campaign if None.
+        options: how to identify both, or the fields of `RunOptions` for it; those of the run in the first
+            campaign if None.
         fields: fields of `PairOptions` that replace these options.
 
     Raises:
@@ -102,6 +103,8 @@ def pair(
     from jointstiff.schemas.pair import PairOptions
     from jointstiff.service.kinds.pair import PAIR
 
+    if isinstance(options, Mapping):
+        options = campaigns.parse_document({"options": dict(options)}, PairOptions)
     one = campaign_of(first)
     return do(PAIR, one, campaign_of(second), options=options or PairOptions(options=one.run), **fields)
 

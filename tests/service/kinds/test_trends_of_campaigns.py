@@ -30,6 +30,8 @@ def campaigns(instruments):
         joint = JointNumbers(
             name="joint_1",
             status="identified",
+            verdict="use",
+            reason=None,
             compliance=c,
             standard_uncertainty=0.03 * c,
             stiffness=1.0 / c,
