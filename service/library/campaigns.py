@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -47,19 +47,13 @@ def read_campaign(path: Path) -> Campaign:
     return read_document(path, Campaign)
 
 
-def read_document(
-    path: Path,
-    message: type[Document],
-    section: str | None = None,
-    changes: dict[str, Any] | None = None,
-) -> Document:
+def read_document(path: Path, message: type[Document], section: str | None = None) -> Document:
     """Read a file of JSON.
 
     Args:
         path: of the file.
         message: what it should have.
         section: of a larger document, which may be given in its place.
-        changes: fields of the document that take the place of the file's.
 
     Raises:
         CampaignError: the file is too large, or not such a document.
@@ -69,12 +63,7 @@ def read_document(
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
-    content = content.removeprefix(BOM_UTF8)
-    if changes:
-        with suppress(ValueError, RecursionError):  # what is no JSON is refused below, with its place
-            document = json.loads(content)
-            content = json.dumps(document | changes).encode() if isinstance(document, dict) else content
-    return parse_content(message, content, section)
+    return parse_content(message, content.removeprefix(BOM_UTF8), section)
 
 
 def read_object(path: Path) -> dict[str, Any]:

@@ -9,9 +9,7 @@ from typing import Any
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.library.campaigns import (
-    read_document,
-)
+from jointstiff.service.library.campaigns import read_document
 from jointstiff.service.library.robots import read_robot
 
 
