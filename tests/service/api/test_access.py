@@ -191,8 +191,7 @@ def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
     assert slept == [gate.SLOW_SECONDS] * 9
     assert client.get("/v1/robots", headers=bearer("viewer")).status_code == 200
     assert client.request("POST", "/v1/session", json={"link": "x"}).status_code == 429
-    token = mint_token("jsl")
-    store.sessions.offer(digest(token), KEYS["viewer"].record.id, NOW, NOW + timedelta(minutes=10))
+    token = offered(store)
     assert client.request("POST", "/v1/session", json={"link": token}).status_code == 201
 
 
@@ -238,6 +237,13 @@ def test_who_signs_in_again_leaves_no_session_behind(client):
     after = signed_in(client, "admin", Cookie=before)
     assert client.get("/v1/robots", headers={"Cookie": before}).status_code == 401
     assert client.get("/v1/robots", headers={"Cookie": after}).status_code == 200
+
+
+def offered(store, key_id=KEYS["viewer"].record.id, lasts=timedelta(minutes=10)):
+    """Store a one-time link; its time runs from now, however long the suite has run before."""
+    token, now = mint_token("jsl"), datetime.now(UTC)
+    store.sessions.offer(digest(token), key_id, now, now + lasts)
+    return token
 
 
 def signed_in(client, role="viewer", **headers):
@@ -286,8 +292,7 @@ def test_a_wrong_key_opens_no_session(client):
 
 
 def test_a_second_tap_on_a_link_is_no_wrong_key(client, store):
-    token = mint_token("jsl")
-    store.sessions.offer(digest(token), KEYS["viewer"].record.id, NOW, NOW + timedelta(minutes=10))
+    token = offered(store)
     taps = [client.request("POST", "/v1/session", json={"link": token}) for _ in range(20)]
     assert [answer.status_code for answer in taps] == [201] + [401] * 19
     strangers = [client.request("POST", "/v1/session", json={"link": "x"}) for _ in range(12)]
@@ -295,11 +300,8 @@ def test_a_second_tap_on_a_link_is_no_wrong_key(client, store):
 
 
 def test_a_link_signs_one_browser_in_once_and_in_time(client, store):
-    token, late, orphan = (mint_token("jsl") for _ in range(3))
     key_id = KEYS["viewer"].record.id
-    store.sessions.offer(digest(token), key_id, NOW, NOW + timedelta(minutes=10))
-    store.sessions.offer(digest(late), key_id, NOW, NOW)
-    store.sessions.offer(digest(orphan), "0" * 10, NOW, NOW + timedelta(minutes=10))
+    token, late, orphan = offered(store), offered(store, lasts=timedelta(0)), offered(store, "0" * 10)
     first, again, *others = (
         client.request("POST", "/v1/session", json={"link": one}) for one in (token, token, late, orphan)
     )
@@ -311,9 +313,9 @@ def test_a_link_signs_one_browser_in_once_and_in_time(client, store):
 
 
 def test_an_open_service_uses_no_link_up(store):
-    token, key = mint_token("jsl"), KEYS["viewer"].record
+    key = KEYS["viewer"].record
     store.keys.add(key)
-    store.sessions.offer(digest(token), key.id, NOW, NOW + timedelta(minutes=10))
+    token = offered(store)
     answer = Client(store).request("POST", "/v1/session", json={"link": token})
     assert answer.status_code == 422
     assert "demands no key" in answer.json()["detail"]
