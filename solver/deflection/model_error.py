@@ -118,8 +118,8 @@ def leave_postures_out(
 ) -> ModelError:
     """Refit without each posture in turn, and compare what is predicted there with what was read.
 
-    The refits use method, weighting and bounds of the run, and the weights of its robust loss; K_c, priors
-    and an order are left out of them, so that residuals are greater rather than less.
+    The refits use method, weighting and bounds of the run, the weights of its robust loss, and K_c at its
+    compliances; priors and an order are left out of them, so that residuals are greater rather than less.
 
     Args:
         robot: n joints.
@@ -142,8 +142,8 @@ def leave_postures_out(
         )
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
-    plain = replace(settings, loss="squared", complementary_stiffness=False, prior=None, order=())
-    blocks = blocks_of_identified(robot, measurements, plain, estimate.characteristic_length)
+    plain = replace(settings, loss="squared", prior=None, order=())
+    blocks = blocks_of_identified(robot, measurements, plain, estimate)
     observation = np.nonzero(measurements.present)[0]  # of each reading
     left_out = np.full(len(measurements), -1, dtype=np.intp)
     for p, group in enumerate(groups):

@@ -171,7 +171,6 @@ def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
     """Refuse what one convex problem of both sets cannot take in."""
     faults = {
         "loss `huber`": side.settings.loss == "huber",
-        "complementary_stiffness `included`": side.settings.complementary_stiffness,
         "an order between arm and wrist, which are fitted separately": _order_across(side),
     }
     for fault in (name for name, found in faults.items() if found):

@@ -19,6 +19,7 @@ from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, spherical_wrist
+from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.observability.identifiability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.pose import fit_displacement
@@ -108,40 +109,43 @@ class GramBlocks:
 def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
     """Compute the blocks of a method.
 
-    The full set is identified first: what it cannot support is refused in its words, and where a
-    characteristic length is to be found, it is that of the full set for all resamples.
+    The full set is identified first: what it cannot support is refused in its words. A characteristic length
+    that is to be found, and the compliances at which K_c is taken, are those of the full set for all
+    resamples.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        settings: method and weighting; its bounds and confidence play no part.
+        settings: method, weighting and K_c; without K_c its bounds play no part, and its confidence never.
 
     Raises:
         JointstiffError: as `jointstiff.solver.identification.identify` does on the full set.
         UnsupportedMethodError: a loss or a model that is not linear in the readings.
     """
     refuse_nonlinear(settings)
-    unbounded = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    return blocks_of_identified(
-        robot, measurements, settings, identify(robot, measurements, unbounded).characteristic_length
-    )
+    if not settings.complementary_stiffness:
+        settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
+    return blocks_of_identified(robot, measurements, settings, identify(robot, measurements, settings))
 
 
 def blocks_of_identified(
-    robot: Robot, measurements: Measurements, settings: Settings, length: float | None
+    robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
 ) -> GramBlocks:
     """Compute the blocks of a method on a set that was identified by it.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        settings: method and weighting; all else plays no part.
-        length: characteristic length [m] of the full set, if the weighting uses one.
+        settings: method, weighting and K_c; all else plays no part.
+        estimate: of the full set: its characteristic length, if the weighting uses one, and the compliances
+            at which K_c is taken, so that the rows are linear.
     """
+    length = estimate.characteristic_length
+    compliance = estimate.compliance if settings.complementary_stiffness else None
     excitation = Excitation(robot.joint_names)
     weighted: list[tuple[FloatArray, ...]] = []
     regressors, deflections = [], []
-    for block in regressor_blocks(robot, measurements):
+    for block in regressor_blocks(robot, measurements, compliance):
         excitation.add(block)
         weighted.append(_weighted_rows(robot, settings, length, block))
         present = block.measurements.present
@@ -170,12 +174,6 @@ def refuse_nonlinear(settings: Settings) -> None:
             f"resampling supports only the squared loss, not loss {settings.loss}",
             where="resampling",
             remedy="omit `resampling`, or use loss squared and omit the suspicious readings",
-        )
-    if settings.complementary_stiffness:
-        raise UnsupportedMethodError(
-            "resampling does not support the complementary stiffness",
-            where="resampling",
-            remedy="omit `resampling`, or neglect the complementary stiffness",
         )
     if settings.prior is not None or settings.order:
         raise UnsupportedMethodError(

@@ -98,7 +98,6 @@ def test_refused_before_anything_is_stored(store, runs, enqueued):
     assert refused.value.where == "resampling.size"
     for option in (
         {"loss": "huber"},
-        {"complementary_stiffness": "included"},
         {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}},
         {"stiffness_order": [["joint_2", "joint_5"]]},
     ):

@@ -22,6 +22,7 @@ from jointstiff.solver.regression import regressor
 from jointstiff.solver.regression.complementary_stiffness import complementary_stiffness, neglected_readings
 from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.resampling.draws import ResamplingPlan, resample
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -283,9 +284,27 @@ class TestReported:
         assert "complementary_stiffness_matters" not in codes
 
 
-@pytest.mark.parametrize("options", [{"complementary_stiffness": "included"}, {"loss": "huber"}])
-def test_resampling_refuses_what_is_not_linear(options):
+def test_resampling_refuses_what_is_not_linear():
     robot, measurements = exact()
     with pytest.raises(UnsupportedMethodError, match="resampling") as refusal:
-        gram_blocks(robot, measurements, to_settings(RunOptions(**options), robot))
+        gram_blocks(robot, measurements, to_settings(RunOptions(loss="huber"), robot))
     assert refusal.value.where == "resampling"
+
+
+@pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
+def test_resamples_find_the_springs(method, weighting):
+    """Each draw of readings without noise finds the springs, with K_c at the whole set's compliances."""
+    robot, measurements = exact()
+    options = RunOptions(method=method, weighting=weighting, complementary_stiffness="included")
+    plan = ResamplingPlan(10, 6, 1)
+    found, neglected = (
+        resample(gram_blocks(robot, measurements, settings), plan, settings.bounds)
+        for settings in (
+            to_settings(options, robot),
+            to_settings(options.model_copy(update={"complementary_stiffness": "neglected"}), robot),
+        )
+    )
+    true = np.broadcast_to(ARM.compliances, found.compliance.shape)
+    np.testing.assert_allclose(found.compliance, true, rtol=1e-4)
+    assert np.abs(neglected.compliance / true - 1).max() > 1e-3
+    assert (found.compensation > 1 - 1e-5).all()
