@@ -51,16 +51,13 @@ class Keyring:
             StoreError: the database does not answer.
         """
         with self._looking:  # a look that began before a change must not end after one that saw it
-            self._look()
-
-    def _look(self) -> None:
-        if self._file is not None:
-            before, self._filed = self._live(), self._in_file(self._file)
-            self._gone |= before - self._live()
-            if self._gone:  # their sessions and links must not come to life again with the file
-                self._store.sessions.end_of(sorted(self._gone))
-                self._gone.clear()
-        self._stored = {key.id: key for key in self._store.keys.all()}
+            if self._file is not None:
+                before, self._filed = self._live(), self._in_file(self._file)
+                self._gone |= before - self._live()
+                if self._gone:  # their sessions and links must not come to life again with the file
+                    self._store.sessions.end_of(sorted(self._gone))
+                    self._gone.clear()
+            self._stored = {key.id: key for key in self._store.keys.all()}
 
     def _live(self) -> set[str]:
         """Return the ids of the keys in the file that open the service."""

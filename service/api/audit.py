@@ -29,7 +29,7 @@ router = APIRouter(prefix="/v1/audit", tags=["access"], route_class=AccessRoute,
 @router.get("", response_model=Page[AuditItem], responses=problems(422))
 def list_audit(parts: PartsOf, query: Annotated[AuditQuery, Query()]) -> Page[AuditItem]:
     """List what was asked for by methods that change something, refused or not, newest first."""
-    entries, cursor = parts.store.audit.page(query.limit, query.cursor, query.key_id)
+    entries, cursor = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
     return Page(items=[AuditItem(**asdict(entry)) for entry in entries], next=cursor)
 
 

@@ -115,7 +115,13 @@ class BoundedProtocol(H11Protocol):
             and self._held > self.BODY_BYTES
             and not self.transport.is_closing()
         ):
-            self._refuse()
+            if not self.cycle.response_started:
+                reason = "too many bodies are being sent or worked on at once"
+                retry = {"Retry-After": str(RETRY_SECONDS[503])}
+                self.transport.write(_whole_answer(503, reason, "send it again later", retry))
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+            self.transport.close()
 
     def handle_events(self) -> None:
         """Follow the request; count its body. A new phase has its own time."""
@@ -170,16 +176,6 @@ class BoundedProtocol(H11Protocol):
         """Answer what is no HTTP request, and close."""
         if self.conn.our_state in {h11.IDLE, h11.SEND_RESPONSE}:  # else an answer is under way
             self.transport.write(_whole_answer(400, msg, "send a request of HTTP/1.1", {}))
-        self.transport.close()
-
-    def _refuse(self) -> None:
-        """Answer 503 in place of the application, which sees a client that left."""
-        if not self.cycle.response_started:
-            reason = "too many bodies are being sent or worked on at once"
-            retry = {"Retry-After": str(RETRY_SECONDS[503])}
-            self.transport.write(_whole_answer(503, reason, "send it again later", retry))
-        self.cycle.disconnected = True
-        self.cycle.message_event.set()
         self.transport.close()
 
 

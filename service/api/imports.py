@@ -72,12 +72,9 @@ async def create_import(
 
 def _understood(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
+    sources = [SourceFile(*named_content(file)) for file in files]
     with without_collections():
-        return import_files([_source(file) for file in files], options, robot).model_dump_json()
-
-
-def _source(file: UploadFile) -> SourceFile:
-    return SourceFile(*named_content(file))
+        return import_files(sources, options, robot).model_dump_json()
 
 
 def named_content(file: UploadFile) -> tuple[str, bytes]:

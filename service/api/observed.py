@@ -58,13 +58,11 @@ class Observed:
         try:
             await self._app(scope, receive, sent)
         finally:
-            self._note(scope, status, time.monotonic() - began)
-
-    def _note(self, scope: Scope, status: int, seconds: float) -> None:
-        method = scope["method"] if scope["method"] in _METHODS else "other"
-        route = getattr(scope.get("route"), "path", "other")
-        self._metrics.count(method, route, status, seconds)
-        if _logger.isEnabledFor(logging.INFO):
-            path = without_keys(scope["path"])  # where one was put by mistake
-            line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
-            _logger.info("%s %s %d", method, path, status, extra=line)
+            seconds = time.monotonic() - began
+            method = scope["method"] if scope["method"] in _METHODS else "other"
+            route = getattr(scope.get("route"), "path", "other")
+            self._metrics.count(method, route, status, seconds)
+            if _logger.isEnabledFor(logging.INFO):
+                path = without_keys(scope["path"])  # where one was put by mistake
+                line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
+                _logger.info("%s %s %d", method, path, status, extra=line)

@@ -48,8 +48,8 @@ def get_run_report(request: Request, parts: PartsOf, run_id: JobId, format: Repo
     metadata, settings and authorisations give the same bytes.
     """
     subject = _subject(parts, run_id, request.app.state.laboratory)
-    newer = _authorisations(parts.store.authorisations.superseding(run_id))
-    own = _authorisations(parts.store.authorisations.of(run_id))
+    newer = _authorisations(parts.store.authorisations.of(supersedes=run_id))
+    own = _authorisations(parts.store.authorisations.of(run_id=run_id))
     state = state_of(own, newer[-1] if newer else None, subject.content_hash())
     return report_answer(run_document(subject, state), format)
 
@@ -100,7 +100,7 @@ def authorise_run(
 def list_run_authorisations(parts: PartsOf, run_id: JobId) -> AuthorisationList:
     """List the authorisations of a run's report, in the order in which they came."""
     stored_job(parts.store, Run, run_id)
-    return AuthorisationList(items=_authorisations(parts.store.authorisations.of(run_id)))
+    return AuthorisationList(items=_authorisations(parts.store.authorisations.of(run_id=run_id)))
 
 
 def report_answer(document: Document, name: ReportFormat) -> Response:
@@ -128,7 +128,7 @@ def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
         stored_job(parts.store, Run, superseded)
     except NotFoundError as error:
         raise RequestError(error.reason, where="supersedes", remedy=error.remedy) from error
-    if any(record.supersedes == run_id for record in parts.store.authorisations.of(superseded)):
+    if any(record.supersedes == run_id for record in parts.store.authorisations.of(run_id=superseded)):
         raise RequestError(
             f"the report of run '{superseded}' supersedes this one",
             where="supersedes",

@@ -7,9 +7,9 @@ import signal
 from collections.abc import Iterator
 from typing import Any, Final
 
-from jointstiff.schemas.comparison import Comparison, ComparisonSummary
+from jointstiff.schemas.comparison import ComparisonSummary
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetSummary
-from jointstiff.schemas.run.run import Run, RunSummary
+from jointstiff.schemas.run.run import RunSummary
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
@@ -67,7 +67,17 @@ def _tour(address: str, *, once: bool) -> int:
     try:
         with Client(address) as client:
             client.ping()
-            run, comparison = _demonstration(client)
+            campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
+            request = {"measurement_set_id": _posted_set(client, campaign)}
+            runs: Iterator[RunSummary] = client.runs.list(**request)
+            found = next(runs, None)
+            run = client.runs.create(request) if found is None else client.runs.get(found.id)
+            comparisons: Iterator[ComparisonSummary] = client.comparisons.list(**request)
+            other = next(comparisons, None)
+            comparison = (
+                client.comparisons.create(request) if other is None else client.comparisons.get(other.id)
+            )
+            run, comparison = client.runs.wait(run), client.comparisons.wait(comparison)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return _FAILED
@@ -78,19 +88,6 @@ def _tour(address: str, *, once: bool) -> int:
     last = "Run {id}; to open its page: the same command without --once" if once else "Open the page: {page}"
     out.print("\n" + last.format(id=run.id, page=f"{address}/#/runs/{run.id}"), markup=False, soft_wrap=True)
     return 0
-
-
-def _demonstration(client: Client) -> tuple[Run, Comparison]:
-    """Return the run and the comparison of the example, posting what is not there."""
-    campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
-    request = {"measurement_set_id": _posted_set(client, campaign)}
-    runs: Iterator[RunSummary] = client.runs.list(**request)
-    found = next(runs, None)
-    run = client.runs.create(request) if found is None else client.runs.get(found.id)
-    comparisons: Iterator[ComparisonSummary] = client.comparisons.list(**request)
-    other = next(comparisons, None)
-    comparison = client.comparisons.create(request) if other is None else client.comparisons.get(other.id)
-    return client.runs.wait(run), client.comparisons.wait(comparison)
 
 
 def _posted_set(client: Client, campaign: dict[str, Any]) -> str:

@@ -236,17 +236,14 @@ def _field_options(message: type[Message]) -> Iterator[tuple[str, Any]]:
 
 def _terminal(field: FieldInfo) -> Terminal:
     stated = (each for each in field.metadata if isinstance(each, Terminal))
-    return next(stated, Terminal(unit=_unit(field)))
+    extra = field.json_schema_extra
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    return next(stated, Terminal(unit=unit))
 
 
 def _gathered(kind: AnyKind, name: str, value: Any) -> Any:  # noqa: ANN401 - JSON
     """Return the value of a field from what its option has parsed."""
     return dict(value) if _terminal(kind.options.model_fields[name]).gather == "dict" else value
-
-
-def _unit(field: FieldInfo) -> str:
-    extra = field.json_schema_extra
-    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
 
 
 def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type

@@ -11,7 +11,6 @@ from jointstiff.service.cli.answers import failed, refuse_existing, refused, wri
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
-    from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
     from jointstiff.schemas.measurement.metadata import SetMetadata
     from jointstiff.schemas.robot import RobotDocument
 
@@ -104,17 +103,13 @@ def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None
         missing = "; ".join(answer.missing)
         raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
     refuse_existing(path, overwrite=overwrite)
-    write_text(path, _document(answer.measurement_set, robot))
+    found = answer.measurement_set.model_dump(mode="json", exclude_none=True)
+    if robot is not None:
+        found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
+    write_text(path, json.dumps(found, indent=1, ensure_ascii=False))
     what, command = (
         ("a measurement set", "add a robot with --robot")
         if robot is None
         else ("a campaign", f"jointstiff identify {path}")
     )
     console(stderr=True).print(f"wrote {path}, {what}; now: {command}", markup=False, soft_wrap=True)
-
-
-def _document(readings: MeasurementSetDocument, robot: RobotDocument | None) -> str:
-    found = readings.model_dump(mode="json", exclude_none=True)
-    if robot is not None:
-        found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
-    return json.dumps(found, indent=1, ensure_ascii=False)

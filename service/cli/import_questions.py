@@ -44,11 +44,17 @@ def ask(answer: ImportAnswer, asked: set[str]) -> Options:
         The options of the API that were answered; empty if nothing remains to be asked.
     """
     given: Options = {}
-    for option in _wanted(answer):
+    faults = [fault.option for fault in answer.faults if fault.option is not None]
+    for option in dict.fromkeys([*faults, *answer.missing_fields]):
         for name, question in _questions(option, answer):
             if name not in asked:
                 asked.add(name)
-                _put(given, name, question())
+                value = question()
+                key, _, inner = name.partition(".")
+                if inner:
+                    given.setdefault(key, {})[inner] = value
+                else:
+                    given[key] = value
     return given
 
 
@@ -58,11 +64,6 @@ def ask_robot() -> str | None:
         "Robot that was measured, for the integrity checks: file or arm", default="none", err=True
     )
     return None if text == "none" else text
-
-
-def _wanted(answer: ImportAnswer) -> list[str]:
-    faults = [fault.option for fault in answer.faults if fault.option is not None]
-    return list(dict.fromkeys([*faults, *answer.missing_fields]))
 
 
 def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -112,14 +113,6 @@ def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
 def _vector(text: str, default: str | None) -> tuple[float, ...]:
     found: tuple[float, ...] = typer.prompt(text, default=default, value_proc=vector_of, err=True)
     return found
-
-
-def _put(options: Options, name: str, value: object) -> None:
-    key, _, inner = name.partition(".")
-    if inner:
-        options.setdefault(key, {})[inner] = value
-    else:
-        options[key] = value
 
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {

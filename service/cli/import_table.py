@@ -20,9 +20,23 @@ def import_report(answer: ImportAnswer) -> RenderableType:
     """Each file with its columns, then all of them together, then what is missing."""
     parts: list[RenderableType] = []
     for file in answer.preview.files:
+        table = Table()
+        table.add_column("", justify="right")
+        for heading in ("header", "read as", "unit", "first values"):
+            table.add_column(heading)
+        for column in file.columns:
+            values = [row[column.column - 1] for row in file.first_rows if column.column <= len(row)]
+            shown = [_short(value) for value in values[:_VALUES_SHOWN]]
+            table.add_row(
+                str(column.column),
+                Text(_short(column.header)),
+                Text(_short(column.meaning) + (" ?" if column.guessed else "")),
+                column.unit or "",
+                Text("; ".join(shown)),
+            )
         parts += [
             Text(f"{file.file}: {_dialect(file)}", style="bold"),
-            _columns(file),
+            table,
             *_lines(file.assumptions, "assumed: "),
         ]
     parts += [_summary(answer.preview), *_lines(answer.preview.assumptions, "assumed: ")]
@@ -43,24 +57,6 @@ def _findings(answer: ImportAnswer) -> Iterator[Text]:
     for finding in answer.findings:
         remedy = f"; {finding.remedy}" if finding.remedy else ""
         yield Text(f"  {finding.severity}: {finding.message}{remedy}", style="yellow")
-
-
-def _columns(file: FilePreview) -> Table:
-    table = Table()
-    table.add_column("", justify="right")
-    for heading in ("header", "read as", "unit", "first values"):
-        table.add_column(heading)
-    for column in file.columns:
-        values = [row[column.column - 1] for row in file.first_rows if column.column <= len(row)]
-        shown = [_short(value) for value in values[:_VALUES_SHOWN]]
-        table.add_row(
-            str(column.column),
-            Text(_short(column.header)),
-            Text(_short(column.meaning) + (" ?" if column.guessed else "")),
-            column.unit or "",
-            Text("; ".join(shown)),
-        )
-    return table
 
 
 def _dialect(file: FilePreview) -> str:

@@ -36,7 +36,12 @@ class EncoderArrays:
         names = dict.fromkeys(r.joint for o in observations for r in o.encoder_readings or ())
         if not names:
             return None
-        _refuse_crowd(len(names))
+        if len(names) > MAX_JOINTS:
+            raise MeasurementError(
+                f"the readings name encoders of {len(names)} different joints, more than {MAX_JOINTS}",
+                where="observations",
+                remedy="use the robot's joint names, the same in every observation",
+            )
         column = {name: e for e, name in enumerate(names)}
         present = np.zeros((len(observations), len(names)), dtype=np.bool_)
         unloaded, loaded = np.zeros((2, *present.shape))
@@ -44,7 +49,12 @@ class EncoderArrays:
             for k, reading in enumerate(observation.encoder_readings or ()):
                 place = i, column[reading.joint]
                 if present[place]:
-                    raise _read_twice(reading.joint, observation.label, i, k)
+                    raise MeasurementError(
+                        f"the encoder of '{reading.joint}' has two readings in observation "
+                        f"'{observation.label}'",
+                        where=f"observations[{i}].encoder_readings[{k}].joint",
+                        remedy="give each joint at most once per observation",
+                    )
                 present[place] = True
                 unloaded[place], loaded[place] = reading.unloaded, reading.loaded
         return cls(np.array(list(names)), present, unloaded, loaded)
@@ -93,20 +103,3 @@ class EncoderArrays:
             return None
         names = ("joints", "present", "unloaded", "loaded")
         return cls(*(archive[f"{_PREFIX}{name}"] for name in names))
-
-
-def _refuse_crowd(count: int) -> None:
-    if count > MAX_JOINTS:
-        raise MeasurementError(
-            f"the readings name encoders of {count} different joints, more than {MAX_JOINTS}",
-            where="observations",
-            remedy="use the robot's joint names, the same in every observation",
-        )
-
-
-def _read_twice(joint: str, label: str, i: int, k: int) -> MeasurementError:
-    return MeasurementError(
-        f"the encoder of '{joint}' has two readings in observation '{label}'",
-        where=f"observations[{i}].encoder_readings[{k}].joint",
-        remedy="give each joint at most once per observation",
-    )

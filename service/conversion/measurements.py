@@ -138,7 +138,7 @@ def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.Q
         message(
             sets.QualityWarning,
             finding,
-            where=_where(finding, readings),
+            where=None if finding.observation is None else readings.place(finding.observation),
             observation=None if finding.observation is None else labels[finding.observation],
         )
         for finding in findings
@@ -158,7 +158,3 @@ def to_findings(warnings: Sequence[sets.QualityWarning], readings: ReadingArrays
         )
         for warning in warnings
     ]
-
-
-def _where(finding: Finding, readings: ReadingArrays) -> str | None:
-    return None if finding.observation is None else readings.place(finding.observation)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.units import to_instrument
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, CommonUncertainty, Measurements
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, refuse_no_covariance
@@ -28,8 +28,18 @@ def to_noise(
         MeasurementError: two kinds of noise, or one that is none.
     """
     if points is not None:
-        _refuse_second_kind(noise)
-        stated = _of_points(points, plain.present, length)
+        if noise is not None and (noise.sigma is not None or noise.instrument is not None):
+            kind = "sigma" if noise.sigma is not None else "instrument"
+            raise MeasurementError(
+                f"both the readings and noise.{kind} give the noise",
+                where=f"noise.{kind}",
+                remedy="give only one: omit it here, or in every reading",
+            )
+        present = plain.present
+        unloaded, loaded = points.covariances()
+        refuse_no_covariance(unloaded, present, "unloaded_covariance")
+        refuse_no_covariance(loaded, present, "loaded_covariance")
+        stated = DifferenceNoise.of(length**2 * unloaded, length**2 * loaded, present)
     elif noise is not None and noise.instrument is not None:
         stated = DifferenceNoise.by(to_instrument(noise.instrument, length), robot, plain)
     else:
@@ -55,20 +65,3 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
         0.0 if noise.axes is None else length * noise.axes.position,
         0.0 if noise.axes is None else noise.axes.direction,
     )
-
-
-def _of_points(points: PointNoise, present: BoolArray, length: float) -> DifferenceNoise:
-    unloaded, loaded = points.covariances()
-    refuse_no_covariance(unloaded, present, "unloaded_covariance")
-    refuse_no_covariance(loaded, present, "loaded_covariance")
-    return DifferenceNoise.of(length**2 * unloaded, length**2 * loaded, present)
-
-
-def _refuse_second_kind(noise: Noise | None) -> None:
-    if noise is not None and (noise.sigma is not None or noise.instrument is not None):
-        kind = "sigma" if noise.sigma is not None else "instrument"
-        raise MeasurementError(
-            f"both the readings and noise.{kind} give the noise",
-            where=f"noise.{kind}",
-            remedy="give only one: omit it here, or in every reading",
-        )

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Any, TypeVar
+from typing import TypeVar
 from uuid import uuid4
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.kinds.work import QuickWork, SteppedWork, Work
+from jointstiff.service.kinds.work import QuickWork, Work
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -75,7 +75,12 @@ def carry_out(job: AnyJob, work: Work, on_progress: OnProgress | None = None) ->
     def compute() -> Message:
         if isinstance(work, QuickWork):
             return work.compute()
-        return work.conclude(_computed(job, work, on_progress))
+        parts = []
+        for span in work.steps():
+            parts.append(work.compute(span))
+            if on_progress is not None and job.progress is not None:
+                on_progress(job.progress.model_copy(update={"done": span[1]}))
+        return work.conclude(parts)
 
     result, error = outcome_of(compute)
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
@@ -121,12 +126,3 @@ def unexpected_failure() -> Problem:
     return http_problem(
         500, "the computation failed with an internal error", "please report this problem, with the data"
     )
-
-
-def _computed(job: Job, work: SteppedWork[Any], on_progress: OnProgress | None) -> list[Any]:
-    parts = []
-    for span in work.steps():
-        parts.append(work.compute(span))
-        if on_progress is not None and job.progress is not None:
-            on_progress(job.progress.model_copy(update={"done": span[1]}))
-    return parts

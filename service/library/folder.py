@@ -200,7 +200,10 @@ class WatchedFolder:
         except FileNotFoundError:  # another watcher was faster
             return False
         if len(file.content) <= MAX_SET_BYTES and _digest(target) != file.digest:
-            _returned(target, path)  # another file had taken its name since it was read
+            free, number = path, 1
+            while free.exists():
+                free, number = path.with_name(f"{path.stem}-{number}{path.suffix}"), number + 1
+            target.rename(free)  # another file had taken its name since it was read
             return False
         self._seen.pop(path.name, None)
         return True
@@ -215,14 +218,6 @@ def _fitting(folder: Path, name: str, end: str) -> Path:
     """Return a path for a name with another end, cut so that file systems take it."""
     room = _LONGEST_NAME - len(os.fsencode(end))
     return folder / (os.fsencode(Path(name).stem)[:room].decode(errors="ignore") + end)
-
-
-def _returned(moved: Path, original: Path) -> None:
-    """Move a file back, without replacing one that came in its place."""
-    free, number = original, 1
-    while free.exists():
-        free, number = original.with_name(f"{original.stem}-{number}{original.suffix}"), number + 1
-    moved.rename(free)
 
 
 def _digest(path: Path) -> str:

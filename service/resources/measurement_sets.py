@@ -60,7 +60,22 @@ class MeasurementSets:
             content_hash=checked.content_hash,
             created_at=datetime.now(UTC),
         )
-        return self._store.sets.add(_record(stored, checked.readings), key)
+        return self._store.sets.add(
+            MeasurementSetRecord(
+                id=stored.id,
+                robot_id=stored.robot_id,
+                name=stored.name,
+                encoders=stored.encoders,
+                observation_count=len(checked.readings.labels),
+                warning_count=len(stored.warnings),
+                created_at=stored.created_at,
+                content_hash=stored.content_hash,
+                document=stored.model_dump_json(exclude={*_METADATA, "archived"}),
+                arrays=checked.readings.pack(),
+                **{name: getattr(stored, name) for name in _METADATA},
+            ),
+            key,
+        )
 
     def change(self, set_id: str, change: SetChange) -> MeasurementSetRecord:
         """Change name, metadata or place of a set; its readings, hash and runs stay as they are.
@@ -156,19 +171,3 @@ def assembled(record: MeasurementSetRecord) -> messages.MeasurementSet:
     parts |= {name: getattr(record, name) for name in _COLUMNS}
     # Both parts were validated when they were stored.
     return messages.MeasurementSet.model_construct(**parts, observations=observations)
-
-
-def _record(stored: messages.StoredMeasurementSet, readings: ReadingArrays) -> MeasurementSetRecord:
-    return MeasurementSetRecord(
-        id=stored.id,
-        robot_id=stored.robot_id,
-        name=stored.name,
-        encoders=stored.encoders,
-        observation_count=len(readings.labels),
-        warning_count=len(stored.warnings),
-        created_at=stored.created_at,
-        content_hash=stored.content_hash,
-        document=stored.model_dump_json(exclude={*_METADATA, "archived"}),
-        arrays=readings.pack(),
-        **{name: getattr(stored, name) for name in _METADATA},
-    )

@@ -22,7 +22,7 @@ from jointstiff.service.problems.errors import (
 )
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.quota import Quota
-from jointstiff.service.store.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
+from jointstiff.service.store.records import Entry, IdempotencyKey, Record, RecordPage
 from jointstiff.service.store.tables import idempotency_keys, jobs, measurement_sets, robots
 
 ROBOT: Final = Resource("robot", "robots")
@@ -106,7 +106,7 @@ class Collection(Generic[Record, Entry]):
                 if key is not None:  # first, as the loser of a race waits here
                     connection.execute(_KEY, self._key_row(record, key))
                 self._hold_parents(connection, record)
-                connection.execute(self._insert, _row_of(record))
+                connection.execute(self._insert, asdict(record))
                 if also is not None:
                     also(connection)
         except IntegrityError as error:
@@ -249,10 +249,6 @@ class Collection(Generic[Record, Entry]):
             "resource_id": record.id,
             "created_at": record.created_at,
         }
-
-
-def _row_of(record: AnyRecord) -> dict[str, Any]:
-    return asdict(record)
 
 
 def parse_cursor(cursor: str) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Final
 
 from pydantic import BaseModel, ConfigDict
 from sqlalchemy import Connection, inspect
@@ -55,11 +55,7 @@ def _table_content(connection: Connection, name: str, keys: Iterable[str]) -> Ta
     for row in stream.exec_driver_sql(query):
         rows += 1
         for value in row:
-            _feed(hashed, value)
+            data = value if isinstance(value, bytes) else repr(value).encode()
+            hashed.update(len(data).to_bytes(8, "big"))
+            hashed.update(data)
     return TableContent(rows=rows, sha256=hashed.hexdigest())
-
-
-def _feed(hashed: Any, value: object) -> None:  # noqa: ANN401 - a hash object has no public type
-    data = value if isinstance(value, bytes) else repr(value).encode()
-    hashed.update(len(data).to_bytes(8, "big"))
-    hashed.update(data)

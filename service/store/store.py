@@ -10,24 +10,25 @@ from sqlalchemy import func, select
 
 from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions
-from jointstiff.service.store.audit import Audit
-from jointstiff.service.store.authorisations import Authorisations
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, Collection
 from jointstiff.service.store.database import Database, Dialect
 from jointstiff.service.store.deletion import Deletions
 from jointstiff.service.store.heartbeats import Heartbeats
 from jointstiff.service.store.job_log import JobLog
+from jointstiff.service.store.journal import Authorisations, Journal
 from jointstiff.service.store.migrations import migrate
 from jointstiff.service.store.quota import Quota
 from jointstiff.service.store.records import (
+    AuditEntry,
+    AuthorisationRecord,
     JobEntry,
     JobRecord,
     MeasurementSetEntry,
     MeasurementSetRecord,
     RobotRecord,
+    TrendNote,
 )
-from jointstiff.service.store.tables import jobs, measurement_sets, robots
-from jointstiff.service.store.trend_notes import TrendNotes
+from jointstiff.service.store.tables import audit, authorisations, jobs, measurement_sets, robots, trend_notes
 
 SESSION_IDLE: Final = timedelta(hours=8)
 """A session that is not used for so long has ended."""
@@ -63,9 +64,9 @@ class Store:
         self.heartbeats = Heartbeats(database)
         self.keys = AccessKeys(database)
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
-        self.audit = Audit(database)
-        self.authorisations = Authorisations(database, self.quota)
-        self.trend_notes = TrendNotes(database, self.quota)
+        self.audit = Journal(database, audit, AuditEntry, None)
+        self.authorisations = Authorisations(database, authorisations, AuthorisationRecord, self.quota)
+        self.trend_notes = Journal(database, trend_notes, TrendNote, self.quota)
 
     @classmethod
     def open(cls, url: str, most_bytes: int | None = None) -> Store:

@@ -28,7 +28,16 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeEngine
 
-from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
+from jointstiff.service.store.records import (
+    AccessKey,
+    AuditEntry,
+    AuthorisationRecord,
+    JobRecord,
+    MeasurementSetRecord,
+    RobotRecord,
+    SessionRecord,
+    TrendNote,
+)
 
 metadata = MetaData(
     naming_convention={
@@ -75,14 +84,37 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]]]] = MappingProxyType(
 )
 
 
-def _listed(
+def _columns(record: type, references: Mapping[str, str], key: str | None = None) -> list[Column[Any]]:
+    """Return a column for each field of a record.
+
+    Args:
+        record: dataclass.
+        references: column → column of another table.
+        key: the primary key, if it is a field.
+    """
+    hints = get_type_hints(record)
+    return [
+        Column(
+            field.name,
+            _TYPES[hints[field.name]],
+            *([ForeignKey(references[field.name])] if field.name in references else []),
+            primary_key=field.name == key,
+            nullable=type(None) in get_args(hints[field.name]),
+            server_default=false() if hints[field.name] is bool else None,
+            unique=True if field.name == "id" and key is None else None,
+        )
+        for field in fields(record)
+    ]
+
+
+def _numbered(
     name: str,
     record: type,
     *further: Column[Any],
-    references: Mapping[str, str],
+    references: Mapping[str, str] = MappingProxyType({}),
     filters: Iterable[str | tuple[str, ...]],
 ) -> Table:
-    """Make a table of records, listed by `sequence`, newest first.
+    """Make a table of records in the order of `sequence`.
 
     Args:
         name: of the table.
@@ -91,18 +123,6 @@ def _listed(
         references: column → column of another table.
         filters: columns, or groups of them, by which a listing is narrowed.
     """
-    hints = get_type_hints(record)
-    columns: list[Column[Any]] = [
-        Column(
-            field.name,
-            _TYPES[hints[field.name]],
-            *([ForeignKey(references[field.name])] if field.name in references else []),
-            nullable=type(None) in get_args(hints[field.name]),
-            server_default=false() if hints[field.name] is bool else None,
-            unique=True if field.name == "id" else None,
-        )
-        for field in fields(record)
-    ]
     return Table(
         name,
         metadata,
@@ -112,18 +132,22 @@ def _listed(
             Identity(always=True),
             primary_key=True,
         ),
-        *columns,
-        Column("deleted_at", UtcDateTime, nullable=True),  # hidden from then on, removed later
+        *_columns(record, references),
         *further,
         *(Index(None, *((group,) if isinstance(group, str) else group), "sequence") for group in filters),
     )
 
 
-robots = _listed("robots", RobotRecord, references={}, filters=["name", "content_hash"])
+def _deleted_at() -> Column[Any]:
+    return Column("deleted_at", UtcDateTime, nullable=True)  # hidden from then on, removed later
 
-measurement_sets = _listed(
+
+robots = _numbered("robots", RobotRecord, _deleted_at(), filters=["name", "content_hash"])
+
+measurement_sets = _numbered(
     "measurement_sets",
     MeasurementSetRecord,
+    _deleted_at(),
     references={"robot_id": "robots.id"},
     filters=[
         "robot_id",
@@ -137,9 +161,10 @@ measurement_sets = _listed(
     ],
 )
 
-jobs = _listed(
+jobs = _numbered(
     "jobs",
     JobRecord,
+    _deleted_at(),
     Column("deaths", Integer, nullable=False, server_default="0"),  # of workers over it
     references={
         "measurement_set_id": "measurement_sets.id",
@@ -189,27 +214,10 @@ heartbeats = Table(
     Column("beat_at", UtcDateTime, nullable=False),
 )
 
-access_keys = Table(
-    "access_keys",
-    metadata,
-    Column("id", String, primary_key=True),
-    Column("name", String, nullable=False),
-    Column("role", String, nullable=False),
-    Column("key_hash", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("expires_at", UtcDateTime, nullable=True),
-    Column("revoked_at", UtcDateTime, nullable=True),
-    Column("last_used_at", UtcDateTime, nullable=True),
-)
+access_keys = Table("access_keys", metadata, *_columns(AccessKey, {}, key="id"))
 
-access_sessions = Table(
-    "access_sessions",
-    metadata,
-    Column("token_hash", String, primary_key=True),
-    Column("key_id", String, nullable=False),  # of the table above, or of a file of keys
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("used_at", UtcDateTime, nullable=False),
-)
+# A session's key is one of the table above, or of a file of keys.
+access_sessions = Table("access_sessions", metadata, *_columns(SessionRecord, {}, key="token_hash"))
 
 access_links = Table(
     "access_links",
@@ -219,60 +227,7 @@ access_links = Table(
     Column("ends_at", UtcDateTime, nullable=False),
 )
 
-audit = Table(
-    "audit",
-    metadata,
-    Column(
-        "sequence",
-        BigInteger().with_variant(Integer, "sqlite"),
-        Identity(always=True),
-        primary_key=True,
-    ),
-    Column("at", UtcDateTime, nullable=False),
-    Column("key_id", String, nullable=True),
-    Column("key_name", String, nullable=True),
-    Column("address", String, nullable=False),
-    Column("method", String, nullable=False),
-    Column("operation", String, nullable=True),
-    Column("path", String, nullable=False),
-    Column("status", Integer, nullable=False),
-)
-Index(None, audit.c.key_id, audit.c.sequence)
-
-trend_notes = Table(
-    "trend_notes",
-    metadata,
-    Column(
-        "sequence",
-        BigInteger().with_variant(Integer, "sqlite"),
-        Identity(always=True),
-        primary_key=True,
-    ),
-    Column("robot_id", String, nullable=False),  # no reference: they outlive the robot, as the audit does
-    Column("kind", String, nullable=False),
-    Column("noted_at", UtcDateTime, nullable=False),
-    Column("key_id", String, nullable=True),
-    Column("key_name", String, nullable=True),
-    Column("document", String, nullable=False),
-)
-Index(None, trend_notes.c.robot_id, trend_notes.c.sequence)
-
-authorisations = Table(
-    "authorisations",
-    metadata,
-    Column(
-        "sequence",
-        BigInteger().with_variant(Integer, "sqlite"),
-        Identity(always=True),
-        primary_key=True,
-    ),
-    Column("run_id", String, nullable=False),  # no reference: they outlive the run, as the audit does
-    Column("supersedes", String, nullable=True),
-    Column("authorised_at", UtcDateTime, nullable=False),
-    Column("key_id", String, nullable=False),
-    Column("key_name", String, nullable=False),
-    Column("content_hash", String, nullable=False),
-    Column("note", String, nullable=True),
-)
-Index(None, authorisations.c.run_id, authorisations.c.sequence)
-Index(None, authorisations.c.supersedes, authorisations.c.sequence)
+# Journals refer to nothing: they outlive the robots and the runs that they name.
+audit = _numbered("audit", AuditEntry, filters=["key_id"])
+trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
+authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_id", "supersedes"])

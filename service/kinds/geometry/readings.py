@@ -88,10 +88,18 @@ def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
     parts = []
     for index, sweep in enumerate(request.sweeps or ()):
         angles, points, present = readings.arrange(sweep.observations, f"sweeps[{index}].observations")
+        name = sweep.joint
+        names = robot.joint_names if robot is not None else tuple(f"joint_{i + 1}" for i in range(readings.n))
+        if name not in names:
+            raise MeasurementError(
+                f"there is no joint '{name}'",
+                where=f"sweeps[{index}].joint",
+                remedy=f"use one of {', '.join(names)}",
+            )
         parts.append(
             Sweep(
                 name=sweep.joint,
-                joint=_joint(sweep.joint, index, readings.n, robot),
+                joint=names.index(name),
                 angles=angles,
                 points=points,
                 present=present,
@@ -143,17 +151,6 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
         height=height,
         flange_targets=(indices[0], indices[1], indices[2]),
     )
-
-
-def _joint(name: str, index: int, n: int, robot: Robot | None) -> int:
-    names = robot.joint_names if robot is not None else tuple(f"joint_{i + 1}" for i in range(n))
-    if name not in names:
-        raise MeasurementError(
-            f"there is no joint '{name}'",
-            where=f"sweeps[{index}].joint",
-            remedy=f"use one of {', '.join(names)}",
-        )
-    return names.index(name)
 
 
 def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:

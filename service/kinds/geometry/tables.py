@@ -11,7 +11,6 @@ from jointstiff.schemas.geometry.result import (
     Drift,
     GeometryResult,
     LinkComparison,
-    PoseEvidence,
     SweepEvidence,
     WristResult,
 )
@@ -45,7 +44,17 @@ def _evidence(result: GeometryResult) -> list[Part]:
     if result.sweeps:
         parts.append(_sweeps(result.sweeps))
     if result.poses is not None:
-        parts.append(_poses(result.poses))
+        poses = result.poses
+        lines = [
+            f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; residual "
+            f"{_MICRO * poses.rms_residual:.1f} µm rms of a coordinate"
+        ]
+        if poses.held_out_rms is not None:
+            lines.append(
+                f"poses left out of the fit are predicted to {_MICRO * poses.held_out_rms:.1f} µm rms"
+            )
+        lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
+        parts.append(Line("\n".join(f"  {line}" for line in lines)))
     parts += [_frame(result.base_frame), _targets(result)]
     if result.wrist is not None:
         parts += _wrist(result.wrist)
@@ -91,17 +100,6 @@ def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
         caption="residuals by target, root mean square in µm; scale: rotation of the joint over that of "
         "the controller",
     )
-
-
-def _poses(poses: PoseEvidence) -> Line:
-    lines = [
-        f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; residual "
-        f"{_MICRO * poses.rms_residual:.1f} µm rms of a coordinate"
-    ]
-    if poses.held_out_rms is not None:
-        lines.append(f"poses left out of the fit are predicted to {_MICRO * poses.held_out_rms:.1f} µm rms")
-    lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
-    return Line("\n".join(f"  {line}" for line in lines))
 
 
 def _frame(frame: BaseFrameResult) -> Table:

@@ -6,7 +6,6 @@ from math import floor, log10
 from typing import Final
 
 from jointstiff.schemas.pair import (
-    AvoidedDeflection,
     DeflectionShare,
     OrderedResult,
     Pair,
@@ -29,7 +28,14 @@ def report(job: Pair, result: PairResult, view: View) -> Report:
     parts += joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     if result.ordered is not None:
         parts.append(_ordered_table(result.ordered, view.unit))
-    return Report([*parts, _avoided(result.avoided)])
+    avoided = result.avoided
+    predicted = "—" if avoided.predicted is None else f"{100 * avoided.predicted:.1f} %"
+    measured = "no observation is common to both sides"
+    if avoided.measured is not None and avoided.measured.value is not None:
+        measured = f"measured {_percent(avoided.measured)} in {avoided.matching} observations on both sides"
+    return Report(
+        [*parts, Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")]
+    )
 
 
 def _joints_table(pair: Pair, result: PairResult, unit: StiffnessUnit) -> Table:
@@ -104,14 +110,6 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
         caption=f"{unit.quantity} in {unit.label}, interval under all constraints; the order increases χ² by "
         f"{ordered.chi_square_increase:.3g}",
     )
-
-
-def _avoided(avoided: AvoidedDeflection) -> Line:
-    predicted = "—" if avoided.predicted is None else f"{100 * avoided.predicted:.1f} %"
-    measured = "no observation is common to both sides"
-    if avoided.measured is not None and avoided.measured.value is not None:
-        measured = f"measured {_percent(avoided.measured)} in {avoided.matching} observations on both sides"
-    return Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
 
 
 def _percent(share: DeflectionShare) -> str:

@@ -135,13 +135,9 @@ def _side(inputs: Inputs, name: str, request: PairRequest) -> Side:
 def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
     one, other = first.campaign, second.campaign
     pair = compare_pair(one, other, confidence=one.settings.confidence, ordered=ordered)
-    about_both = _about_both(one, other, pair.avoided.matches.unlike)
-    return to_pair_result(pair, first.assessed(pair.first), second.assessed(pair.second), about_both)
-
-
-def _about_both(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> list[QualityWarning]:
+    unlike = pair.avoided.matches.unlike
     warnings = []
-    if models_differ(first.robot, second.robot):
+    if models_differ(one.robot, other.robot):
         warnings.append(
             QualityWarning(
                 code="robot_models_differ",
@@ -161,4 +157,4 @@ def _about_both(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> l
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
-    return warnings
+    return to_pair_result(pair, first.assessed(pair.first), second.assessed(pair.second), warnings)

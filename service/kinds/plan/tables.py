@@ -20,7 +20,23 @@ _CRITERIA = {
 
 def report(_job: Plan, result: PlanResult, _view: View) -> Report:
     """Return the promise first, then the list."""
-    return Report([_joints(result), _readings(result), *map(Line, _lines(result))])
+    struck = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
+    lines = [
+        f"certified: at least {100 * result.efficiency:.1f} % of the best list's information "
+        f"({_CRITERIA[result.criterion]})",
+        f"random plans: {100 * result.random_efficiency:.0f} % of this one's; one at a time: "
+        f"{100 * result.one_at_a_time_efficiency:.0f} %",
+        f"{result.feasible} of {result.considered} readings were feasible"
+        + (f"; struck out: {struck}" if struck else ""),
+    ]
+    if result.elastic_links:
+        lines.append("elastic links are taken for a nuisance, as joints alone do not explain the deflection")
+    if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
+        lines.append(
+            f"predicted deflection in the work area: ± {1e6 * result.deflection_uncertainty:.2g} µm rms, "
+            f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
+        )
+    return Report([_joints(result), _readings(result), *map(Line, lines)])
 
 
 def _joints(result: PlanResult) -> Table:
@@ -75,23 +91,3 @@ def readings_sheet(plan: Plan) -> Sheet:
 
 
 SHEETS: Final = {"readings": readings_sheet}
-
-
-def _lines(result: PlanResult) -> list[str]:
-    struck = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
-    lines = [
-        f"certified: at least {100 * result.efficiency:.1f} % of the best list's information "
-        f"({_CRITERIA[result.criterion]})",
-        f"random plans: {100 * result.random_efficiency:.0f} % of this one's; one at a time: "
-        f"{100 * result.one_at_a_time_efficiency:.0f} %",
-        f"{result.feasible} of {result.considered} readings were feasible"
-        + (f"; struck out: {struck}" if struck else ""),
-    ]
-    if result.elastic_links:
-        lines.append("elastic links are taken for a nuisance, as joints alone do not explain the deflection")
-    if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
-        lines.append(
-            f"predicted deflection in the work area: ± {1e6 * result.deflection_uncertainty:.2g} µm rms, "
-            f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
-        )
-    return lines

@@ -16,10 +16,8 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.plan.design import to_design_request, to_plan_result
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
-from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.campaign_plan import plan_campaign
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.robot.model import Robot
 
@@ -67,7 +65,11 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
     nominal, sigma, unexplained = np.full(robot.n, np.nan), None, None
     if prepared is not None:
         estimate = identify(robot, prepared.measurements, to_settings(RunOptions(), robot))
-        nominal, sigma = _nominal(estimate), estimate.sigma
+        sigma = estimate.sigma
+        for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
+            u = joint.standard_uncertainty
+            if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
+                nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance)
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else (prepared.measurements, tuple(prepared.readings.targets.tolist()))
@@ -75,13 +77,3 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
     return to_plan_result(asked, plan_campaign(robot, asked), robot)
-
-
-def _nominal(estimate: Estimate) -> FloatArray:
-    """Return the compliances (n,) that the readings so far determine [rad/(N·m)]; nan for the others."""
-    found = np.full(len(estimate.joints), np.nan)
-    for j, joint in enumerate(estimate.joints):
-        u = joint.standard_uncertainty
-        if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
-            found[j] = joint.compliance
-    return found

@@ -77,7 +77,7 @@ class Trends:
             names=names,
             stored=sets,
             archived=list(self._sets(robot_id, archived=True)),
-            notes=self._store.trend_notes.of(robot_id),
+            notes=self._store.trend_notes.of(robot_id=robot_id),
             sets=sets,
             runs=self._candidates(robot_id, sets),
         )

@@ -1,7 +1,7 @@
 """Makes the tables of a database, with Alembic and without an alembic.ini.
 
 Nothing was released, so there is one layout: to change the tables, or what stored documents hold, change
-`service.store.tables` and the revision in `versions/` with its name. A test fails until the two agree.
+`service.store.tables` and the name of the revision in `versions/`.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ def test_from_draft_to_superseded(ask, runs):
 def test_there_is_no_way_to_change_one(store, ask, runs):
     path = f"/v1/runs/{runs[1][0]}/authorisations"
     assert {ask(method, path, "admin").status_code for method in ("DELETE", "PUT", "PATCH")} == {405}
-    assert {n for n in dir(store.authorisations) if not n.startswith("_")} == {"add", "of", "superseding"}
+    assert {n for n in dir(store.authorisations) if not n.startswith("_")} == {"add", "of", "page"}
 
 
 def test_the_same_at_the_same_time_is_one(database_url):
@@ -124,9 +124,9 @@ def test_the_same_at_the_same_time_is_one(database_url):
     with Store.open(database_url) as store, ThreadPoolExecutor(8) as threads:
         store.jobs(RUN).add(run)
         assert list(threads.map(store.authorisations.add, [same] * 8)) == [same] * 8
-        assert store.authorisations.of(run.id) == [same]
+        assert store.authorisations.of(run_id=run.id) == [same]
         assert store.authorisations.add(again) == again
-        assert store.authorisations.of(run.id) == [same, again]
+        assert store.authorisations.of(run_id=run.id) == [same, again]
 
 
 def test_an_authorised_run_is_not_deleted(ask, runs):

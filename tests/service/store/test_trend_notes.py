@@ -20,9 +20,9 @@ def test_notes_come_back_oldest_first_and_by_robot(database_url):
         for note in (NOTE, replace(NOTE, robot_id="other"), unsigned):
             store.trend_notes.add(note)
     with Store.open(database_url) as store:
-        assert store.trend_notes.of("robot") == [NOTE, unsigned]
-        assert store.trend_notes.of("nobody") == []
-        assert store.trend_notes.of("a\x00b") == []
+        assert store.trend_notes.of(robot_id="robot") == [NOTE, unsigned]
+        assert store.trend_notes.of(robot_id="nobody") == []
+        assert store.trend_notes.of(robot_id="a\x00b") == []
 
 
 def test_a_full_database_takes_none():
