@@ -16,9 +16,8 @@ from jointstiff.solver.geometry.frames.wrist_centre import WristCentre
 from jointstiff.solver.geometry.model.dh_identification import DhTable
 from jointstiff.solver.geometry.model.identified_model import IdentifiedModel, LinkParameter
 from jointstiff.solver.geometry.placed_axes import PlacedAxis, place_axes
-from jointstiff.solver.geometry.sweeps.evidence import SweepEvidence, sweep_evidence
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
+from jointstiff.solver.geometry.sweeps.swept_axes import SweepEvidence, SweptAxes
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ class IdentifiedGeometry:
         """Evidence of each sweep by itself; empty for poses."""
         if self.evidence is None:
             return ()
-        return sweep_evidence(self.evidence.one_by_one, self.model.chain.joint_names)
+        return self.evidence.one_by_one.evidence(self.model.chain.joint_names)
 
     @property
     def base_covariance(self) -> FloatArray | None:

@@ -224,7 +224,7 @@ def pose_readings(angles: FloatArray, poses: Poses) -> PoseReadings:
         points=np.where(present, poses.points, 0.0),
         weight=np.where(present[..., None], whitener(poses.covariance), 0.0),
         slopes=np.zeros_like(angles),
-        free=False,
+        basis=np.zeros((len(angles), 0)),
     )
 
 

@@ -18,7 +18,6 @@ from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
 from jointstiff.solver.geometry.sweeps.sweep import SweepSet
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, robust_sigma
-from jointstiff.solver.regression.regressor import whitener
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
@@ -66,17 +65,14 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
 
 def _readings(sweeps: SweepSet, *, free: bool) -> PoseReadings:
     parts = sweeps.sweeps
-    present = np.concatenate([sweep.present for sweep in parts])[..., None]
-    weight = np.concatenate(
-        [np.broadcast_to(whitener(sweep.covariance), (*sweep.present.shape, 3, 3)) for sweep in parts]
-    )
+    points, weight = zip(*(sweep.whitened() for sweep in parts), strict=True)
     slopes = np.concatenate(
         [np.tile(sweeps.joint_map.matrix[:, sweep.joint], (len(sweep), 1)) for sweep in parts]
     )
     return PoseReadings(
         angles=np.concatenate([sweeps.model_angles(sweep) for sweep in parts]),
-        points=np.where(present, np.concatenate([sweep.points for sweep in parts]), 0.0),
-        weight=np.where(present[..., None], weight, 0.0),
+        points=np.concatenate(points),
+        weight=np.concatenate(weight),
         slopes=slopes,
-        free=free,
+        basis=None if free else np.zeros((len(slopes), 0)),
     )

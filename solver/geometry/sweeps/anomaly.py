@@ -20,7 +20,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
 from jointstiff.solver.regression.pose import skew
-from jointstiff.solver.regression.regressor import whitener
 
 AnomalyKind = Literal["bump", "position", "reading"]
 
@@ -98,8 +97,7 @@ def find_anomalies(linear: LinearFit, sweep: Sweep, typical: float = 0.0) -> tup
         At most `MOST_ANOMALIES`.
     """
     present = sweep.present
-    points = np.where(present[..., None], sweep.points, 0.0)
-    weight = np.where(present[..., None, None], whitener(sweep.covariance), 0.0)
+    points, weight = sweep.whitened()
     normal = linear.residual - linear.left @ (linear.left.T @ linear.residual)
     fit = _Fit(
         linear.left.reshape(*points.shape, -1),

@@ -9,7 +9,6 @@ from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.sweeps.anomaly import Anomaly, find_anomalies
 from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
-from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 
 SHORT_ARC = np.radians(30.0)
@@ -41,7 +40,7 @@ def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> tuple[Geometry
 
 
 def sweep_findings(
-    fit: AxisFit | CoupledFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
+    fit: AxisFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
 ) -> tuple[GeometryFinding, ...]:
     """Return suspicions about one sweep; none about a clean one.
 
@@ -111,7 +110,7 @@ def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]
     )
 
 
-def _anomaly(fit: AxisFit | CoupledFit, anomaly: Anomaly, names: tuple[str, ...]) -> GeometryFinding:
+def _anomaly(fit: AxisFit, anomaly: Anomaly, names: tuple[str, ...]) -> GeometryFinding:
     size = float(np.linalg.norm(anomaly.displacement))
     place = f"{fit.sweep.where}, position {anomaly.position + 1}"
     chance = f"(p = {anomaly.probability:.1g})"
@@ -146,7 +145,7 @@ def _anomaly(fit: AxisFit | CoupledFit, anomaly: Anomaly, names: tuple[str, ...]
     )
 
 
-def _short_arc(fit: AxisFit | CoupledFit) -> GeometryFinding:
+def _short_arc(fit: AxisFit) -> GeometryFinding:
     spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
     return GeometryFinding(
         "short_arc",
@@ -158,7 +157,7 @@ def _short_arc(fit: AxisFit | CoupledFit) -> GeometryFinding:
     )
 
 
-def _variance(fit: AxisFit | CoupledFit) -> list[GeometryFinding]:
+def _variance(fit: AxisFit) -> list[GeometryFinding]:
     if not fit.sigma_stated:
         return []
     rms = length_text(float(np.sqrt(fit.rss / fit.dof)))
@@ -188,7 +187,7 @@ def _variance(fit: AxisFit | CoupledFit) -> list[GeometryFinding]:
     return []
 
 
-def _scale(fit: AxisFit | CoupledFit) -> GeometryFinding:
+def _scale(fit: AxisFit) -> GeometryFinding:
     return GeometryFinding(
         "angle_scale_suspect",
         fit.sweep.where,

@@ -27,7 +27,9 @@ class PoseReadings:
     points: FloatArray  #: (N, T, 3) tracker's frame [m]; zero where absent
     weight: FloatArray  #: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent
     slopes: FloatArray  #: (N, n) of the model angles by the correction of a configuration
-    free: bool  #: whether each configuration has a correction of its own
+    #: (N, F) combinations of the corrections that are estimated; None: each configuration's own, eliminated
+    #: from its own readings
+    basis: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,45 +41,53 @@ class PoseState:
     corrections: FloatArray  #: (N,) of the angles [rad]
 
 
-def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[PoseState, LinearFit]:
+def fit_poses(
+    readings: PoseReadings, first: PoseState, *, where: str, fitted: int | None = None
+) -> tuple[PoseState, LinearFit]:
     """Fit axes, targets and free corrections.
 
-    Unknowns are in this order: charts (4 n), targets (3 T); the corrections are eliminated, each from its own
-    readings. Where the readings leave a combination of the unknowns undetermined, it stays as it was at the
-    start.
+    Unknowns are in this order: charts (4 n), targets (3 T), then the corrections' (F). Where the readings
+    leave a combination of the unknowns undetermined, it stays as it was at the start.
 
     Args:
         readings: in at least two configurations.
         first: where to start from.
         where: for messages.
+        fitted: number of axes, base first, that are fitted; all if None. The others stay as they are.
 
     Raises:
         MeasurementError: no convergence.
     """
-    charts = CHART_SIZE * len(first.axes)
+    fitted = len(first.axes) if fitted is None else fitted
+    charts = CHART_SIZE * fitted
+    still = slice(charts, CHART_SIZE * len(first.axes))
     kept = charts + first.targets.size
+    basis = readings.basis
 
     def stepped(state: PoseState, step: FloatArray) -> PoseState:
         moves = step[:charts].reshape(-1, CHART_SIZE)
-        axes = tuple(axis.displaced(move) for axis, move in zip(state.axes, moves, strict=True))
+        axes = tuple(axis.displaced(move) for axis, move in zip(state.axes[:fitted], moves, strict=True))
         targets = state.targets + step[charts:kept].reshape(-1, 3)
-        corrections = state.corrections + step[kept:] if readings.free else state.corrections
-        return PoseState(axes, targets, corrections)
+        correction = step[kept:] if basis is None else basis @ step[kept:]
+        return PoseState(axes + state.axes[fitted:], targets, state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
         gaps = readings.points - Motion(state, readings).stages[0]
         return np.asarray((readings.weight @ gaps[..., None]).ravel())
 
     def jacobian(state: PoseState) -> FloatArray:
-        J = readings.weight @ Motion(state, readings).jacobian()
-        return np.asarray(J.reshape(readings.points.size, -1))
+        motion = Motion(state, readings)
+        J = np.delete(motion.jacobian(), still, axis=-1)
+        if basis is not None and basis.size:
+            J = np.concatenate([J, motion.spin(readings)[..., None] * basis[:, None, None]], axis=-1)
+        return np.asarray((readings.weight @ J).reshape(readings.points.size, -1))
 
     def by_correction(state: PoseState) -> FloatArray:
         spin = Motion(state, readings).spin(readings)
         return np.asarray((readings.weight @ spin[..., None]).reshape(len(spin), -1))
 
     size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
-    by_own = by_correction if readings.free else None
+    by_own = by_correction if basis is None else None
     return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size)
 
 

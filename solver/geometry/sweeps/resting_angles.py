@@ -13,7 +13,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
-from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
 from jointstiff.solver.geometry.sweeps.findings import uneven
 from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, influence_of_postures
@@ -50,7 +49,7 @@ def widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
     )
 
 
-def _gear_error(fit: AxisFit | CoupledFit) -> float:
+def _gear_error(fit: AxisFit) -> float:
     """Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise."""
     deviation = fit.angle_deviation
     own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis

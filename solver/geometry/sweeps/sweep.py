@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.joint_map import JointMap
 
 MIN_POSITIONS = 4
@@ -144,17 +145,11 @@ class Sweep:
             default=0.0,
         )
 
-    def without(self, positions: npt.ArrayLike) -> Sweep:
-        """The sweep without some positions, given by index, such as those before a tracker bump.
-
-        Raises:
-            MeasurementError: too little is left.
-        """
-        keep = np.setdiff1d(np.arange(len(self)), positions)
-        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[keep]
-        return Sweep(
-            self.name, self.joint, self.angles[keep], self.points[keep], self.present[keep], covariance
-        )
+    def whitened(self) -> tuple[FloatArray, FloatArray]:
+        """Return points (K, T, 3) [m] and whiteners (K, T, 3, 3) in units of 1/sigma; zero where absent."""
+        present = self.present[..., None]
+        weight = np.where(present[..., None], whitener(self.covariance), 0.0)
+        return np.where(present, self.points, 0.0), weight
 
     def with_targets(self, targets: npt.ArrayLike) -> Sweep:
         """The sweep with some of its targets, given by index."""

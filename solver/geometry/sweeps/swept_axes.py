@@ -12,15 +12,29 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis, rotation_about
-from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, fit_axis
-from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit, fit_coupled
+from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, SweptTarget, fit_axis
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, derivative
 from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet
 
 _STEP = 1e-6  # of the difference quotients [rad]
+
+
+@dataclass(frozen=True)
+class SweepEvidence:
+    """One sweep, fitted by itself."""
+
+    joint: str  #: of the controller, by name
+    turned: tuple[str, ...]  #: names of the model's joints that turn
+    positions: int  #: how many
+    arc: float  #: angle that the readings cover [rad]
+    targets: tuple[SweptTarget, ...]  #: evidence by target
+    angle_scale: float  #: angle by the readings over that of the controller, dimensionless
+    #: root mean square of their difference [rad]; None if the controller's are taken
+    angle_deviation: float | None
+    variance_factor: float  #: χ²/dof, 1 on average if sigma is right
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +42,7 @@ class SweptAxes(IdentifiedAxes):
     """Axes identified from sweeps, one by one."""
 
     sweeps: SweepSet  #: the set; the whitened readings of `influence` are in its order
-    fits: tuple[AxisFit | CoupledFit, ...]  #: the fit of each sweep, in its order
+    fits: tuple[AxisFit, ...]  #: the fit of each sweep, in its order
     #: standard uncertainty of a coordinate from the median of the residuals [m], to which a few sweeps that
     #: do not fit add little
     robust_sigma: float
@@ -37,6 +51,24 @@ class SweptAxes(IdentifiedAxes):
     def order(self) -> tuple[int, ...]:
         """Index of the sweep that tells the axis of each model joint (n,)."""
         return tuple(_sweep_of_joint(self.sweeps))
+
+    def evidence(self, joints: Sequence[str]) -> tuple[SweepEvidence, ...]:
+        """Return the evidence of each sweep by itself, with these names of the model's joints."""
+        return tuple(
+            SweepEvidence(
+                joint=fit.sweep.name,
+                turned=tuple(joints[index] for index in self.sweeps.turning(fit.sweep)),
+                positions=len(fit.sweep),
+                arc=fit.arc,
+                targets=fit.targets(self.names),
+                angle_scale=fit.angle_scale,
+                angle_deviation=float(np.sqrt(np.mean(fit.angle_deviation**2)))
+                if fit.angle_deviation.any()
+                else None,
+                variance_factor=fit.variance_factor,
+            )
+            for fit in self.fits
+        )
 
 
 def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
@@ -77,7 +109,7 @@ def influence_of_postures(swept: SweptAxes) -> FloatArray:
     """
     order = swept.order
     at_sweep = [swept.fits[index].axis for index in order]
-    points = swept.fits[order[-1]].target_points()
+    points = swept.fits[order[-1]].target_points
     postures = _postures(swept.sweeps, order)
     axes, targets = _to_zero(at_sweep, points, postures)
 
@@ -104,11 +136,11 @@ def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
 
 
 def _zeroed(
-    sweeps: SweepSet, fits: Sequence[AxisFit | CoupledFit], order: Sequence[int]
+    sweeps: SweepSet, fits: Sequence[AxisFit], order: Sequence[int]
 ) -> tuple[tuple[Axis, ...], FloatArray, FloatArray]:
     """Axes and targets at zero, and their derivative by all whitened readings."""
     at_sweep = [fits[index].axis for index in order]
-    points = fits[order[-1]].target_points()
+    points = fits[order[-1]].target_points
     postures = _postures(sweeps, order)
     axes, targets = _to_zero(at_sweep, points, postures)
 
@@ -138,70 +170,58 @@ def _sweep_of_joint(sweeps: SweepSet) -> list[int]:
     return [told[joint] for joint in range(sweeps.joint_map.n)]
 
 
-def _fit_all(sweeps: SweepSet, order: Sequence[int], angles: AngleUse) -> tuple[AxisFit | CoupledFit, ...]:
-    fits: dict[int, AxisFit | CoupledFit] = {}
+def _fit_all(sweeps: SweepSet, order: Sequence[int], angles: AngleUse) -> tuple[AxisFit, ...]:
+    fits: dict[int, AxisFit] = {}
     for index in reversed(order):  # a coupled sweep needs the axis farther out
         sweep = sweeps.sweeps[index]
-        turning = sweeps.turning(sweep)
+        turning, turned = list(sweeps.turning(sweep)), sweeps.model_angles(sweep)
         if len(turning) == 1:
-            controller = sweeps.model_angles(sweep)[:, turning[0]]
-            fits[index] = fit_axis(sweep, controller, sigma=sweeps.sigma, angles=angles)
-        else:
-            fits[index] = _fit_coupled(sweeps, sweep, turning, fits[order[turning[-1]]], angles)
+            fits[index] = fit_axis(sweep, turned[:, turning[0]], sigma=sweeps.sigma, angles=angles)
+            continue
+        outer = fits[order[turning[-1]]]
+        there = sweeps.model_angles(outer.sweep).mean(axis=0)
+        _refuse_unless_coupled(sweeps, sweep, outer, turned.mean(axis=0) - there)
+        fits[index] = fit_axis(
+            sweep,
+            turned[:, turning] - [there[turning[0]], 0.0],
+            sigma=sweeps.sigma,
+            angles=angles,
+            outer=outer,
+            slopes=sweeps.joint_map.matrix[turning, sweep.joint],
+        )
     return tuple(fits[index] for index in range(len(sweeps.sweeps)))
 
 
-def _fit_coupled(
-    sweeps: SweepSet,
-    sweep: Sweep,
-    turning: tuple[int, ...],
-    outer: AxisFit | CoupledFit,
-    angles: AngleUse,
-) -> CoupledFit:
-    _refuse_unless_coupled(sweeps, sweep, turning)
-    if not isinstance(outer, AxisFit):
-        raise MeasurementError(
-            f"model joint {turning[1] + 1} turns as well, and its own sweep is a coupled one, too",
-            where=sweep.where,
-            remedy="turn the last of the coupled joints alone in a sweep of its own",
-        )
-    there = sweeps.model_angles(outer.sweep).mean(axis=0)
-    _refuse_elsewhere(sweeps.model_angles(sweep).mean(axis=0), there, turning, sweep, outer.sweep)
-    joints = list(turning)
-    return fit_coupled(
-        sweep,
-        sweeps.model_angles(sweep)[:, joints] - [there[turning[0]], 0.0],
-        sweeps.joint_map.matrix[joints, sweep.joint],
-        outer,
-        sigma=sweeps.sigma,
-        angles=angles,
-    )
+def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart: FloatArray) -> None:
+    """Refuse a sweep that turns several joints, but for one by a single controller joint that turns two.
 
-
-def _refuse_elsewhere(
-    here: FloatArray, there: FloatArray, turning: tuple[int, ...], sweep: Sweep, other: Sweep
-) -> None:
-    """Joints before the outer one carry its axis: but for the inner one they must stand as in its sweep."""
-    before = [joint for joint in range(turning[1]) if joint != turning[0]]
-    if before and np.abs(here[before] - there[before]).max() > STILL:
-        raise MeasurementError(
-            f"this sweep turns model joints {turning[0] + 1} and {turning[1] + 1}, and it was taken in "
-            f"another configuration than the {other.where}",
-            where=sweep.where,
-            remedy="start both sweeps from the same configuration of the other joints",
-        )
-
-
-def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, turning: tuple[int, ...]) -> None:
+    Joints before the outer one carry its axis: but for the inner one they must stand as in its sweep. They
+    are `apart` (n,) [rad].
+    """
+    turning = sweeps.turning(sweep)
+    joints = " and ".join(str(joint + 1) for joint in turning)
     coupled = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
     moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > STILL)
     if list(moved) != [sweep.joint] or len(coupled) > 2:
-        joints = " and ".join(str(joint + 1) for joint in turning)
         raise MeasurementError(
             f"model joints {joints} turn in one sweep",
             where=sweep.where,
             remedy="turn one controller joint at a time; if the joint map couples more than two joints, "
             "command the others so that one axis turns; check the order of the rows",
+        )
+    if outer.outer is not None:
+        raise MeasurementError(
+            f"model joint {turning[1] + 1} turns as well, and its own sweep is a coupled one, too",
+            where=sweep.where,
+            remedy="turn the last of the coupled joints alone in a sweep of its own",
+        )
+    before = [joint for joint in range(turning[1]) if joint != turning[0]]
+    if before and np.abs(apart[before]).max() > STILL:
+        raise MeasurementError(
+            f"this sweep turns model joints {joints}, and it was taken in another configuration than the "
+            f"{outer.sweep.where}",
+            where=sweep.where,
+            remedy="start both sweeps from the same configuration of the other joints",
         )
 
 
@@ -221,25 +241,19 @@ def _to_zero(
     return tuple(axes), points
 
 
-def _stacked_influence(fits: Sequence[AxisFit | CoupledFit], order: Sequence[int]) -> FloatArray:
+def _stacked_influence(fits: Sequence[AxisFit], order: Sequence[int]) -> FloatArray:
     """Derivative of all axes in their sweeps and the last one's targets by all readings."""
-    sizes = [fit.influence.shape[1] for fit in fits]
-    starts = np.cumsum([0, *sizes])
-    rows = [_spread(fits, index, order, starts)[:CHART_SIZE] for index in order]
-    last = fits[order[-1]]
-    points = np.zeros((3 * last.sweep.targets, starts[-1]))
-    points[:, starts[order[-1]] : starts[order[-1] + 1]] = last.target_influence()
-    return np.vstack([*rows, points])
+    starts = np.cumsum([0, *(fit.influence.shape[1] for fit in fits)])
 
+    def spread(index: int, rows: slice) -> FloatArray:
+        """Influence of all readings on one fit: its own, and on its axis through the outer one."""
+        fit = fits[index]
+        own = fit.influence[rows]
+        out = np.zeros((len(own), starts[-1]))
+        out[:, starts[index] : starts[index + 1]] = own
+        if fit.outer is not None and rows == axis:
+            out += fit.dependence @ spread(next(i for i in order if fits[i] is fit.outer), axis)
+        return out
 
-def _spread(
-    fits: Sequence[AxisFit | CoupledFit], index: int, order: Sequence[int], starts: IndexArray
-) -> FloatArray:
-    """Influence (4, m) on one fit's axis of all readings: its own, and through the outer axis."""
-    fit = fits[index]
-    out = np.zeros((CHART_SIZE, starts[-1]))
-    out[:, starts[index] : starts[index + 1]] = fit.influence[:CHART_SIZE]
-    if isinstance(fit, CoupledFit):
-        outer = next(i for i in order if fits[i] is fit.outer)
-        out += fit.dependence @ _spread(fits, outer, order, starts)
-    return out
+    axis, targets = slice(0, CHART_SIZE), slice(CHART_SIZE, None)
+    return np.vstack([*(spread(index, axis) for index in order), spread(order[-1], targets)])
