@@ -16,6 +16,7 @@ from benchmarks.report import Figure, Part, Section
 from jointstiff.service.kinds.program.loads import _from_table
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
+from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.scanner import Cursor, Misread
 
 _CHARACTERS: Final = 100_000
@@ -122,7 +123,7 @@ def _seconds(read: Callable[[str], None], text: str) -> float:
 def _parse(module: ModuleType, text: str) -> None:
     with suppress(Misread):
         list(module._parse(Cursor(module._LEXICON, text)))
-    module._LEXICON.shape(text)
+    Numerals.of(text, module._LEXICON.number)
 
 
 def _read_loads(text: str) -> None:

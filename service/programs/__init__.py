@@ -6,7 +6,8 @@ formats        the format by the file's name; which module reads it
 ├── reader     statements in order: names, frames, branches, and all that was not understood
 ├── scanner    text to tokens in linear time; expressions
 mark           the comment of a corrected program
-program        targets with where their numbers stand; rewriting
+program        targets as columns with where their numbers stand; rewriting
+numerals       all numbers of a text, and others in their place
 configuration  what is said of the arm's configuration
 notation       numbers to poses in SI units, and back
 """

@@ -3,55 +3,65 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil, floor, pi
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.service.programs.program import Edit, Program
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.service.programs.numerals import Edit
+from jointstiff.service.programs.program import NUMBERS, Program
+from jointstiff.solver.arrays import FloatArray, IndexArray
 
-_HALF: Final = pi / 2
-_INF: Final = float("inf")
 _NEAR: Final = 1e-4
 """Angle beside a boundary [rad] where a program, which is rounded, may say either."""
 _ROUNDING: Final = 1e-8
 """Angle beside a boundary [rad] that is nothing: no word is changed for it."""
+_MOST: Final = 1e9
+"""Magnitude that no word has."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """A word on one joint: where it stands, and the range of angles that each value of it means."""
+    """A word on one joint: a number, or a bit of one, that means a range of angles."""
 
     joint: int  # index of the joint
-    kind: str  # `sign` (1 below zero), `quadrant` or `turn`
-    value: int  # as written
+    kind: Literal["sign", "quadrant", "turn"]
+    bit: int | None = None  # of the number that is 1 below zero; None where the number is the word
 
-    def range(self) -> tuple[float, float]:
-        """Return least and greatest angle [rad]."""
-        if self.kind == "sign":
-            return (-_INF, 0.0) if self.value else (0.0, _INF)
-        if self.kind == "quadrant":
-            return _HALF * self.value, _HALF * (self.value + 1)
-        return 2 * pi * self.value - pi, 2 * pi * self.value + pi
+    def ranges(self, numbers: FloatArray) -> FloatArray:
+        """Return least and greatest angles (m, 2) [rad] that numbers (m,) mean; ∓inf for NaN."""
+        if self.bit is not None:
+            whole = np.nan_to_num(numbers).astype(np.int64)
+            low, high = (
+                np.where(whole >> self.bit & 1, -np.inf, 0.0),
+                np.where(whole >> self.bit & 1, 0.0, np.inf),
+            )
+        elif self.kind == "quadrant":
+            low, high = np.pi / 2 * numbers, np.pi / 2 * (numbers + 1)
+        else:
+            low, high = 2 * np.pi * numbers - np.pi, 2 * np.pi * numbers + np.pi
+        unknown = np.isnan(numbers)
+        return np.stack([np.where(unknown, -np.inf, low), np.where(unknown, np.inf, high)], axis=1)
 
-    def of(self, angle: float) -> int:
-        """Return the value that an angle [rad] has."""
-        if self.kind == "sign":
-            return int(angle < 0.0)
-        return floor(angle / _HALF) if self.kind == "quadrant" else ceil((angle - pi) / (2 * pi))
-
-    def holds(self, angle: float, beside: float) -> bool:
-        """Tell whether an angle [rad] is in the range, or as near beside it."""
-        low, high = self.range()
-        return low - beside <= angle <= high + beside
+    def rewritten(self, number: int, angle: float) -> int:
+        """Return a number whose word means an angle [rad]."""
+        if self.bit is not None:
+            return number & ~(1 << self.bit) | int(angle < 0.0) << self.bit
+        return int(
+            np.floor(2 * angle / np.pi) if self.kind == "quadrant" else np.ceil(angle / (2 * np.pi) - 0.5)
+        )
 
 
-_JOINTS: Final = {"cf1": 0, "cf4": 3, "cf6": 5, "turn1": 0, "turn4": 3, "turn6": 5}
-"""Joint of a quadrant (RAPID) or a turn number (FANUC)."""
-_FREE_RAPID: Final = re.compile(r"\bConfJ\s*\\\s*Off\b", re.IGNORECASE)
+# Bit 2 of KUKA's S is 1 where A5 is below zero (beyond half a turn, which no wrist reaches, the reverse).
+_WORDS: Final = {
+    "T": tuple(_Word(joint, "sign", joint) for joint in range(6)),
+    "S": (_Word(4, "sign", 2),),
+    "cfx": (_Word(4, "sign", 0),),
+    **{f"cf{joint + 1}": (_Word(joint, "quadrant"),) for joint in (0, 3, 5)},
+    **{f"turn{joint + 1}": (_Word(joint, "turn"),) for joint in (0, 3, 5)},
+}
+_FREE_RAPID: Final = re.compile(r"\bConfJ\s*+\\\s*+Off\b", re.IGNORECASE)
 
 
 class StatedConfigurations:
@@ -67,83 +77,58 @@ class StatedConfigurations:
             _FREE_RAPID.search(source.text) for source in program.sources
         )
 
-    def ranges(self, indices: Sequence[int]) -> FloatArray:
+    def ranges(self, indices: Sequence[int] | IndexArray) -> FloatArray:
         """Return least and greatest controller's angles (m, 6, 2) [rad]; ∓inf where nothing is stated."""
-        ranges = np.tile([-_INF, _INF], (len(indices), 6, 1))
-        for row, i in zip(ranges, indices, strict=True):
-            for word, _ in self._words(i):
-                low, high = word.range()
-                row[word.joint] = max(low, row[word.joint, 0]), min(high, row[word.joint, 1])
+        rows = np.asarray(indices, dtype=np.intp)
+        ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
+        for word, column, members in self._words(rows):
+            low, high = word.ranges(self._numbers(rows[members], column)).T
+            stated = ranges[members, word.joint]
+            ranges[members, word.joint] = np.stack(
+                [np.maximum(stated[:, 0], low), np.minimum(stated[:, 1], high)], 1
+            )
         return ranges
 
-    def letters(self, index: int) -> str:
-        """Return what is stated in letters, which no angle tells: FANUC's N/F, U/D and T/B."""
-        return self._program.targets[index].letters
-
-    def edits(self, index: int, wanted: FloatArray, commanded: FloatArray) -> list[Edit]:
+    def edits(self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray) -> list[tuple[int, Edit]]:
         """Return the words to be rewritten, where an angle that agreed with its word no longer does.
 
         Args:
-            index: of the target.
-            wanted: (6,) controller's angles [rad] of the target before.
-            commanded: (6,) after the correction.
+            indices: m targets.
+            wanted: (m, 6) controller's angles [rad] of the targets before.
+            commanded: (m, 6) after the correction.
         """
-        words = self._words(index)
-        changed = {
-            word: word.of(commanded[word.joint])
-            for word, _ in words
-            if word.holds(wanted[word.joint], _NEAR) and not word.holds(commanded[word.joint], _ROUNDING)
-        }
-        if not changed:
-            return []
-        return _rewritten([(changed.get(word, word.value), word, place) for word, place in words])
+        changed: dict[tuple[int, int], int] = {}  # numbers by target and column
+        for word, column, members in self._words(indices):
+            numbers = self._numbers(indices[members], column)
+            low, high = word.ranges(numbers).T
+            before, after = wanted[members, word.joint], commanded[members, word.joint]
+            agreed = (low - _NEAR <= before) & (before <= high + _NEAR)
+            left = (after < low - _ROUNDING) | (after > high + _ROUNDING)
+            for i in np.flatnonzero(agreed & left & np.isfinite(numbers)):
+                place = int(indices[members[i]]), column
+                changed[place] = word.rewritten(changed.get(place, int(numbers[i])), float(after[i]))
+        return [(index, self._edit(index, column, number)) for (index, column), number in changed.items()]
 
-    def _words(self, index: int) -> list[tuple[_Word, _Place]]:
-        target = self._program.targets[index]
-        text = self._program.sources[target.source].text
-        return [
-            word for name, start, end in target.words for word in _words(name, text[start:end], (start, end))
-        ]
+    def _edit(self, index: int, column: int, number: int) -> Edit:
+        targets = self._program.targets
+        start, end = targets.spans[index, column].tolist()
+        binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
+        return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
 
+    def _words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
+        """Yield words, the columns of their numbers, and the places (k,) of the targets that have them."""
+        targets = self._program.targets
+        said = [tuple(name for name, _ in literal.words) for literal in targets.literals]
+        different = list(dict.fromkeys(said))
+        of_literal = np.array([different.index(names) for names in said], dtype=np.intp)
+        of_target = of_literal[targets.literal[indices]]
+        for which, names in enumerate(different):
+            members = np.flatnonzero(of_target == which)
+            for column, name in enumerate(names, NUMBERS):
+                for word in _WORDS[name]:
+                    yield word, column, members
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Place of a word: its number's characters, and its bit where several words share the number."""
-
-    span: tuple[int, int]  # first and last + 1 character
-    bit: int | None = None  # of the number; None where the number is the word
-    whole: int = 0  # the number as it is
-    style: str = "d"  # `b` for KUKA's binary numbers
-
-
-def _rewritten(words: Sequence[tuple[int, _Word, _Place]]) -> list[Edit]:
-    numbers: dict[tuple[int, int], tuple[int, _Place]] = {}
-    for value, _, place in words:
-        before = numbers.get(place.span, (place.whole, place))[0]
-        after = value if place.bit is None else before & ~(1 << place.bit) | value << place.bit
-        numbers[place.span] = after, place
-    edits = []
-    for (start, end), (value, place) in numbers.items():
-        if value != place.whole:
-            width = end - start - 3
-            edits.append((start, end, f"'B{value:0{width}b}'" if place.style == "b" else str(value)))
-    return edits
-
-
-def _words(name: str, text: str, span: tuple[int, int]) -> list[tuple[_Word, _Place]]:
-    """Return what a number says of the arm's configuration; nothing where it is no usual whole number."""
-    if text.startswith("'"):
-        number, style = int(text[2:-1], 2), "b"
-    elif re.fullmatch(r"[+-]?\d{1,9}(?:\.0*)?", text):
-        number, style = int(float(text)), "d"
-    else:
-        return []
-    if name == "T":
-        return [(_Word(j, "sign", number >> j & 1), _Place(span, j, number, style)) for j in range(6)]
-    if name == "S":
-        # Bit 2 is 1 where A5 is below zero (beyond half a turn, which no wrist reaches, the reverse).
-        return [(_Word(4, "sign", number >> 2 & 1), _Place(span, 2, number, style))]
-    if name == "cfx":
-        return [(_Word(4, "sign", number & 1), _Place(span, 0, number))]
-    kind = "quadrant" if name.startswith("cf") else "turn"
-    return [(_Word(_JOINTS[name], kind, number), _Place(span, None, number))]
+    def _numbers(self, indices: IndexArray, column: int) -> FloatArray:
+        """Return the numbers (m,) of words; NaN for one that is no usual whole number."""
+        numbers = self._program.targets.values[indices, column]
+        return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)

@@ -13,8 +13,8 @@ import numpy as np
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion
-from jointstiff.service.programs.reader import Literal, Place, Reader, Script, Statement, words
+from jointstiff.service.programs.program import FrameName, Literal, Motion
+from jointstiff.service.programs.reader import Place, Reader, Script, Statement, words
 from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 
 POSE: Final = Notation(Orientation.FIXED_XYZ, length_decimals=3, angle_decimals=3)
@@ -51,6 +51,8 @@ _LEXICON: Final = Lexicon(
 _REMEDY: Final = (
     "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames on lines of their own"
 )
+_STANDS: Final = 2e-3
+"""Difference of another group [mm, °] that is rounding."""
 _FRAME_REMEDY: Final = "set it once, by a number, before the moves, jumps and labels"
 
 
@@ -58,7 +60,7 @@ _FRAME_REMEDY: Final = "set it once, by a number, before the moves, jumps and la
 class _Program(Script):
     """The state of a program while it is read."""
 
-    frames: dict[str, tuple[str, str]] = field(default_factory=dict)  # UF and UT of positions
+    frames: dict[tuple[str, str], FrameName] = field(default_factory=dict)  # by UF or UT, and number
     current: dict[str, str] = field(default_factory=dict)  # active UFRAME_NUM and UTOOL_NUM
     arc: tuple[Place, int] | None = None  # an arc whose end is still to come, and the number of its via point
     others: tuple[float, ...] | None = None  # where the other groups stand
@@ -113,6 +115,11 @@ class _Program(Script):
             self.reader.refuse(self.arc[0].line, reason, "give its second position on the next line")
             self.arc = None
 
+    def frame(self, kind: str, number: str) -> FrameName:
+        """Return a frame; 0 is the robot's own: its base, or its flange."""
+        pose = np.eye(4) if number == "0" else None
+        return self.frames.setdefault((kind, number), FrameName(f"{kind} {number}", pose))
+
     def _moved(self, place: Place, letter: str, points: Sequence[tuple[Place, int]]) -> None:
         names, frames = [], []
         for where, ordinal in points:
@@ -128,19 +135,15 @@ class _Program(Script):
                 if number.isdigit() and self.current.get(which, number) != number:
                     reason = f"{name} is recorded with another {which} than is active"
                     self.reader.refuse(where.line, reason, "set the frame that it is recorded with")
-            frames.append((_frame("UF", used[0]), _frame("UT", used[1])))
+            frames.append((self.frame("UF", used[0]), self.frame("UT", used[1])))
             names.append(name)
         self.targeted(place, _MOTIONS[letter], names, frames)
 
 
 def _stand(values: Sequence[float], others: Sequence[float]) -> bool:
     """Tell whether other groups stand where they stood, within their rounding."""
-    return len(values) == len(others) and bool(np.allclose(values, others, rtol=0.0, atol=2e-3))
-
-
-def _frame(kind: str, number: str) -> FrameName:
-    """Frame 0 is the robot's own: its base, or its flange."""
-    return FrameName(f"{kind} {number}", np.eye(4) if number == "0" else None)
+    pairs = zip(values, others, strict=False)
+    return len(values) == len(others) and all(abs(value - other) <= _STANDS for value, other in pairs)
 
 
 # /MN
@@ -420,58 +423,59 @@ _ARC: Final = re.compile(r"\s*+P\s*+\[")
 
 def read_fanuc(reader: Reader) -> None:
     """Read a .LS file."""
-    program = _Program(reader, _LEXICON, _parse, _REMEDY, ordered=False)
-    source, sections = reader.sources[0], dict[str, int]()
-    here, instructions = "", list[tuple[int, int, str]]()
-    for line, start, text in source.lines():
+    source, sections, here = reader.sources[0], dict[str, int](), ""
+    instructions: list[tuple[int, int]] = []
+    for line, (start, end) in enumerate(zip(source.starts.tolist(), source.ends.tolist(), strict=True), 1):
+        text = source.text[start:end].rstrip("\r\n")
         if found := _SECTION.match(text):
             if found[1] in sections or _ORDER.index(found[1]) < max(map(_ORDER.index, sections), default=0):
                 reader.refuse(line, f"a second or misplaced /{found[1]}", "send one program")
                 return
             here, sections[found[1]] = found[1], start + len(text)
-        elif text.strip() and here == "MN":
-            instructions.append((line, start, text))
-        elif text.strip() and here == "END":
+        elif here == "MN" and text.strip():
+            instructions += _instructions(reader, line, start, text)
+        elif here == "END" and text.strip():
             reader.refuse(line, "something stands behind /END", "send one program")
     if "MN" not in sections or "POS" not in sections:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         reader.refuse(None, "the file has no /MN and /POS", remedy)
         return
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
-    _add_positions(program, sections["POS"], end)
-    _add_instructions(program, instructions)
+    program = _Program(reader, _LEXICON, _parse, _REMEDY, ordered=False)
+    for parts in (_positions(reader, sections["POS"], end), instructions):
+        program.add(0, *np.array(parts, dtype=np.intp).reshape(-1, 2).T)
     program.run()
     program.closed()
 
 
-def _add_instructions(program: _Program, instructions: Sequence[tuple[int, int, str]]) -> None:
-    """Add the lines of /MN."""
-    for line, start, text in instructions:
-        head = _LINE.match(text)
-        if head or _ARC.match(text):
-            body = head.end() if head else 0
-            if not text[body:].lstrip().startswith(("!", "//", "--")):
-                program.add(0, line, start + body, start + len(text))
-        else:
-            reason = f"the line {shown(text)} has no number and colon"
-            program.reader.refuse(line, reason, "write the program as the controller does")
+def _instructions(reader: Reader, line: int, start: int, text: str) -> list[tuple[int, int]]:
+    """Return first and last + 1 character of the instruction of a line of /MN; none for a remark."""
+    head = _LINE.match(text)
+    body = head.end() if head else 0
+    if head or _ARC.match(text):
+        remark = text[body:].lstrip().startswith(("!", "//", "--"))
+        return [] if remark else [(start + body, start + len(text))]
+    remedy = "write the program as the controller does"
+    reader.refuse(line, f"the line {shown(text)} has no number and colon", remedy)
+    return []
 
 
-def _add_positions(program: _Program, place: int, end: int) -> None:
-    """Add the positions of /POS."""
-    source = program.reader.sources[0]
+def _positions(reader: Reader, place: int, end: int) -> list[tuple[int, int]]:
+    """Return first and last + 1 character of the positions of /POS."""
+    source, found = reader.sources[0], []
     while place < end:
-        rest = source.text.find("P", place, end)
-        between = source.text[place : rest if rest >= 0 else end]
+        first = source.text.find("P", place, end)
+        between = source.text[place : first if first >= 0 else end]
         if between.strip():
             reason = f"what stands between positions, {shown(between)}, is not known"
-            program.reader.refuse(source.line(place), reason, "record the positions again")
-            return
-        if rest < 0:
-            return
-        closing = source.text.find("};", rest, end)
+            reader.refuse(source.line(place), reason, "record the positions again")
+            break
+        if first < 0:
+            break
+        closing = source.text.find("};", first, end)
         if closing < 0:
-            program.reader.refuse(source.line(rest), "a position has no end", "close it with };")
-            return
-        program.add(0, source.line(rest), rest, closing + 2)
+            reader.refuse(source.line(first), "a position has no end", "close it with };")
+            break
         place = closing + 2
+        found.append((first, place))
+    return found

@@ -7,6 +7,8 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.fanuc import read_fanuc
@@ -87,9 +89,10 @@ def _source(name: str, content: bytes) -> Source:
     if (line := mark_line(source.text)) is not None:
         reason = "the program says that it is corrected already: a second correction would add to the first"
         _refuse(name, line, reason, "send the program as it was before; remove the line if it is not true")
-    for line, _, text in source.lines():
-        if len(text) > MAX_LINE:
-            _refuse(name, line, f"a line of more than {MAX_LINE} characters", "break it into several lines")
+    for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
+        if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
+            reason = f"a line of more than {MAX_LINE} characters"
+            _refuse(name, i + 1, reason, "break it into several lines")
     return source
 
 
@@ -102,4 +105,4 @@ def frame_notation(program: Program) -> Notation:
     of_format = {"krl": krl.POSE, "fanuc": fanuc.POSE, "rapid": rapid.POSE, "ur": ur.POSE}
     if program.format in of_format:
         return of_format[program.format]
-    return next((target.notation for target in program.targets if target.notation.has_pose), krl.POSE)
+    return next((notation for notation in program.targets.notations if notation.has_pose), krl.POSE)

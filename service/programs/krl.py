@@ -12,9 +12,8 @@ import numpy as np
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion
+from jointstiff.service.programs.program import FrameName, Literal, Motion
 from jointstiff.service.programs.reader import (
-    Literal,
     Place,
     Reader,
     Script,
@@ -615,7 +614,5 @@ def read_krl(reader: Reader) -> None:
     )
     for index in order:  # what is declared comes first
         source = reader.sources[index]
-        for line, start, text in source.lines():
-            if text and not text.isspace():
-                program.add(index, line, start, start + len(text))
+        program.add(index, source.starts, source.ends)
     program.run()

@@ -11,7 +11,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 
 MM: Final = 1e-3
 DEGREE: Final = float(np.pi / 180)
@@ -53,7 +53,7 @@ class Notation:
         """Numbers of an orientation."""
         return _COUNT.get(self.orientation, 3)
 
-    def pose(self, values: Sequence[float]) -> FloatArray:
+    def pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
         """Return the pose (4, 4) [m] of one target's numbers."""
         return np.asarray(self.poses(np.array([values], dtype=float))[0], dtype=float)
 
@@ -62,21 +62,25 @@ class Notation:
         """Return True if the numbers state position and full orientation."""
         return self.orientation not in {Orientation.JOINTS, Orientation.TOOL_AXIS, Orientation.NONE}
 
-    def states(self, values: Sequence[float]) -> bool:
-        """Tell whether the numbers of a target are an orientation.
+    @property
+    def is_joints(self) -> bool:
+        """Return True if the numbers are joint angles."""
+        return self.orientation is Orientation.JOINTS
+
+    def states(self, values: FloatArray) -> BoolArray:
+        """Return where numbers (..., 3 + count) are an orientation.
 
         A quaternion has to be of unit length, a tool's axis of some length.
         """
+        sizes = np.linalg.norm(values[..., 3 : 3 + self.count], axis=-1)
         if self.orientation is Orientation.TOOL_AXIS:
-            return any(values[3:])
-        if self.orientation is not Orientation.QUATERNION:
-            return True
-        return abs(float(np.linalg.norm(values[3:])) - 1.0) <= _UNIT
+            return np.asarray(sizes > 0.0)
+        return np.asarray((self.orientation is not Orientation.QUATERNION) | (np.abs(sizes - 1.0) <= _UNIT))
 
     @property
     def decimals(self) -> tuple[int, ...]:
         """Digits behind the point for each number of a target."""
-        if self.orientation is Orientation.JOINTS:
+        if self.is_joints:
             return (self.angle_decimals,) * 6
         return (self.length_decimals,) * 3 + (self.angle_decimals,) * self.count
 

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import bisect
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from itertools import chain
-from typing import TypeAlias
+from functools import cached_property
+from typing import Final, overload
 
 import numpy as np
 
 from jointstiff.service.programs.notation import Notation
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.service.programs.numerals import Edit, edited, padded, written
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
-MOST_BLANKS = 32
-"""Blanks before a number that a column is kept with."""
-Edit: TypeAlias = tuple[int, int, str]
-"""First and last + 1 character, and the text in their place."""
-_LINE_END = re.compile(r"\r\n|\n|\r")
+NUMBERS: Final = 7
+"""Most numbers of a target; what is said of the arm's configuration stands behind them."""
+WORDS: Final = 4
+"""Most numbers that say something of the arm's configuration."""
 
 
 class Motion(Enum):
@@ -31,29 +29,34 @@ class Motion(Enum):
     SPLINE = "spline"
 
 
+_MOTIONS: Final = tuple(Motion)
+
+
 @dataclass(frozen=True, slots=True)
 class Source:
     """A file of a program."""
 
     name: str  # name of the file
     text: str  # its bytes as Latin-1, which gives every byte back
-    starts: tuple[int, ...]  # offset of the first character of each line
+    starts: IndexArray = field(compare=False)  # offset of the first character of each line
 
     @classmethod
     def of(cls, name: str, content: bytes) -> Source:
         """Take the bytes of a file; lines end as they do in it."""
-        text = content.decode("latin-1")
-        return cls(name, text, (0, *(end.end() for end in _LINE_END.finditer(text))))
+        signs = np.frombuffer(content, dtype=np.uint8)
+        feed, back = signs == ord("\n"), signs == ord("\r")
+        back[:-1] &= ~feed[1:]
+        starts = np.concatenate([[0], np.flatnonzero(feed | back) + 1])
+        return cls(name, content.decode("latin-1"), starts)
 
-    def lines(self) -> Iterator[tuple[int, int, str]]:
-        """Yield the lines: number from 1, offset of the first character, text without its end."""
-        for i, start in enumerate(self.starts):
-            end = self.starts[i + 1] if i + 1 < len(self.starts) else len(self.text)
-            yield i + 1, start, self.text[start:end].rstrip("\r\n")
+    @property
+    def ends(self) -> IndexArray:
+        """Offset behind the last character of each line, its end included."""
+        return np.append(self.starts[1:], len(self.text))
 
     def line(self, offset: int) -> int:
         """Return the line of an offset, from 1."""
-        return bisect.bisect_right(self.starts, offset)
+        return int(np.searchsorted(self.starts, offset, side="right"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +72,21 @@ class FrameName:
         if self.pose is None or other.pose is None:
             return self.name == other.name and self.pose is other.pose
         return self.name == other.name and bool(np.array_equal(self.pose, other.pose))
+
+
+@dataclass(frozen=True, slots=True)
+class Literal:
+    """Numbers that stand in the text: places among the numbers of their statement."""
+
+    notation: Notation | None  # what they mean; None if they are no whole target
+    numbers: tuple[int, ...] = ()  # those of the target
+    external: tuple[int, ...] = ()  # external axes; -1 for one that is at zero
+    words: tuple[tuple[str, int], ...] = ()  # what is said of the arm's configuration
+    letters: str = ""  # the part of it that is said in letters
+    fields: Mapping[str, int] = field(default_factory=dict, compare=False)  # whole numbers by name
+    texts: Mapping[str, str] = field(
+        default_factory=dict, compare=False
+    )  # values that are no numbers, by name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,20 +105,86 @@ class Target:
     words: tuple[tuple[str, int, int], ...] = ()
     letters: str = ""  # what is said of it in letters: FANUC's `NUT`
 
-    def at(self, text: str, spans: tuple[int, ...]) -> Target:
-        """Return the target with the numbers that stand at spans of a text."""
-        values = tuple([float(text[start:end]) for start, end in zip(spans[::2], spans[1::2], strict=True)])
+
+@dataclass(frozen=True, eq=False)
+class Targets(Sequence[Target]):
+    """The t targets of a program as columns, each once, in the order of their first moves."""
+
+    names: Sequence[str]  # as the program calls them; empty for those without a name
+    source: IndexArray  # (t,) indices of their files
+    line: IndexArray  # (t,) lines on which their numbers begin
+    literal: IndexArray  # (t,) indices of their literals
+    literals: Sequence[Literal]  # each with a notation
+    base: IndexArray  # (t,) indices of their frames
+    tool: IndexArray  # (t,)
+    frames: Sequence[FrameName]
+    values: FloatArray  # (t, 11) numbers as written, then those of the configuration; NaN where there is none
+    spans: IndexArray  # (t, 11, 2) first and last + 1 character of each
+
+    @cached_property
+    def notations(self) -> tuple[Notation, ...]:
+        """Notations of the targets, each once."""
+        return tuple(dict.fromkeys(self._notation(literal) for literal in self.literals))
+
+    @cached_property
+    def notation(self) -> IndexArray:
+        """(t,) indices of the targets' notations."""
+        place = {notation: i for i, notation in enumerate(self.notations)}
+        of_literal = [place[self._notation(literal)] for literal in self.literals]
+        return np.array(of_literal, dtype=np.intp)[self.literal]
+
+    def by_notation(self) -> Mapping[Notation, IndexArray]:
+        """Return indices of targets by how they are written."""
+        return {each: np.flatnonzero(self.notation == i) for i, each in enumerate(self.notations)}
+
+    @cached_property
+    def by_joints(self) -> BoolArray:
+        """(t,) whether the numbers are joint angles."""
+        return np.array([each.is_joints for each in self.notations], dtype=np.bool_)[self.notation]
+
+    @property
+    def angle_unit(self) -> FloatArray:
+        """(t,) radians in the units of the targets' angles."""
+        return np.array([each.angle for each in self.notations])[self.notation]
+
+    def angles(self, rows: IndexArray) -> FloatArray:
+        """Return the controller's angles (m, 6) [rad] of joint targets; numbers without meaning of others."""
+        angles: FloatArray = self.values[rows, :6] * self.angle_unit[rows, None]
+        return angles
+
+    @staticmethod
+    def _notation(literal: Literal) -> Notation:
+        if literal.notation is None:
+            raise ValueError("the literal is no target")
+        return literal.notation
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    @overload
+    def __getitem__(self, place: int) -> Target: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Target]: ...
+    def __getitem__(self, place: int | slice) -> Target | list[Target]:
+        """Return a target as an object."""
+        if isinstance(place, slice):
+            return [self[i] for i in range(len(self))[place]]
+        i = range(len(self))[place]
+        literal = self.literals[self.literal[i]]
+        notation = self._notation(literal)
+        spans = self.spans[i].tolist()
+        count = 3 + notation.count
         return Target(
-            self.name,
-            self.source,
-            self.line,
-            self.notation,
-            values,
-            spans,
-            self.base,
-            self.tool,
-            (),
-            self.letters,
+            self.names[i],
+            int(self.source[i]),
+            int(self.line[i]),
+            notation,
+            tuple(self.values[i, :count].tolist()),
+            tuple(end for span in spans[:count] for end in span),
+            self.frames[self.base[i]],
+            self.frames[self.tool[i]],
+            tuple((name, *span) for (name, _), span in zip(literal.words, spans[NUMBERS:], strict=False)),
+            literal.letters,
         )
 
 
@@ -111,6 +195,43 @@ class Move:
     line: int  # its line in the first file, from 1
     motion: Motion  # how
     targets: tuple[int, ...]  # indices of its targets, the last one where it ends
+
+
+@dataclass(frozen=True, eq=False)
+class Moves(Sequence[Move]):
+    """The k moves of a program as columns, in the order of its text, and the v targets that they visit."""
+
+    line: IndexArray  # (k,) lines in the first file
+    motion: IndexArray  # (k,) places among the members of `Motion`
+    ends: IndexArray  # (k,) count of the visits up to the end of each move
+    visits: IndexArray  # (v,) indices of targets
+
+    @cached_property
+    def of_visit(self) -> IndexArray:
+        """(v,) indices of the visits' moves."""
+        return np.repeat(np.arange(len(self.ends)), np.diff(self.ends, prepend=0))
+
+    @property
+    def by_joint(self) -> BoolArray:
+        """(v,) whether a joint move leads there."""
+        return np.asarray(self.motion == _MOTIONS.index(Motion.JOINT))[self.of_visit]
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    @overload
+    def __getitem__(self, place: int) -> Move: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Move]: ...
+    def __getitem__(self, place: int | slice) -> Move | list[Move]:
+        """Return a move as an object."""
+        if isinstance(place, slice):
+            return [self[i] for i in range(len(self))[place]]
+        i = range(len(self))[place]
+        begin = int(self.ends[i - 1]) if i else 0
+        return Move(
+            int(self.line[i]), _MOTIONS[self.motion[i]], tuple(self.visits[begin : self.ends[i]].tolist())
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,134 +248,68 @@ class Program:
 
     format: str  # name of its format
     sources: tuple[Source, ...]  # its files
-    targets: tuple[Target, ...]  # each once, in the order of the files
-    moves: tuple[Move, ...]  # in the order of the program's text
+    targets: Targets
+    moves: Moves
     left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in
 
-    def by_notation(self) -> Mapping[Notation, list[int]]:
+    def by_notation(self) -> Mapping[Notation, IndexArray]:
         """Return indices of targets by how they are written."""
-        by_object: dict[int, list[int]] = {}  # notations are few objects, whose hash costs more than their id
-        for i, target in enumerate(self.targets):
-            by_object.setdefault(id(target.notation), []).append(i)
-        groups: dict[Notation, list[int]] = {}
-        for indices in by_object.values():
-            groups.setdefault(self.targets[indices[0]].notation, []).extend(indices)
-        return groups
+        return self.targets.by_notation()
 
-    def numbers(self, indices: Sequence[int]) -> FloatArray:
+    def numbers(self, indices: Sequence[int] | IndexArray) -> FloatArray:
         """Return the numbers (m, k) of targets of one notation, as written."""
-        return np.array([self.targets[i].values for i in indices], dtype=float)
+        rows = np.asarray(indices, dtype=np.intp)
+        count = 3 + self.targets.notations[self.targets.notation[rows[0]]].count if len(rows) else 0
+        return self.targets.values[rows, :count]
 
     def rewritten(
         self,
-        values: Mapping[int, Sequence[float]],
+        indices: Sequence[int] | IndexArray,
+        values: FloatArray,
         *,
         aligned: bool = False,
         words: Sequence[tuple[int, Edit]] = (),
     ) -> Program:
-        """Return the program with other numbers in targets, by index; every other byte is as it was.
+        """Return the program with other numbers in targets; every other byte is as it was.
 
         A number that is the same to the digits it would get keeps its characters. The numbers of the answer
         are read from its text, where they stand now.
 
         Args:
-            values: numbers of targets.
+            indices: m targets.
+            values: (m, 7) their numbers; NaN stays.
             aligned: take blanks before a number that grows and give them to one that shrinks, so that columns
                 stay.
             words: further texts in place of characters, by the index of a target.
         """
-        edits: list[list[Edit]] = [[] for _ in self.sources]
-        for i, edit in words:
-            edits[self.targets[i].source].append(edit)
-        for i, new in values.items():
-            target = self.targets[i]
-            text, of_source, spans = self.sources[target.source].text, edits[target.source], target.spans
-            numbers = zip(new, target.values, spans[::2], spans[1::2], target.notation.decimals, strict=True)
-            for value, before, start, end, decimals in numbers:
-                if value == before:
-                    continue
-                old = text[start:end]
-                number = written(value, before, old, decimals)
-                if number != old:
-                    of_source.append(_padded(text, start, end, number) if aligned else (start, end, number))
-        edited = [_Edited.of(source, changes) for source, changes in zip(self.sources, edits, strict=True)]
-        targets = list(self.targets)
-        for index, part in enumerate(edited):
-            places = [i for i, target in enumerate(self.targets) if target.source == index]
-            found = part.places([self.targets[i].spans for i in places])
-            for i, spans in zip(places, found, strict=True):
-                targets[i] = self.targets[i].at(part.source.text, spans)
-        sources = tuple(part.source for part in edited)
-        return Program(self.format, sources, tuple(targets), self.moves, self.left_alone)
+        targets, rows = self.targets, np.asarray(indices, dtype=np.intp)
+        read, spans = targets.values.copy(), targets.spans.copy()
+        read[:, NUMBERS:], spans[:, NUMBERS:] = np.nan, -1  # words are not looked for
+        digits = np.array([(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in targets.notations])
+        sources = []
+        for index, source in enumerate(self.sources):
+            own = np.flatnonzero(targets.source[rows] == index)
+            row, column = np.nonzero(np.isfinite(values[own]) & (values[own] != read[rows[own], :NUMBERS]))
+            target = rows[own][row]
+            old, places = read[target, column], spans[target, column]
+            least = digits[targets.notation[target], column]
+            numbers = written(source.text, places, values[own][row, column], old, least)
+            changes = [
+                (start, end, number)
+                for (start, end), number in zip(places.tolist(), numbers, strict=True)
+                if number != source.text[start:end]
+            ]
+            read[target, column] = list(map(float, numbers))
+            if aligned:
+                changes = [padded(source.text, *change) for change in changes]
+            changes += [edit for i, edit in words if targets.source[i] == index]
+            of_source = targets.source == index
+            text, spans[of_source] = edited(source.text, changes, spans[of_source])
+            sources.append(Source.of(source.name, text.encode("latin-1")))
+        columns = replace(targets, values=read, spans=spans)
+        return Program(self.format, tuple(sources), columns, self.moves, self.left_alone)
 
     @property
     def files(self) -> tuple[bytes, ...]:
         """Bytes of its files."""
         return tuple(source.text.encode("latin-1") for source in self.sources)
-
-
-def written(value: float, old: float, text: str, decimals: int) -> str:
-    """Return a number as text: `text` itself, where `value` is `old` to the digits that it would get."""
-    mantissa = text.lower().partition("e")[0]
-    decimals = max(decimals, len(mantissa.partition(".")[2]))
-    new = f"{value:.{decimals}f}"
-    if abs(value - old) < 2.0 * 10.0**-decimals:  # it may be the same to these digits
-        usual = f"{old:.{decimals}f}"
-        if new == usual or float(new) == float(usual) == 0.0:
-            return text
-    if new[0] == "-" and float(new) == 0.0:
-        new = new.removeprefix("-")
-    return f"+{new}" if text[0] == "+" and new[0] != "-" else new
-
-
-def _padded(text: str, start: int, end: int, number: str) -> tuple[int, int, str]:
-    """Keep the last column of a number where it is, as far as the blanks before it allow."""
-    blanks = 0
-    while blanks < MOST_BLANKS and text[start - blanks - 1 : start - blanks] == " ":
-        blanks += 1
-    longer = len(number) - (end - start)
-    if longer > 0:
-        return start - min(longer, max(blanks - 1, 0)), end, number
-    return start, end, " " * -longer + number if blanks else number
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Edited:
-    """A source after edits, and where its characters went."""
-
-    source: Source  # with the new text
-    ends: IndexArray  # (e,) ends of the edits in the old text, ascending
-    shift: IndexArray  # (e + 1,) by which characters move that have as many edits before them
-    lengths: IndexArray  # (e,) characters of each edit's number
-
-    @classmethod
-    def of(cls, source: Source, changes: Sequence[Edit]) -> _Edited:
-        """Carry out edits."""
-        edits = sorted(changes)
-        pieces, done = [], 0
-        for start, end, number in edits:
-            pieces += [source.text[done:start], number]
-            done = end
-        pieces.append(source.text[done:])
-        grown = [len(number) - (end - start) for start, end, number in edits]
-        ends = np.array([end for _, end, _ in edits], dtype=np.intp)
-        shift = np.concatenate([[0], np.cumsum(grown)]).astype(np.intp)
-        lengths = np.array([len(number.lstrip(" ")) for _, _, number in edits], dtype=np.intp)
-        starts = np.array(source.starts, dtype=np.intp)
-        starts += shift[np.searchsorted(ends, starts, side="right")]
-        return cls(Source(source.name, "".join(pieces), tuple(starts.tolist())), ends, shift, lengths)
-
-    def places(self, spans: Sequence[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
-        """Yield where the numbers of targets went, by the spans of the old text."""
-        old = np.fromiter(chain.from_iterable(spans), dtype=np.intp).reshape(-1, 2)
-        before = np.searchsorted(self.ends, old[:, 1], side="right")
-        length = old[:, 1] - old[:, 0]
-        if len(self.ends):
-            last = np.maximum(before - 1, 0)
-            length = np.where((before > 0) & (self.ends[last] == old[:, 1]), self.lengths[last], length)
-        ends = old[:, 1] + self.shift[before]
-        flat = np.stack([ends - length, ends], axis=1).ravel().tolist()
-        at = 0
-        for span in spans:
-            yield tuple(flat[at : at + len(span)])
-            at += len(span)

@@ -13,8 +13,8 @@ import numpy as np
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.forms import Forms, instruction_arguments
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion
-from jointstiff.service.programs.reader import Literal, Place, Reader, Script, Statement, pose_of, words
+from jointstiff.service.programs.program import FrameName, Literal, Motion
+from jointstiff.service.programs.reader import Place, Reader, Script, Statement, pose_of, words
 from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 from jointstiff.solver.arrays import FloatArray
 
@@ -456,14 +456,14 @@ _CHUNK: Final = re.compile(r"(?:[^;\"!]++|\"[^\"\r\n]*+\"|![^\r\n]*+|\")*+;?")
 def read_rapid(reader: Reader) -> None:
     """Read a module."""
     module = _Module(reader, _LEXICON, _parse, _REMEDY, ordered=False)
-    source = reader.sources[0]
-    line, place = 0, 0
+    source, place = reader.sources[0], 0
+    starts, ends = [], []
     while place < len(source.text):
         end = max(_CHUNK.match(source.text, place).end(), place + 1)  # type: ignore[union-attr]  # it always matches
         start = place + len(source.text[place:end]) - len(source.text[place:end].lstrip())
         if start < end:
-            while line < len(source.starts) and source.starts[line] <= start:
-                line += 1
-            module.add(0, line, start, end)
+            starts.append(start)
+            ends.append(end)
         place = end
+    module.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
     module.run()

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, zip_longest
 from typing import Any, Final
 
 import numpy as np
 
 from jointstiff.service.programs.errors import MAX_FAULTS, Fault, ProgramError, shown
-from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.program import FrameName, Motion, Move, Program, Remark, Source, Target
+from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.program import (
+    NUMBERS,
+    WORDS,
+    FrameName,
+    Literal,
+    Motion,
+    Moves,
+    Program,
+    Remark,
+    Source,
+    Targets,
+)
 from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 
 MAX_TARGETS: Final = 200_000
 MAX_VISITS: Final = 400_000
@@ -34,24 +45,20 @@ _MAX_STATEMENT: Final = 16_384
 ALL: Final = -1_000_000
 """Depth of a statement that ends all branches and loops."""
 _NO_NAMES: Final[frozenset[str]] = frozenset()
+_NOT_WHOLE: Final = "the target is not a whole pose or a whole set of angles in numbers"
+_WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
+_NO_AXIS: Final = 8e9
+"""Value of an external axis that is none, and more."""
+_MAX_AXES: Final = 10
+"""Most external axes that are looked at."""
+_MOTIONS: Final = list(Motion)
+Frames = tuple[FrameName, FrameName]
+"""Base and tool."""
 
 
 def words(text: str) -> frozenset[str]:
     """Return the words of a text."""
     return frozenset(text.split())
-
-
-@dataclass(frozen=True, slots=True)
-class Literal:
-    """Numbers that stand in the text: places among the numbers of their statement."""
-
-    notation: Notation | None  # what they mean; None if they are no whole target
-    numbers: tuple[int, ...] = ()  # those of the target
-    external: tuple[int, ...] = ()  # external axes; -1 for one that is at zero
-    words: tuple[tuple[str, int], ...] = ()  # what is said of the arm's configuration
-    letters: str = ""  # the part of it that is said in letters
-    fields: Mapping[str, int] = field(default_factory=dict)  # whole numbers by name
-    texts: Mapping[str, str] = field(default_factory=dict)  # values that are no numbers, by name
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,30 +75,23 @@ class Statement:
     line: int = 0  # lines below the begin of its text
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Place:
     """Place of a statement, and its numbers."""
 
     source: int  # index of the file
     line: int  # from 1
-    text: str  # of the file
     start: int  # first character of the statement
-    end: int
-    spans: tuple[tuple[int, int], ...]  # of its numbers
+    first: int  # place of its first number among those of the file
+    numerals: Numerals  # of the file
 
     def value(self, ordinal: int) -> float:
         """Return a number."""
-        start, end = self.spans[ordinal]
-        return float(self.text[start:end])
+        return float(self.numerals.values[self.first + ordinal])
 
-    def values(self, literal: Literal) -> list[float]:
+    def values(self, literal: Literal) -> FloatArray:
         """Return the numbers of a target."""
-        return [self.value(ordinal) for ordinal in literal.numbers]
-
-    @property
-    def quoted(self) -> str:
-        """The statement."""
-        return self.text[self.start : self.end]
+        return self.numerals.values[self.first + np.array(literal.numbers, dtype=np.intp)]
 
 
 class Reader:
@@ -106,12 +106,18 @@ class Reader:
             allowed: routines that the user says neither move the robot nor change frames, in capitals.
         """
         self.format, self.sources, self.allowed = kind, sources, allowed
+        self.numerals: list[Numerals] = []  # of each file, once a language has found them
         self.faults: list[Fault] = []
-        self.moves: list[Move] = []
-        self._targets: list[Target] = []
-        self._names: dict[str, int] = {}
+        self._count = 0
         self._remarks: list[Remark] = []
-        self._count = self._visits = 0
+        self._names: dict[str, int] = {}  # targets by name
+        self._literals: dict[Literal, int] = {}
+        self._seen: dict[int, tuple[int, Literal]] = {}  # literals by identity, with their places
+        self._frames: dict[int, tuple[int, FrameName]] = {}  # by identity, with their places
+        self._targets = [array("q") for _ in range(7)]  # the columns of `_columns`
+        self._target_names: list[str] = []
+        self.moves = array("q"), array("q"), array("q")  # line, motion, count of visits up to the end
+        self._visits = array("q")
 
     def refuse(self, line: int | None, reason: str, remedy: str = "", source: int = 0) -> None:
         """Note what was not understood; the program is refused when all of it was read.
@@ -147,14 +153,7 @@ class Reader:
             source,
         )
 
-    def target(
-        self,
-        name: str,
-        place: Place,
-        literal: Literal,
-        frames: tuple[FrameName, FrameName],
-        used: int | None = None,
-    ) -> int | None:
+    def target(self, name: str, place: Place, literal: Literal, frames: Frames, used: int) -> int | None:
         """Add a target, or find it by its name; None where it was refused.
 
         Args:
@@ -162,42 +161,30 @@ class Reader:
             place: where its numbers stand.
             literal: which numbers they are.
             frames: base and tool.
-            used: line of the move that uses it, where it is not the target's own.
+            used: line of the move that uses it.
         """
-        if name and name in self._names:
-            return self._again(name, used or place.line, frames)
-        spans, notation = [place.spans[i] for i in literal.numbers], literal.notation
-        text = place.text
-        values = tuple([float(text[start:end]) for start, end in spans])
-        fault = ""
-        if notation is None:
-            fault = "the target is not a whole pose or a whole set of angles in numbers"
-        elif not (
-            min(values) >= -MAX_VALUE and max(values) <= MAX_VALUE
-        ):  # nor NaN, which compares with none
-            fault = f"a number of a target is out of range, beyond {MAX_VALUE:g}"
-        elif not notation.states(values):
-            fault = "a quaternion or an axis is not of unit length"
-        elif len(self._targets) >= MAX_TARGETS:
-            fault = f"more than {MAX_TARGETS} targets"
-        if fault or notation is None:
-            self.refuse(
-                place.line, fault, "write all of its numbers anew, or split the program", place.source
-            )
+        index = len(self._target_names)
+        if name and self._names.setdefault(name, index) != index:
+            return self._again(name, used, frames)
+        if literal.notation is None or index >= MAX_TARGETS:
+            fault = f"more than {MAX_TARGETS} targets" if literal.notation else _NOT_WHOLE
+            self.refuse(place.line, fault, _WRITE_ANEW, place.source)
             return None
-        words = tuple([(kind, *place.spans[i]) for kind, i in literal.words])
-        flat = tuple(chain.from_iterable(spans))
-        self._targets.append(
-            Target(name, place.source, place.line, notation, values, flat, *frames, words, literal.letters)
-        )
-        if name:
-            self._names[name] = len(self._targets) - 1
-        return len(self._targets) - 1
+        if id(literal) not in self._seen:
+            self._seen[id(literal)] = self._literals.setdefault(literal, len(self._literals)), literal
+        known = self._seen[id(literal)][0]
+        base, tool = [self._frames.setdefault(id(each), (len(self._frames), each))[0] for each in frames]
+        row = place.source, place.line, place.first, used, known, base, tool
+        for column, value in zip(self._targets, row, strict=True):
+            column.append(value)
+        self._target_names.append(name)
+        return index
 
-    def _again(self, name: str, line: int, frames: tuple[FrameName, FrameName]) -> int | None:
-        known = self._targets[self._names[name]]
-        if known.base.same(frames[0]) and known.tool.same(frames[1]):
-            return self._names[name]
+    def _again(self, name: str, line: int, frames: Frames) -> int | None:
+        index, known = self._names[name], list(self._frames.values())
+        stated = [known[self._targets[column][index]][1] for column in (5, 6)]
+        if all(one.same(other) for one, other in zip(stated, frames, strict=True)):
+            return index
         self.refuse(
             line,
             f"target {shown(name)} is used with another base or tool than on an earlier line",
@@ -207,12 +194,14 @@ class Reader:
 
     def move(self, line: int, motion: Motion, targets: Sequence[int | None]) -> None:
         """Add a move, if all its targets were understood."""
-        known = [t for t in targets if t is not None]
-        self._visits += len(known)
-        if self._visits > MAX_VISITS:
+        if len(self._visits) + len(targets) > MAX_VISITS:
             self.refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
-        elif len(known) == len(targets):
-            self.moves.append(Move(line, motion, tuple(known)))
+        elif None not in targets:
+            self._visits.extend(targets)  # type: ignore[arg-type]
+            for column, value in zip(
+                self.moves, (line, _MOTIONS.index(motion), len(self._visits)), strict=True
+            ):
+                column.append(value)
 
     def program(self) -> Program:
         """Return the program.
@@ -220,16 +209,59 @@ class Reader:
         Raises:
             ProgramError: any of it was not understood, or it has no target.
         """
-        if not self._targets and not self.faults:
+        targets = self._columns()
+        if not len(targets) and not self.faults:
             self.refuse(None, "no target was found", "send a program with moves to targets given by numbers")
         if self.faults:
             raise ProgramError(tuple(self.faults), self._count)
-        return Program(
-            self.format, self.sources, tuple(self._targets), tuple(self.moves), tuple(self._remarks)
+        moves = Moves(*map(_as_array, (*self.moves, self._visits)))
+        return Program(self.format, self.sources, targets, moves, tuple(self._remarks))
+
+    def _columns(self) -> Targets:
+        """Return the targets; refuse those whose numbers are none of a target, or that move external axes."""
+        source, line, first, used, known, base, tool = map(_as_array, self._targets)
+        literals = list(self._literals)
+        begins = np.cumsum([0, *(len(each.values) for each in self.numerals)])
+        read = np.concatenate([*(each.values for each in self.numerals), [np.nan]])
+        starts, ends = (
+            np.concatenate([*(getattr(each, name) for each in self.numerals), [-1]])
+            for name in ("starts", "ends")
         )
 
+        def places(ordinals: Iterable[Sequence[int]], width: int) -> IndexArray:
+            table = np.full((len(literals), width), -1)
+            for row, each in zip(table, ordinals, strict=True):
+                row[: len(each)] = each
+            return np.where(table[known] >= 0, table[known] + (first + begins[source])[:, None], -1)
 
-Frames = tuple[FrameName, FrameName]
+        numbers = places((each.numbers for each in literals), NUMBERS)
+        words = places(([i for _, i in each.words] for each in literals), WORDS)
+        at = np.hstack([numbers, words])
+        targets = Targets(
+            self._target_names, source, line, known, literals, base, tool,
+            [frame for _, frame in self._frames.values()], read[at], np.stack([starts[at], ends[at]], axis=2),
+        )  # fmt: skip
+        out = (numbers >= 0) & ~(np.abs(read[numbers]) <= MAX_VALUE)
+        unlike = np.zeros(len(line), dtype=np.bool_)
+        for notation, rows in targets.by_notation().items():
+            unlike[rows] = ~notation.states(targets.values[rows])
+        axes = read[places((each.external for each in literals), _MAX_AXES)]
+        axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)
+        moved = (~(np.abs(axes - axes[:1]) <= _STANDS)).any(axis=1)
+        for faults, lines, reason, remedy in (
+            (out.any(axis=1), line, f"a number of a target is out of range, beyond {MAX_VALUE:g}",
+             _WRITE_ANEW),
+            (unlike, line, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
+            (moved, used, "an external axis moves",
+             "only programs that keep the external axes where they are can be corrected"),
+        ):  # fmt: skip
+            for i in np.flatnonzero(faults).tolist():
+                self.refuse(int(lines[i]), reason, remedy, 0 if lines is used else int(source[i]))
+        return targets
+
+
+def _as_array(column: array[int]) -> IndexArray:
+    return np.array(column, dtype=np.intp)
 
 
 @dataclass
@@ -252,82 +284,96 @@ class Script:
     routine: int = 0  # routines that have begun
     moved: bool = False  # whether the robot has moved, or may have
     jumped: bool = False  # whether a place to jump to, or a jump, came before
-    external: tuple[float, ...] | None = None  # where the external axes stand
     _known: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
-    _placed: list[tuple[int, int, int, int, tuple[Statement, ...]]] = field(default_factory=list)
+    _placed: list[_Placed] = field(default_factory=list)
 
-    def add(self, source: int, line: int, start: int, end: int) -> None:
-        """Parse the text from `start` to `end` of a file, which begins on a line."""
-        if end - start > _MAX_STATEMENT:
-            self.reader.refuse(
-                line, f"a statement of more than {_MAX_STATEMENT} characters", "break it up", source
-            )
-            return
-        text = self.reader.sources[source].text[start:end]
-        shape = self.lexicon.shape(text)
-        statements = self._known.get(shape)
-        if statements is None:
-            cursor = Cursor(self.lexicon, text)
-            try:
-                statements = tuple(self.parse(cursor))
-            except Misread as fault:
-                where = self.reader.sources[source].line(start + (fault.offset or cursor.begin))
-                rest = f": {shown(fault.quoted)}" if fault.quoted.strip() else ""
-                reason = f"{shown(text[cursor.begin :])}: {fault.reason}{rest}"
-                self.reader.refuse(where, reason, fault.remedy or self.remedy, source)
-                return
-            if len(self._known) < _MAX_SHAPES:
-                self._known[shape] = statements
-        if statements:
-            self._placed.append((source, line, start, end, statements))
+    def __post_init__(self) -> None:
+        """Find the numbers of all files."""
+        sources, pattern = self.reader.sources, self.lexicon.number
+        self.reader.numerals = [Numerals.of(source.text, pattern) for source in sources]
+
+    def add(self, source: int, starts: IndexArray, ends: IndexArray) -> None:
+        """Parse parts of a file from `starts` to `ends`."""
+        numerals, file = self.reader.numerals[source], self.reader.sources[source]
+        lines = np.searchsorted(file.starts, starts, side="right")
+        shapes, first = numerals.shapes(starts, ends)
+        long = (ends - starts > _MAX_STATEMENT).tolist()
+        content: list[tuple[Statement, ...]] = []
+        for i, shape in enumerate(shapes):
+            statements = self._known.get(shape)
+            if statements is None:
+                line, text = int(lines[i]), file.text[starts[i] : ends[i]]
+                if long[i]:
+                    reason = f"a statement of more than {_MAX_STATEMENT} characters"
+                    self.reader.refuse(line, reason, "break it up", source)
+                    statements = ()
+                else:
+                    statements = self._parsed(source, int(starts[i]), text)
+                    if len(self._known) < _MAX_SHAPES and statements is not None:
+                        self._known[shape] = statements
+            content.append(statements or ())
+        rows = np.flatnonzero(np.fromiter(map(bool, content), dtype=np.bool_, count=len(content)))
+        kept = [content[i] for i in rows]
+        self._placed.append(_Placed(source, lines[rows], starts[rows], first[rows], kept))
+
+    def _parsed(self, source: int, start: int, text: str) -> tuple[Statement, ...] | None:
+        """Parse a statement; refuse it by line, and return None, where it is not understood."""
+        cursor = Cursor(self.lexicon, text)
+        try:
+            return tuple(self.parse(cursor))
+        except Misread as fault:
+            where = self.reader.sources[source].line(start + (fault.offset or cursor.begin))
+            rest = f": {shown(fault.quoted)}" if fault.quoted.strip() else ""
+            reason = f"{shown(text[cursor.begin :])}: {fault.reason}{rest}"
+            self.reader.refuse(where, reason, fault.remedy or self.remedy, source)
+            return None
 
     def run(self) -> None:
         """Collect what all statements say of names and routines, then carry them out in order."""
         self._collect()
-        several = [each for each in self._placed if len(each[4]) > 1 or each[4][0].line]
-        lines = {each[2] for each in several}
-        finditer = self.lexicon.numbers.finditer
-        for source, line, start, end, statements in self._placed:
-            text = self.reader.sources[source].text
-            spans: tuple[tuple[int, int], ...] = ()
-            for statement in statements:
-                self.depth = max(self.depth + min(statement.depth, 0), 0)
-                self.routine += bool(statement.defines)
-                self.jumped |= statement.jumps
-                here = self.reader.sources[source].line(start) + statement.line if start in lines else line
-                for name in sorted(statement.calls):
-                    self._called(here, name, source)
-                if statement.act is not None:
-                    spans = spans or tuple([found.span() for found in finditer(text, start, end)])
-                    statement.act(self, Place(source, here, text, start, end, spans))
-                self.depth += max(statement.depth, 0)
+        for place, statement in self._each():
+            self.depth = max(self.depth + min(statement.depth, 0), 0)
+            self.routine += bool(statement.defines)
+            self.jumped |= statement.jumps
+            for name in sorted(statement.calls):
+                self._called(place.line, name, place.source)
+            if statement.act is not None:
+                statement.act(self, place)
+            self.depth += max(statement.depth, 0)
+
+    def _each(self, but: Collection[int] = ()) -> Iterator[tuple[Place, Statement]]:
+        """Yield all statements and where they stand, but those whose tuples have one of these ids."""
+        for part in self._placed:
+            numerals = self.reader.numerals[part.source]
+            places = (each.data for each in (part.lines, part.starts, part.first))
+            rows = zip(*places, part.statements, strict=True)
+            for line, start, first, statements in rows:
+                for statement in () if id(statements) in but else statements:
+                    yield Place(part.source, line + statement.line, start, first, numerals), statement
 
     def _collect(self) -> None:
         times: Counter[str] = Counter()
         called: Counter[str] = Counter()
         depth = 0
-        finditer = self.lexicon.numbers.finditer
-        for source, line, start, end, statements in self._placed:
-            for statement in statements:
-                depth = max(depth + statement.depth, 0)
-                self.changed |= statement.changes
-                self.jumps |= statement.jumps
-                if depth:
-                    self.branched |= statement.changes | ({statement.gives[0]} if statement.gives else set())
-                called.update(statement.calls)
-                if statement.defines:
-                    self.routines.add(statement.defines)
-                    self.parameters |= statement.changes
-                if statement.gives is not None:
-                    name, literal = statement.gives
-                    times[name] += 1
-                    text = self.reader.sources[source].text
-                    spans = tuple([found.span() for found in finditer(text, start, end)])
-                    if name not in self.given:
-                        self.given[name] = Place(source, line, text, start, end, spans), literal
+        different = {id(each): each for part in self._placed for each in part.statements}
+        for place, statement in self._each({i for i, each in different.items() if not any(map(_says, each))}):
+            depth = max(depth + statement.depth, 0)
+            self.changed |= statement.changes
+            self.jumps |= statement.jumps
+            if depth:
+                self.branched |= statement.changes | ({statement.gives[0]} if statement.gives else set())
+            called.update(statement.calls)
+            if statement.defines:
+                self.routines.add(statement.defines)
+                self.parameters |= statement.changes
+            if statement.gives is not None:
+                name, literal = statement.gives
+                times[name] += 1
+                self.given.setdefault(name, (place, literal))
         self.changed |= {name for name, count in times.items() if count > 1}
         self.calls = sum(count for name, count in called.items() if name in self.routines)
-        if self.calls == 1 and self._placed[-1][-1][-1].calls & self.routines:
+        last = next((part.statements[-1] for part in reversed(self._placed) if part.statements), None)
+        if self.calls == 1 and last and last[-1].calls & self.routines:
             self.calls = 0  # the last line starts the program
 
     def _called(self, line: int, name: str, source: int) -> None:
@@ -356,45 +402,39 @@ class Script:
             return None
         return known
 
-    def stands(self, place: Place, line: int, literal: Literal) -> bool:
-        """Refuse a target that moves an external axis."""
-        values = [place.value(i) if i >= 0 else 0.0 for i in literal.external]
-        values = [0.0 if value > _NO_AXIS else value for value in values]
-        if self.external is None:
-            self.external = tuple(values)
-        if values != list(self.external) and any(
-            not abs(a - b) <= _STANDS for a, b in zip_longest(values, self.external, fillvalue=0.0)
-        ):
-            self.reader.refuse(
-                line,
-                "an external axis moves",
-                "only programs that keep the external axes where they are can be corrected",
-            )
-            return False
-        return True
-
     def targeted(
         self, place: Place, motion: Motion, targets: Sequence[Literal | str], frames: Sequence[Frames]
     ) -> None:
         """Take a move to targets: literals of the statement, or names of numbers given elsewhere."""
         self.moved = True
-        found = []
+        found: list[int | None] = []
         for target, frame in zip(targets, frames, strict=True):
-            name = target if isinstance(target, str) else ""
-            known = self.constant(target, place) if isinstance(target, str) else (place, target)
-            if known is None:
-                self.reader.refuse(
-                    place.line, f"the target {shown(name)} is not given by numbers that stay", self.remedy
-                )
+            if isinstance(target, Literal):
+                found.append(self.reader.target("", place, target, frame, place.line))
+            elif known := self.constant(target, place):
+                found.append(self.reader.target(target, *known, frame, place.line))
+            else:
+                reason = f"the target {shown(target)} is not given by numbers that stay"
+                self.reader.refuse(place.line, reason, self.remedy)
                 return
-            where, literal = known
-            if not self.stands(where, place.line, literal):
-                return
-            found.append(self.reader.target(name, where, literal, frame, place.line))
         self.reader.move(place.line, motion, found)
 
 
-_NO_AXIS: Final = 8e9
+def _says(statement: Statement) -> bool:
+    """Return whether a statement says something of names, routines or the program's way."""
+    said = statement.gives or statement.changes or statement.calls or statement.defines
+    return bool(said or statement.depth or statement.jumps)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """The k statements of a file that are understood, one after the other."""
+
+    source: int  # index of the file
+    lines: IndexArray  # (k,)
+    starts: IndexArray  # (k,) first characters
+    first: IndexArray  # (k,) places of their first numbers among those of the file
+    statements: list[tuple[Statement, ...]]
 
 
 def pose_of(place: Place, literal: Literal) -> FloatArray | None:

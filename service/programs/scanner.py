@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 NUMBER: Final = r"(?<!\w)[+-]?+(?:\d{1,15}+(?:\.\d{0,20}+)?+|\.\d{1,20}+)(?:[eE][+-]?+\d{1,3}+)?+"
-NUMBER_PATTERN: Final = re.compile(NUMBER)
 _SEPARATORS: Final = (",", "=", ":=", "\\", ":")
 _ARITHMETIC: Final = ("+", "-", "*", "/")
 _OPENING: Final = {"(": ")", "[": "]", "{": "}"}
@@ -82,10 +81,6 @@ class Lexicon:
                 word = found[0].upper() if self.folded and kind == "word" else found[0]
                 tokens.append(Token(kind, word, start, end))
         return tokens
-
-    def shape(self, text: str) -> str:
-        """Return a statement without its numbers."""
-        return "\0".join(self.numbers.split(text))
 
 
 @dataclass

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion
-from jointstiff.service.programs.reader import Literal, Place, Reader
-from jointstiff.service.programs.scanner import NUMBER, NUMBER_PATTERN
+from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.program import FrameName, Literal, Motion
+from jointstiff.service.programs.reader import Place, Reader
+from jointstiff.service.programs.scanner import NUMBER
 
 _ORIENTATIONS: Final = {
     ("a", "b", "c"): Orientation.EULER_ZYX,
@@ -40,39 +40,32 @@ _REMEDY: Final = (
 def read_table(reader: Reader) -> None:
     """Read a table of targets."""
     source = reader.sources[0]
-    rows = [row for row in source.lines() if row[2].strip() and not row[2].lstrip().startswith("#")]
+    numerals = Numerals.of(source.text, NUMBER)
+    shapes, first = numerals.shapes(source.starts, source.ends)
+    rows = [i for i, shape in enumerate(shapes) if shape.strip() and not shape.lstrip().startswith("#")]
     if not rows:
         return
-    line, _, header = rows[0]
+    header = source.text[source.starts[rows[0]] : source.ends[rows[0]]]
     delimiter = max(";\t,", key=header.count)
-    columns = _columns(reader, line, header, delimiter)
+    columns = _columns(reader, rows[0] + 1, header, delimiter)
     if columns is None:
         return
     notation, places, width = columns
-    literal = Literal(notation, tuple(range(len(places))))
-    frames = (
-        FrameName("base", np.eye(4)) if notation.orientation is Orientation.JOINTS else FrameName("part"),
-        FrameName("tool"),
-    )
-    motion = Motion.JOINT if notation.orientation is Orientation.JOINTS else Motion.LINEAR
-    usual = _usual_row(places, width, delimiter)
-    order = np.argsort(np.argsort(places)) + 1  # group of each number
-    for row in rows[1:]:
-        numbers: Sequence[tuple[int, int]] | None
-        if plain := usual.match(row[2]):
-            spans = [plain.regs[group] for group in order]
-            numbers = [(row[1] + begin, row[1] + end) for begin, end in spans]
-        else:
-            numbers = _numbers(reader, row, delimiter, places, width)
-        if numbers:
-            place = Place(0, row[0], source.text, row[1], row[1] + len(row[2]), tuple(numbers))
-            reader.move(row[0], motion, (reader.target("", place, literal, frames),))
-
-
-def _usual_row(places: list[int], width: int, delimiter: str) -> re.Pattern[str]:
-    """Return the pattern of a row whose numbers stand without quotes, a group for each from the left."""
-    number, other = rf"[ ]*+({NUMBER})[ ]*+", f"[^{delimiter}]*+"
-    return re.compile(delimiter.join(number if i in places else other for i in range(width)) + "$")
+    frames = FrameName("base", np.eye(4)) if notation.is_joints else FrameName("part"), FrameName("tool")
+    motion = Motion.JOINT if notation.is_joints else Motion.LINEAR
+    reader.numerals = [numerals]
+    literals: dict[str, Literal] = {}
+    for i in rows[1:]:
+        shape, start = shapes[i], int(source.starts[i])
+        if shape not in literals:
+            numbers = _numbers(
+                reader, i + 1, source.text[start : source.ends[i]], shape, delimiter, places, width
+            )
+            if numbers is None:
+                continue
+            literals[shape] = Literal(notation, numbers)
+        place = Place(0, i + 1, start, int(first[i]), numerals)
+        reader.move(i + 1, motion, (reader.target("", place, literals[shape], frames, i + 1),))
 
 
 def _columns(
@@ -126,26 +119,19 @@ def _scaled(notation: Notation, given: list[list[str]]) -> Notation | None:
 
 
 def _numbers(
-    reader: Reader, row: tuple[int, int, str], delimiter: str, places: list[int], width: int
-) -> Sequence[tuple[int, int]] | None:
-    line, start, text = row
-    cells, offset = [], start
-    for cell in text.split(delimiter):
-        cells.append((offset, cell))
-        offset += len(cell) + len(delimiter)
+    reader: Reader, line: int, text: str, shape: str, delimiter: str, places: list[int], width: int
+) -> tuple[int, ...] | None:
+    """Return which of a row's numbers stand in the columns of the targets; None where the row is refused."""
+    cells, numbers = shape.split(delimiter), []
     if len(cells) != width:
-        reader.refuse(
-            line, f"{len(cells)} columns instead of {width}", "give every row as many columns as the header"
-        )
+        reason = f"{len(cells)} columns instead of {width}"
+        reader.refuse(line, reason, "give every row as many columns as the header")
         return None
-    spans = []
     for place in places:
-        begin, cell = cells[place]
-        inner = cell.strip().strip('"').strip()
-        if not NUMBER_PATTERN.fullmatch(inner):
-            remedy = "write numbers with decimal points" if "," in inner else "write a number"
+        if cells[place].strip().strip('"').strip() != "\0":
+            cell = text.split(delimiter)[place]
+            remedy = "write numbers with decimal points" if "," in cell else "write a number"
             reader.refuse(line, f"{shown(cell)} in column {place + 1} is no number", remedy)
             return None
-        first = begin + cell.index(inner)
-        spans.append((first, first + len(inner)))
-    return spans
+        numbers.append(delimiter.join(cells[:place]).count("\0"))
+    return tuple(numbers)

@@ -11,8 +11,8 @@ import numpy as np
 
 from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion
-from jointstiff.service.programs.reader import Literal, Place, Reader, Script, Statement, pose_of, words
+from jointstiff.service.programs.program import FrameName, Literal, Motion
+from jointstiff.service.programs.reader import Place, Reader, Script, Statement, pose_of, words
 from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
@@ -355,7 +355,5 @@ _RULES: Final[Mapping[str, Callable[[Cursor, str], Statement]]] = {
 def read_ur(reader: Reader) -> None:
     """Read a script."""
     script = _Script(reader, _LEXICON, _parse, _REMEDY)
-    for line, start, text in reader.sources[0].lines():
-        if text and not text.isspace():
-            script.add(0, line, start, start + len(text))
+    script.add(0, reader.sources[0].starts, reader.sources[0].ends)
     script.run()

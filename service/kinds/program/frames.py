@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,8 +12,8 @@ from jointstiff.schemas.program import ProgramFrame, ProgramOptions
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.formats import frame_notation
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Program
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.service.programs.program import NUMBERS, FrameName, Program
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
 _LEAST_SINE: Final = 1e-3
@@ -41,51 +41,39 @@ class ProgramFrames:
         flange = _stated(notation, options.flange, "flange")
         tools = _Given(notation, options.tools, "tools")
         bases = _Given(notation, options.bases, "bases")
-        needs_base = options.axes == "base"
-        states_joints = [t.notation.orientation is Orientation.JOINTS for t in program.targets]
-        tool = _placed(flange, tools, [target.tool for target in program.targets])
-        base = _placed(
-            world,
-            bases,
-            [
-                None if by_joints and not needs_base else target.base
-                for target, by_joints in zip(program.targets, states_joints, strict=True)
-            ],
-        )
+        targets = program.targets
+        tool = _placed(flange, tools, targets.frames, targets.tool)
+        unused = targets.by_joints & (options.axes != "base")
+        base = _placed(world, bases, targets.frames, np.where(unused, -1, targets.base))
         for given in (tools, bases):
             given.refuse_unused()
         x_axis = None if options.tool_x is None else np.array(options.tool_x)
         return cls(tool, base, x_axis)
 
-    def flange_poses(self, program: Program, indices: Sequence[int]) -> FloatArray:
+    def flange_poses(self, program: Program, indices: IndexArray) -> FloatArray:
         """Return poses (m, 4, 4) of the flange in R0 [m] by the program's numbers; NaN for joint targets.
 
         Raises:
             RequestError: a target states no orientation about the tool's axis, and the request does not.
         """
-        poses = np.full((len(program.targets), 4, 4), np.nan)
-        for notation, rows in program.by_notation().items():
-            numbers = program.numbers(rows)
+        poses = np.full((len(indices), 4, 4), np.nan)
+        for notation, rows in _by_notation(program, indices):
+            numbers = program.numbers(indices[rows])
             if notation.has_pose:
                 poses[rows] = notation.poses(numbers)
-            elif notation.orientation is not Orientation.JOINTS:
-                poses[rows] = self._about_axis(notation, numbers, rows)
-        wanted: FloatArray = self.base[indices] @ poses[indices] @ _inverse(self.tool[indices])
+            elif not notation.is_joints:
+                poses[rows] = self._about_axis(notation, numbers)
+        wanted: FloatArray = self.base[indices] @ poses @ _inverse(self.tool[indices])
         return wanted
 
-    def numbers(
-        self, program: Program, indices: Sequence[int], flange: FloatArray
-    ) -> dict[int, Sequence[float]]:
-        """Return the program's numbers of poses (m, 4, 4) of the flange in R0 [m], by index of the target."""
-        place = {index: row for row, index in enumerate(indices)}
+    def numbers(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
+        """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
         poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
-        found: dict[int, Sequence[float]] = {}
-        for notation, members in program.by_notation().items():
-            chosen = [i for i in members if i in place]
-            rows = [place[i] for i in chosen]
-            if not chosen or notation.orientation is Orientation.JOINTS:
+        found = np.full((len(indices), NUMBERS), np.nan)
+        for notation, rows in _by_notation(program, indices):
+            near = program.numbers(indices[rows])
+            if notation.is_joints:
                 continue
-            near = program.numbers(chosen)
             if notation.has_pose:
                 new = notation.values(poses[rows], near)
             else:
@@ -93,10 +81,10 @@ class ProgramFrames:
                 new[:, :3] = poses[rows, :3, 3] / notation.length
                 size = np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
                 new[:, 3:] = -size * poses[rows, :3, 2][:, : notation.count]
-            found.update(zip(chosen, new.tolist(), strict=True))
+            found[rows, : new.shape[1]] = new
         return found
 
-    def _about_axis(self, notation: Notation, numbers: FloatArray, rows: Sequence[int]) -> FloatArray:
+    def _about_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
         """Return poses whose z axis points from spindle to tip, and whose x axis is nearest to `x_axis`."""
         if self.x_axis is None:
             raise RequestError(
@@ -104,7 +92,7 @@ class ProgramFrames:
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
-        axis = np.tile([0.0, 0.0, 1.0], (len(rows), 1))
+        axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
         if notation.orientation is Orientation.TOOL_AXIS:
             axis = numbers[:, 3:]
         z = -axis / np.linalg.norm(axis, axis=1, keepdims=True)
@@ -115,7 +103,7 @@ class ProgramFrames:
                 "the tool's axis is along `tool_x`", where="tool_x", remedy="give another direction"
             )
         x = x / size
-        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses = np.tile(np.eye(4), (len(numbers), 1, 1))
         poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = x, np.cross(z, x), z
         poses[:, :3, 3] = numbers[:, :3] * notation.length
         return poses
@@ -170,13 +158,19 @@ class _Given:
                 )
 
 
-def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName | None]) -> FloatArray:
-    """Return frames (t, 4, 4) in the outer one's; the outer one itself where there is none."""
-    different = {id(frame): frame for frame in frames}
-    poses = [outer if frame is None else outer @ given.pose(frame) for frame in different.values()]
-    place = {key: i for i, key in enumerate(different)}
-    placed: FloatArray = np.reshape(poses, (-1, 4, 4))[[place[id(frame)] for frame in frames]]
-    return placed
+def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName], chosen: IndexArray) -> FloatArray:
+    """Return frames (t, 4, 4) in the outer one's by their places; the outer one itself for −1."""
+    poses = np.tile(outer, (len(frames) + 1, 1, 1))
+    for place in np.unique(chosen[chosen >= 0]).tolist():
+        poses[place] = outer @ given.pose(frames[place])
+    return poses[chosen]
+
+
+def _by_notation(program: Program, indices: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
+    """Yield notations, and the places of their targets among some."""
+    of_target = program.targets.notation[indices]
+    for i, notation in enumerate(program.targets.notations):
+        yield notation, np.flatnonzero(of_target == i)
 
 
 def _inverse(poses: FloatArray) -> FloatArray:
@@ -194,7 +188,7 @@ def _key(name: str | None) -> str | None:
 def _stated(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
     if values is None:
         return np.eye(4)
-    if len(values) != 3 + notation.count or not notation.states(values):
+    if len(values) != 3 + notation.count or not notation.states(np.array(values)):
         raise RequestError(
             f"it is no frame of {3 + notation.count} numbers",
             where=where,

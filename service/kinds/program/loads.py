@@ -32,9 +32,7 @@ class Loads:
     of_visit: IndexArray  # (v,) index of each visit's load
 
 
-def loads_of(
-    options: ProgramOptions, table: bytes | None, lines: Sequence[int], points: Sequence[int]
-) -> Loads:
+def loads_of(options: ProgramOptions, table: bytes | None, lines: IndexArray, points: IndexArray) -> Loads:
     """Return the loads.
 
     Args:
@@ -48,10 +46,10 @@ def loads_of(
         FilesError: the table is not understood.
     """
     if table is not None:
-        return _from_table(table, np.asarray(points))
+        return _from_table(table, points)
     if options.load is not None:
         return Loads(_in_si(options, [options.load]), np.ones(len(lines), dtype=np.intp))
-    return Loads(_in_si(options, options.segments), _segment_of(options.segments, np.asarray(lines)))
+    return Loads(_in_si(options, options.segments), _segment_of(options.segments, lines))
 
 
 def _in_si(options: ProgramOptions, loads: Sequence[ProcessLoad]) -> FloatArray:

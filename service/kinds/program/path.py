@@ -14,8 +14,7 @@ from jointstiff.service.kinds.program.frames import ProgramFrames
 from jointstiff.service.kinds.program.loads import Loads, loads_of
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
-from jointstiff.service.programs.notation import Orientation
-from jointstiff.service.programs.program import Motion, Program
+from jointstiff.service.programs.program import Program
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
@@ -86,13 +85,12 @@ class Visits:
             RequestError: no move is under load, or a load does not fit the program.
             ProgramError: there is no move, or a target has two loads.
         """
-        visits = np.array([target for move in program.moves for target in move.targets], dtype=np.intp)
-        lines = [move.line for move in program.moves for _ in move.targets]
+        visits = program.moves.visits
         if not len(visits):
             fault = Fault(program.sources[0].name, None, "no move was found", "send a program with moves")
             raise ProgramError([fault])
         order, number = _in_order(visits)
-        loads = loads_of(options, table, lines, (number + 1).tolist())
+        loads = loads_of(options, table, program.moves.line[program.moves.of_visit], number + 1)
         first = _first(number, len(order))
         if not loads.of_visit.any():
             raise RequestError(
@@ -182,19 +180,20 @@ def _postures(
     visits: IndexArray,
 ) -> FloatArray:
     """Return the wanted posture (v, 6) of each visit: controller's angles [rad]."""
-    given = np.full((len(visits), robot.n), np.nan)
-    states_joints = np.array([t.notation.orientation is Orientation.JOINTS for t in program.targets])[visits]
-    for row in np.flatnonzero(states_joints):
-        target = program.targets[visits[row]]
-        given[row] = np.array(target.values) * target.notation.angle
-    _refuse_new_letters(program, stated, visits, states_joints)
-    by_joint = [move.motion is Motion.JOINT for move in program.moves for _ in move.targets]
-    poses = frames.flange_poses(program, visits.tolist())
-    ranges = stated.ranges(visits.tolist())
+    by_joints = program.targets.by_joints[visits]
+    given = np.where(by_joints[:, None], program.targets.angles(visits), np.nan)
+    _refuse_new_letters(program, visits, by_joints)
+    poses = frames.flange_poses(program, visits)
+    ranges = stated.ranges(visits)
     says = np.isfinite(ranges).any(axis=(1, 2))
     with as_request_errors("robot"):
         found = choose_postures(
-            inverse, poses, given, ranges, np.array(by_joint) & says & stated.decides, _start(options, robot)
+            inverse,
+            poses,
+            given,
+            ranges,
+            program.moves.by_joint & says & stated.decides,
+            _start(options, robot),
         )
     faults = [
         _fault(program, int(visits[row]), *_REASONS[Unreached(found.unreached[row])])
@@ -217,22 +216,18 @@ def _start(options: ProgramOptions, robot: Robot) -> FloatArray | None:
     return ANGLE[options.units.angle] * np.array(options.start)
 
 
-def _refuse_new_letters(
-    program: Program, stated: StatedConfigurations, visits: IndexArray, joint_targets: BoolArray
-) -> None:
+def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArray) -> None:
     """Refuse a change of FANUC's N/F, U/D, T/B without a joint target between: no angles tell them."""
-    if program.format != "fanuc":
-        return
-    before, changed = "", []
-    for target, by_joints in zip(visits.tolist(), joint_targets, strict=True):
-        letters = "" if by_joints else stated.letters(target)
+    literals, before, changed = program.targets.literals, "", []
+    of_visit = program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
+    for target, literal, joints in zip(visits.tolist(), of_visit, by_joints.tolist(), strict=False):
+        letters = "" if joints else literals[literal].letters
         if before and letters and letters != before:
             changed.append(target)
-        before = "" if by_joints else letters or before
+        before = "" if joints else letters or before
     remedy = "put a move to joint angles between, or split the program there"
-    _refuse(
-        program, np.array(changed, dtype=np.intp), "the arm changes its configuration (N/F, U/D, T/B)", remedy
-    )
+    reason = "the arm changes its configuration (N/F, U/D, T/B)"
+    _refuse(program, np.array(changed, dtype=np.intp), reason, remedy)
 
 
 def _cases(

@@ -9,8 +9,7 @@ import numpy as np
 from jointstiff.service.kinds.program.path import ProgramPath
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.notation import Orientation
-from jointstiff.service.programs.program import Program
+from jointstiff.service.programs.program import NUMBERS, Program
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.compensation import residuals
 from jointstiff.solver.deflection.forward import ForwardModel
@@ -34,16 +33,13 @@ def rewritten(path: ProgramPath, robot: Robot, found: Corrections) -> Program:
     points = found.points[rows]
     targets = path.targets[points]
     flange = flange_poses(robot, robot.joint_map.model_angles(found.commanded[rows]))
-    values = path.frames.numbers(program, targets.tolist(), flange)
-    words = []
-    for row, point, index in zip(rows.tolist(), points.tolist(), targets.tolist(), strict=True):
-        target = program.targets[index]
-        if target.notation.orientation is Orientation.JOINTS:
-            values[index] = (found.commanded[row] / target.notation.angle).tolist()
-        else:
-            edits = path.stated.edits(index, path.cases.joints[point], found.commanded[row])
-            words += [(index, edit) for edit in edits]
-    return program.rewritten(values, aligned=program.format == "fanuc", words=words)
+    values = path.frames.numbers(program, targets, flange)
+    by_joints = program.targets.by_joints[targets]
+    unit = program.targets.angle_unit[targets[by_joints], None]
+    values[by_joints, :6] = found.commanded[rows][by_joints] / unit
+    posed = np.flatnonzero(~by_joints)
+    words = path.stated.edits(targets[posed], path.cases.joints[points[posed]], found.commanded[rows[posed]])
+    return program.rewritten(targets, values, aligned=program.format == "fanuc", words=words)
 
 
 def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -> None:
@@ -77,13 +73,13 @@ def certified(
     if len(found.points):
         residual = residuals(model, path.cases[found.points], commanded)
     goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints))
-    old, new = path.program.targets, written.targets
+    old, new = (each.targets.values[targets, :NUMBERS] for each in (path.program, written))
     return WrittenPoints(
         path=path,
         corrections=found,
         residual=residual,
         rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
-        changed=np.array([old[i].values != new[i].values for i in targets.tolist()], dtype=np.bool_),
+        changed=np.asarray((np.isfinite(old) & (old != new)).any(axis=1)),
         place=goal.to_base(path.cases.place[:, None])[:, 0],
         quantile=quantile,
     )
@@ -95,12 +91,9 @@ def _commanded(
     """Return the controller's angles (k, 6) [rad] to which what was written leads."""
     joint_map = inverse.robot.joint_map
     targets = path.targets[found.points]
-    poses = path.frames.flange_poses(written, targets.tolist())
-    cartesian = np.isfinite(poses[:, 0, 0])
-    commanded = np.empty_like(found.commanded)
-    for row in np.flatnonzero(~cartesian):
-        target = written.targets[targets[row]]
-        commanded[row] = np.array(target.values) * target.notation.angle
+    poses = path.frames.flange_poses(written, targets)
+    cartesian = ~written.targets.by_joints[targets]
+    commanded = written.targets.angles(targets)
     near = joint_map.model_angles(found.commanded[cartesian])
     angles, reached = inverse.polished(poses[cartesian], near)
     commanded[cartesian] = joint_map.controller_angles(angles)

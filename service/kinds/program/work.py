@@ -102,8 +102,7 @@ class ProgramWork(SteppedWork[Corrections]):
 
     def steps(self) -> Sequence[Span]:
         """Return the targets of a long program, cut into steps."""
-        visits = sum(len(move.targets) for move in self._program.moves)  # each is an inverse kinematics
-        points = max(len(self._program.targets), visits)
+        points = max(len(self._program.targets), len(self._program.moves.visits))
         return () if points <= MAX_QUICK_POINTS else self._spans()
 
     def _spans(self) -> tuple[Span, ...]:

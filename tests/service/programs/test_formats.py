@@ -54,7 +54,7 @@ def test_every_format_has_a_sample():
 @pytest.mark.parametrize("kind", PROGRAMS)
 def test_identity_gives_identical_bytes(kind):
     program = read(kind)
-    rewritten = program.rewritten({i: target.values for i, target in enumerate(program.targets)}).files
+    rewritten = program.rewritten(np.arange(len(program.targets)), program.targets.values[:, :7]).files
     assert dict(zip([s.name for s in program.sources], rewritten, strict=True)) == dict(files_of(kind))
 
 
@@ -62,15 +62,15 @@ def test_identity_gives_identical_bytes(kind):
 def test_nothing_but_numbers_of_targets_changes(kind):
     program = read(kind)
     step = 0.125 * (np.arange(7) < 3)  # a quaternion has to stay a unit one
-    moved = {i: np.add(target.values, step[: len(target.values)]) for i, target in enumerate(program.targets)}
-    written = program.rewritten(moved, aligned=kind == "fanuc")
+    moved = program.targets.values[:, :7] + step
+    written = program.rewritten(np.arange(len(moved)), moved, aligned=kind == "fanuc")
     rewritten = written.files
     again = read_program(
         list(zip([s.name for s in program.sources], rewritten, strict=True)), leave_alone=PROGRAMS[kind][1]
     )
     for i, (new, known) in enumerate(zip(again.targets, written.targets, strict=True)):
         assert (new.values, new.spans) == (known.values, known.spans)
-        np.testing.assert_allclose(new.values, moved[i], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(new.values, moved[i, : len(new.values)], rtol=0, atol=1e-9)
     assert again.sources == written.sources
     for source, other in zip(program.sources, again.sources, strict=True):
         assert without_numbers(program, source) == without_numbers(again, other)
@@ -120,8 +120,8 @@ def test_fanuc_targets_have_their_frames_and_configuration():
 
 def test_fanuc_columns_stay_where_they_are():
     program = read("fanuc")
-    values = {1: np.asarray(program.targets[1].values) + np.array([-9000.1, 0.1, 0, 0, 0, 0])}
-    lines = program.rewritten(values, aligned=True).files[0].decode().splitlines()
+    values = program.targets.values[[1], :7] + [-9000.1, 0.1, 0, 0, 0, 0, 0]
+    lines = program.rewritten([1], values, aligned=True).files[0].decode().splitlines()
     assert lines[32] == "\tX = -7385.358  mm,\tY =   -12.400  mm,\tZ =   507.201  mm,"
 
 
@@ -241,10 +241,10 @@ def test_any_bytes_in_comments_survive(name, line, comment, targets, end):
     text = end.join(part for p, note in targets for part in (line(p), comment + note)) + end
     program = read_program([(name, text.encode("latin-1"))])
     assert len(program.targets) == len(targets)
-    values = {i: target.values for i, target in enumerate(program.targets)}
-    assert program.rewritten(values).files[0] == text.encode("latin-1")
-    moved = {i: (*np.asarray(v[:3]) + 1, *v[3:]) for i, v in values.items()}
-    assert program.rewritten(moved).files[0].count(comment.encode()) == text.encode("latin-1").count(
+    values, every = program.targets.values[:, :7], np.arange(len(targets))
+    assert program.rewritten(every, values).files[0] == text.encode("latin-1")
+    moved = values + (np.arange(7) < 3)
+    assert program.rewritten(every, moved).files[0].count(comment.encode()) == text.encode("latin-1").count(
         comment.encode()
     )
 
