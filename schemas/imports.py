@@ -7,6 +7,12 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
+from jointstiff.schemas.geometry.message import (
+    MAX_GEOMETRY_READINGS,
+    GeometryNoise,
+    GeometryUnits,
+    TrackedPosition,
+)
 from jointstiff.schemas.importing import ImportFault, ImportOptions, ImportPreview, MissingField
 from jointstiff.schemas.measurement.measurement_set import (
     MAX_TARGETS,
@@ -64,6 +70,18 @@ class ImportTemplate(ImportRequest):
     """Options of an import that succeeded, to be sent with other files of the same form."""
 
 
+class UnloadedPoses(Message):
+    """Unloaded poses to calibrate a nominal model: a request of a geometry, to which the robot is added."""
+
+    name: Name
+    units: GeometryUnits
+    noise: GeometryNoise | None = Field(
+        default=None,
+        description="Noise of the readings: as stated, else the root mean square of that in the files.",
+    )
+    poses: Annotated[list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_READINGS)]
+
+
 class ImportAnswer(Message):
     """Preview of the files, and the measurement set made from them."""
 
@@ -84,6 +102,11 @@ class ImportAnswer(Message):
         "something is missing.",
     )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
+    poses: UnloadedPoses | None = Field(
+        default=None,
+        description="Unloaded poses, ready to be posted to /v1/geometries with `robot_id` added, if the "
+        "files have joint angles and unloaded positions only.",
+    )
     measurement_set: MeasurementSetDocument | None = Field(
         description="Measurement set, ready to be posted with `robot_id` added; null if something is missing."
     )

@@ -91,7 +91,7 @@ def with_notes(answer: ImportAnswer, noted: SetMetadata) -> ImportAnswer:
 
 
 def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:
-    """Write a campaign, or without a robot the measurement set.
+    """Write a campaign, or without a robot the measurement set; unloaded poses if the files have no more.
 
     Raises:
         typer.Exit: something is missing, or the file cannot be written.
@@ -99,17 +99,21 @@ def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None
     from jointstiff.service.problems.table import http_problem
     from jointstiff.service.tables.terminal import console
 
-    if answer.measurement_set is None:
+    readings = answer.measurement_set or answer.poses
+    if readings is None:
         missing = "; ".join(answer.missing)
         raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
     refuse_existing(path, overwrite=overwrite)
-    found = answer.measurement_set.model_dump(mode="json", exclude_none=True)
-    if robot is not None:
-        found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
-    write_text(path, json.dumps(found, indent=1, ensure_ascii=False))
-    what, command = (
-        ("a measurement set", "add a robot with --robot")
-        if robot is None
-        else ("a campaign", f"jointstiff identify {path}")
-    )
+    document = readings.model_dump(mode="json", exclude_none=True)
+    own = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
+    if answer.measurement_set is None:
+        document |= own
+        robots = "" if own else " --robot ROBOT"
+        what, command = "unloaded poses", f"jointstiff geometry {path}{robots}"
+    elif own:
+        document = {**own, "measurement_set": document}
+        what, command = "a campaign", f"jointstiff identify {path}"
+    else:
+        what, command = "a measurement set", "add a robot with --robot"
+    write_text(path, json.dumps(document, indent=1, ensure_ascii=False))
     console(stderr=True).print(f"wrote {path}, {what}; now: {command}", markup=False, soft_wrap=True)

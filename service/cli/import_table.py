@@ -40,6 +40,9 @@ def import_report(answer: ImportAnswer) -> RenderableType:
             *_lines(file.assumptions, "assumed: "),
         ]
     parts += [_summary(answer.preview), *_lines(answer.preview.assumptions, "assumed: ")]
+    if answer.poses is not None:
+        count = len(answer.poses.poses)
+        parts.append(Text(f"  complete: {count} unloaded poses for a geometry", style="green"))
     if answer.missing:
         parts += [*_lines(answer.missing, "missing: ", "yellow")]
     else:

@@ -61,7 +61,8 @@ def import_readings(
         typer.Option(
             dir_okay=False,
             metavar="FILE",
-            help="File to write: a campaign, or without --robot a measurement set.",
+            help="File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
+            "unloaded positions were read.",
         ),
     ] = None,
     template: Annotated[

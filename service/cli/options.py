@@ -6,12 +6,11 @@ import math
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 
-FAR: Final = 5.0
-"""Distance of a load point from the flange beyond which its unit is in doubt, in m."""
+from jointstiff.service.importing.limits import FAR_LOAD_POINT
 
 
 class Vector(NamedTuple):
@@ -42,7 +41,7 @@ def point_of(text: str) -> Vector:
     """
     point = Vector(*(1e-3 * number for number in vector_of(text)))
     distance = math.hypot(*point)
-    if not distance <= FAR:
+    if not distance <= FAR_LOAD_POINT:
         question = f"'{text}' in mm is {distance:g} m from the flange"
         asked = math.isfinite(distance) and sys.stdin.isatty()
         if not (asked and typer.confirm(f"{question}. Is that right?", default=False, err=True)):

@@ -114,12 +114,11 @@ def _add(gathered: Gathered, record: Record, faults: Faults) -> None:
     for kind, vector in record.values.items():
         before, place = gathered.values.setdefault(kind, (vector, record.place))
         if before != vector:
-            fault = ImportFileError(
+            faults.report(
                 record.place,
                 f"the {kind} of {shown(record.label)} differs from that at {place}",
                 "give each observation a unique label, or correct one of them",
             )
-            faults.add(fault)
     for point in record.points:
         states = gathered.points.setdefault(point.target, {})
         if point.state in states:
@@ -149,22 +148,20 @@ def _check_values(observations: list[Gathered], faults: Faults) -> None:
         count = None
         for one in observations:
             if kind not in one.values:
-                fault = ImportFileError(
+                faults.report(
                     one.place,
                     f"{shown(one.label)} has no {kind}, but other labels have",
                     "check that labels are spelt the same in all files",
                 )
-                faults.add(fault)
                 continue
             vector, place = one.values[kind]
             count = count or len(vector)
             if len(vector) != count:
-                fault = ImportFileError(
+                faults.report(
                     place,
                     f"there are {len(vector)} joint angles here, but {count} in other observations",
                     "check the columns of joints",
                 )
-                faults.add(fault)
 
 
 def _check_sigmas(observations: list[Gathered], faults: Faults) -> Literal["coordinate", "point"] | None:
@@ -174,7 +171,7 @@ def _check_sigmas(observations: list[Gathered], faults: Faults) -> Literal["coor
     if stated and len(stated) < len(points):
         place = next(point.place for point in points if point.sigma is None)
         reason = "the point has no uncertainty, but others have"
-        faults.add(ImportFileError(place, reason, "add it, or skip the columns of U(95) with `ignore`"))
+        faults.report(place, reason, "add it, or skip the columns of U(95) with `ignore`")
     if not stated:
         return None
     return "point" if all(point.by_point for point in stated) else "coordinate"
@@ -235,10 +232,10 @@ def _complete(
     if lacks and not allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
         for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):  # half a reading tells more
-            faults.add(ImportFileError(place, reason, remedy, "allow_missing"))
+            faults.report(place, reason, remedy, "allow_missing")
     notes = [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
     if not kept:
-        faults.add(ImportFileError(observations[0].place, "no observation has a reading", "check the names"))
+        faults.report(observations[0].place, "no observation has a reading", "check the names")
     return kept, notes
 
 

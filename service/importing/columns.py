@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -30,6 +30,8 @@ from jointstiff.service.importing.words import FOREIGN, SPOKEN, Dimension, unit_
 _MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 _MANY, _TOGETHER = 3, 4
 """Unknown headers told one by one; of more, headers in one message, which is cut beyond 300 characters."""
+_NAMED: Final[tuple[Literal["target", "state"], ...]] = ("target", "state")
+"""What headers of positions may name."""
 _ENDS: Final = (
     re.compile(r"(?P<target>.*[^\s_-])[\s_-]+(?P<word>[^\s_-]+)"),
     re.compile(r"(?P<word>[^\s_-]+)[\s_-]+(?P<target>[^\s_-].*)"),
@@ -65,10 +67,9 @@ class Columns:
     def needed(self) -> frozenset[str]:
         """Return what of target and state the names of points or files must give."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
-        kinds: tuple[Literal["target", "state"], ...] = ("target", "state")
         return frozenset(
             kind
-            for kind in kinds
+            for kind in _NAMED
             if kind not in self.texts and any(getattr(quantity, kind) is None for quantity in positions)
         )
 
@@ -237,16 +238,14 @@ def _with_states(
             return found
         if not all(word.isdigit() for word in named):
             first, second = sorted(named, key=lambda word: next(c for c, m in points if word in str(m)))
-            faults.add(
-                ImportFileError(
-                    headers[points[0][0]].place,
-                    f"{shown(first)} and {shown(second)} in the headers of positions may be states, but are "
-                    "not known",
-                    f'say which is without load: `state_words`, such as {{"{first}": "unloaded", '
-                    f'"{second}": "loaded"}}',
-                    "state_words",
-                    (first, second),
-                )
+            faults.report(
+                headers[points[0][0]].place,
+                f"{shown(first)} and {shown(second)} in the headers of positions may be states, but are "
+                "not known",
+                f'say which is without load: `state_words`, such as {{"{first}": "unloaded", '
+                f'"{second}": "loaded"}}',
+                "state_words",
+                (first, second),
             )
             return meanings
     return meanings
@@ -264,12 +263,11 @@ def _quantities(
         absent = [axis for axis in range(count) if axis not in axes]
         if absent or count > MAX_JOINTS:
             first = Meaning(quantity.kind, absent[0] if absent else 0, quantity.target, quantity.state)
-            fault = ImportFileError(
+            faults.report(
                 headers[min(axes.values())].place,
                 f"column {first} is missing" if absent else f"there are more than {MAX_JOINTS} joints",
                 "add it, or correct the header of the column that holds it",
             )
-            faults.add(fault)
     return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in found.items()}
 
 
@@ -280,48 +278,30 @@ def _check_keys(
     options: ImportOptions,
     faults: Faults,
 ) -> None:
-    """Check that rows have names and numbers, and what positions need."""
+    """Check that rows have names and numbers, and positions their targets and states in one way."""
     place = replace(headers[0].place, column=None)
-
-    def add(reason: str, remedy: str, at: Place = place, option: str | None = None) -> None:
-        faults.add(ImportFileError(at, reason, remedy, option))
-
     if "name" not in texts and not options.by_order:
-        add(
-            "no column names the observations or points",
-            "add a column `label` or `name`; only if the rows of all files are in the same order, `by_order`",
-            option="by_order",
+        reason = "no column names the observations or points"
+        remedy = (
+            "add a column `label` or `name`; only if the rows of all files are in the same order, `by_order`"
         )
+        faults.report(place, reason, remedy, "by_order")
     if not quantities:
-        add("no column with numbers is recognised", "check the header")
-    _check_points(texts, quantities, headers, add)
-
-
-def _check_points(
-    texts: Mapping[Kind, int],
-    quantities: Mapping[Quantity, tuple[int, ...]],
-    headers: Sequence[HeaderCell],
-    add: Callable[..., None],
-) -> None:
-    """Check that positions name their targets and states alike, and that uncertainties have positions."""
-    for quantity, indices in quantities.items():
-        if quantity.kind in POINTS and replace(quantity, kind="position") not in quantities:
-            reason = f"{shown(headers[indices[0]].text)} belongs to no position"
-            add(reason, "correct its header, or use `ignore`", headers[indices[0]].place)
+        faults.report(place, "no column with numbers is recognised", "check the header")
     points = [quantity for quantity in quantities if quantity.kind in POINTS]
-    kinds: tuple[Literal["target", "state"], ...] = ("target", "state")
-    for kind in kinds:
-        if len({getattr(quantity, kind) is None for quantity in points}) > 1:
-            add(
-                f"some columns of positions name their {kind}, others do not",
-                f"name the {kind} in all of them",
-            )
-        if kind in texts and any(getattr(quantity, kind) is not None for quantity in points):
-            add(
-                f"there is a column `{kind}`, but the headers of positions name it, too",
-                "keep one of them",
-                headers[texts[kind]].place,
-            )
+    for quantity in points:
+        if replace(quantity, kind="position") not in quantities:
+            first = headers[quantities[quantity][0]]
+            reason = f"{shown(first.text)} belongs to no position"
+            faults.report(first.place, reason, "correct its header, or use `ignore`")
+    for kind in _NAMED:
+        named = {getattr(quantity, kind) is not None for quantity in points}
+        if len(named) > 1:
+            reason = f"some columns of positions name their {kind}, others do not"
+            faults.report(place, reason, f"name the {kind} in all of them")
+        if kind in texts and True in named:
+            reason = f"there is a column `{kind}`, but the headers of positions name it, too"
+            faults.report(headers[texts[kind]].place, reason, "keep one of them")
 
 
 def _with_units(
@@ -337,42 +317,32 @@ def _with_units(
     resolved = list(meanings)
     for dimension in dict.fromkeys(DIMENSIONS[m.kind] for m in meanings if m.kind in DIMENSIONS):
         of_dimension = Faults(1)  # the others say the same
-        for column, meaning in enumerate(meanings):
-            if DIMENSIONS.get(meaning.kind) != dimension:
-                continue
-            place = headers[column].place
+        for column in [index for index, m in enumerate(meanings) if DIMENSIONS.get(m.kind) == dimension]:
+            meaning, place = meanings[column], headers[column].place
             with of_dimension.collected():
                 unit = _unit(meaning, options.units, axes_unit if meaning.kind == "position" else None, place)
                 resolved[column] = replace(meaning, unit=unit)
                 if unit is None:
                     bare.setdefault(dimension, []).append(column)
-                else:
-                    _check_alike(meaning, unit, seen.setdefault(dimension, unit), place)
+                elif unit != seen.setdefault(dimension, unit):
+                    others = spoken(seen[dimension])
+                    reason = f"{meaning} is in {spoken(unit)}, but other columns are in {others}"
+                    of_dimension.report(place, reason, f"use one unit for every {dimension}")
         for fault in of_dimension.found:
             faults.add(fault)
     if options.units is not None and options.units.length == "m":
         bare.pop("moment", None)  # force times m
     for dimension, columns in bare.items():
-        meaning, others = meanings[columns[0]], len(columns) - 1
-        more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
+        meaning, count = meanings[columns[0]], len(columns) - 1
+        more = f", nor {'has 1 other' if count == 1 else f'have {count} others'}" if count else ""
         example = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}[dimension]
-        fault = ImportFileError(
+        faults.report(
             headers[columns[0]].place,
             f"{meaning} has no unit{more}",
             f"write it in the header, such as `{meaning} [{example}]`, or give `units`",
             f"units.{dimension}",
         )
-        faults.add(fault)
     return resolved
-
-
-def _check_alike(meaning: Meaning, unit: str, others: str, place: Place) -> None:
-    if unit != others:
-        raise ImportFileError(
-            place,
-            f"{meaning} is in {spoken(unit)}, but other columns are in {spoken(others)}",
-            f"use one unit for every {DIMENSIONS[meaning.kind]}",
-        )
 
 
 def _unit(meaning: Meaning, given: ImportUnits | None, of_axes: str | None, place: Place) -> str | None:

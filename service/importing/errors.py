@@ -67,16 +67,11 @@ class ImportFileError(_UnclearError):
 
 
 class Faults:
-    """The faults of all files, collected so that one answer has all of them.
-
-    Attributes:
-        found: in their order.
-        most: how many are kept.
-    """
+    """The faults of all files, collected so that one answer has all of them."""
 
     def __init__(self, most: int = MAX_FAULTS) -> None:
-        self.found: list[ImportFileError] = []
-        self.most = most
+        self.found: list[ImportFileError] = []  # in their order
+        self.most = most  # how many are kept
 
     @property
     def full(self) -> bool:
@@ -88,6 +83,12 @@ class Faults:
         known = any((one.place, one.reason) == (fault.place, fault.reason) for one in self.found)
         if not self.full and not known:
             self.found.append(fault)
+
+    def report(
+        self, place: Place, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
+    ) -> None:
+        """Keep the fault that these words describe."""
+        self.add(ImportFileError(place, reason, remedy, option, words))
 
     @contextmanager
     def collected(self) -> Iterator[None]:

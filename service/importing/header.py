@@ -17,7 +17,7 @@ from jointstiff.service.importing.words import UNITS, Dimension, unit_named
 
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "joint", "force",
-    "moment", "load point", "position", "uncertainty", "point uncertainty", "ignored", "unknown",
+    "moment", "load point", "position", "addition", "uncertainty", "point uncertainty", "ignored", "unknown",
 ]  # fmt: skip
 DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
     {
@@ -26,11 +26,12 @@ DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
         "moment": "moment",
         "load point": "length",
         "position": "length",
+        "addition": "length",
         "uncertainty": "length",
         "point uncertainty": "length",
     }
 )
-POINTS: Final[frozenset[Kind]] = frozenset(("position", "uncertainty", "point uncertainty"))
+POINTS: Final[frozenset[Kind]] = frozenset(("position", "addition", "uncertainty", "point uncertainty"))
 _MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("temperature", "time", "ignored"))
 UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
@@ -95,6 +96,8 @@ class Meaning:
         named = [word for word in (self.target, self.state) if word]
         if self.kind == "position":
             return " ".join([*(named or ["position"]), "xyz"[self.axis]])
+        if self.kind == "addition":
+            return " ".join([*named, words.ADDED, "xyz"[self.axis]])
         return " ".join([*named, "U95", *("xyz"[self.axis] if self.kind == "uncertainty" else ())])
 
     @property
@@ -217,31 +220,38 @@ def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meani
 
 
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """`P10 unloaded x`, `P10_x_loaded`, `P10 dx`, `U95 x`: words in any order, the target's in one piece."""
+    """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece."""
     base = _PHRASE.sub(lambda phrase: _STATES[folded(phrase[0].replace("-", " "))], base)
     rest = []
     axes: list[int] = []
     states: list[State] = []
-    expanded = 0
+    kinds: list[Kind] = []
     for token in _TOKEN.finditer(base):
         if coordinate := _COORDINATE.fullmatch(token[0]):
             axes.append("xyz".index(coordinate[2].casefold()))
             states += ["deflection"] if coordinate[1] else []
         elif state := state_named(token[0], state_words):
             states.append(state)
-        elif folded(token[0]) in words.EXPANDED:
-            expanded += 1
+        elif kind := words.KINDS.get(folded(token[0])):
+            kinds.append(kind)
         elif folded(token[0]) not in words.COORDINATES:
             rest.append(token)
     target = base[rest[0].start() : rest[-1].end()] if rest else None
     named = _TOKEN.findall(target) if target else []
-    unclear = max(len(axes), expanded) != 1 or len(set(states)) > 1 or len(named) != len(rest)
-    if unclear or any(folded(word) in words.NOT_TARGETS or _BRACKET.search(word) for word in named):
+    meant: Kind = kinds[0] if kinds else "position"
+    if meant == "uncertainty" and not axes:
+        meant = "point uncertainty"
+    unclear = len(kinds) > 1 or len(axes) != (meant != "point uncertainty")
+    if (
+        unclear
+        or len(set(states)) > 1
+        or len(named) != len(rest)
+        or any(folded(word) in words.NOT_TARGETS or _BRACKET.search(word) for word in named)
+    ):
         raise Fault(
             f"unknown column header {shown(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
             "[mm]`, `P10 dx [mm]`, `x [mm]`; say what it means with `columns`, or skip it with `ignore`",
             UNKNOWN,
         )
-    kind: Kind = "position" if not expanded else "uncertainty" if axes else "point uncertainty"
-    return Meaning(kind, axes[0] if axes else 0, target, states[0] if states else None)
+    return Meaning(meant, axes[0] if axes else 0, target, states[0] if states else None)

@@ -48,13 +48,6 @@ _LENGTH: Final = re.compile(r"(?<![\d\w.,])(?<!\d )(mm|inch|inches)(?!\w)", re.I
 _AXES: Final = re.compile(r"AXES\s*=\s*(\w+)", re.IGNORECASE)
 _AXES_UNIT: Final = re.compile(r"\bX\W+Y\W+Z\s*(?:\(\s*|in\s+)([^\W\d]+)\s*\)?\s*", re.IGNORECASE)
 _FRAME: Final = re.compile(r"(?:\bFRAME\s*=|\bCOORDINATE\s+FRAME\b)\s*(\S.*)", re.IGNORECASE)
-_UNITS: Final = MappingProxyType(
-    {
-        **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
-        **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
-        **dict.fromkeys(("in", "inch", "inches"), "in"),
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -138,13 +131,14 @@ def _said_in_comments(grid: Grid) -> tuple[str | None, str | None]:
                 "export Cartesian coordinates x, y, z",
             )
         if unit := _AXES_UNIT.search(text):
-            if unit[1].casefold() not in _UNITS:
+            named = unit_named(unit[1].casefold())
+            if named is None or named[0] != "length":
                 raise ImportFileError(
                     Place(grid.file, line),
                     f"the unit {shown(unit[1])} of x, y, z is not known",
                     "export in mm, m or inches",
                 )
-            found["unit"] = _UNITS[unit[1].casefold()]
+            found["unit"] = named[1]
         if frame := _FRAME.search(text):
             found["frame"] = collapsed(frame[1].rstrip(", \t")).strip("'\"")
         for kind, value in found.items():
@@ -168,7 +162,7 @@ def _check_remarks(grid: Grid, heading: _Heading, columns: Columns, faults: Faul
             if unit is not None and named != unit:
                 reason = f"{shown(word)} stands here, but lengths are in {spoken(unit)}"
                 remedy = "correct the unit, or remove the remark"
-                faults.add(ImportFileError(Place(grid.file, line), reason, remedy, "units.length"))
+                faults.report(Place(grid.file, line), reason, remedy, "units.length")
 
 
 # ---- the header
@@ -204,12 +198,11 @@ def _in_rows(grid: Grid, grammar: _Grammar, faults: Faults) -> _Heading:
     lines = tuple(row.line for row in grid.rows[start : start + count])
     for row in grid.rows[:start]:
         if _numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(merged) // 2):
-            fault = ImportFileError(
+            faults.report(
                 grid.place(row),
                 f"the row is above the header in line {lines[0]}, but looks like data",
                 "move it below the header, or remove it",
             )
-            faults.add(fault)
     notes = [f"rows above the header were taken for titles: {start}"] if start else []
     if count > 1:
         notes.append(f"the header was put together of rows {', '.join(map(str, lines))}")
@@ -373,12 +366,11 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
     differences = [f"missing: {shown(', '.join(absent))}"] if absent else []
     differences += [f"not in the template: {shown(', '.join(extra))}"] if extra else []
     reason = "; ".join(differences) or "the same columns in another order or number"
-    fault = ImportFileError(
+    faults.report(
         place,
         f"the file does not fit the template; {reason}",
         "import it without the template, or correct it",
     )
-    faults.add(fault)
 
 
 # ---- the rows of data
@@ -435,20 +427,17 @@ def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> None:
     if grid.ended or len(rows) < 2:
         return
     *others, last = (row.cells[-1] for row in rows)
-    decimals = [cell.replace(",", ".").partition(".")[2] for row in rows for cell in row.cells]
-    dropped = (
-        0 if any(part.endswith("0") and len(part) > 1 for part in decimals) else 1
-    )  # zeros at the ends of numbers
-    least = min(len(cell.replace(",", ".").partition(".")[2]) for cell in others) - dropped
-    shorter = looks_like_a_number(last) and len(last.replace(",", ".").partition(".")[2]) < least
+    decimals = [[cell.replace(",", ".").partition(".")[2] for cell in row.cells] for row in rows]
+    keeps_zeros = any(part.endswith("0") and len(part) > 1 for row in decimals for part in row)
+    *lengths, length = (len(row[-1]) for row in decimals)
+    shorter = looks_like_a_number(last) and length < min(lengths) - (not keeps_zeros)
     begun = len(last) < min(map(len, others)) and any(cell.startswith(last) for cell in others)
     if shorter or begun:
-        fault = ImportFileError(
+        faults.report(
             grid.place(rows[-1], len(rows[-1].cells) - 1),
             f"the file is cut off: its last line has no end, and {shown(last)} is shorter than its column",
             "export or copy the file again; if it is complete, end its last line",
         )
-        faults.add(fault)
 
 
 def _not_deleted(
@@ -464,10 +453,10 @@ def _not_deleted(
         if marked is None:
             reason = f"{shown(row.cells[index])} does not say whether the row is deleted"
             remedy = "use 0 or 1, or skip the column with `ignore`"
-            faults.add(ImportFileError(grid.place(row, index), reason, remedy))
+            faults.report(grid.place(row, index), reason, remedy)
         elif not marked:
             kept.append(row)
     count = len(rows) - len(kept)
     if not kept:
-        faults.add(ImportFileError(Place(grid.file), "all rows are marked as deleted", "check the file"))
+        faults.report(Place(grid.file), "all rows are marked as deleted", "check the file")
     return tuple(kept), (f"rows marked as deleted were left out: {count}",) if count else ()

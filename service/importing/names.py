@@ -310,14 +310,13 @@ def labels_in_order(tables: Sequence[tuple[Grid, Layout]], faults: Faults) -> li
     for grid, other in named[1:]:
         if other != labels:
             reason = f"the labels are not those of {shown(first.file)} in their order"
-            faults.add(ImportFileError(Place(grid.file), reason, "give every table the same labels"))
+            faults.report(Place(grid.file), reason, "give every table the same labels")
     for grid, layout in unnamed:
         if len(layout.rows) != len(labels):
-            fault = ImportFileError(
+            faults.report(
                 Place(grid.file),
                 f"there are {len(layout.rows)} rows, but {len(labels)} in {shown(first.file)}: they cannot "
                 "be matched by their order",
                 "give every file a row for each observation, or name the points",
             )
-            faults.add(fault)
     return labels if len(faults.found) == told else []

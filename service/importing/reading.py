@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import Final, Literal, TypeVar, cast
+from typing import Final, Literal, cast
 
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.importing import DecimalMark, FilePreview, ImportOptions, ImportPreview
@@ -23,11 +23,9 @@ from jointstiff.service.importing.names import labels_in_order, names_of
 from jointstiff.service.importing.preview import preview_all, preview_file
 from jointstiff.service.importing.records import RowReader, Surroundings, read_mark
 from jointstiff.service.importing.text import read_text
-from jointstiff.service.importing.words import Dimension
 from jointstiff.service.importing.workbook import read_workbook
 
 _NO_OPTIONS: Final = ImportOptions()
-_Key = TypeVar("_Key", bound=str)
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Imported:
 
     preview: ImportPreview  # what was understood, for people
     assembly: Assembly  # the observations
-    units: Mapping[Dimension, str]  # by dimension, of all numbers that occur
+    units: Mapping[str, str]  # by dimension, of all numbers that occur
     surroundings: Surroundings = field(default_factory=Surroundings)  # times and temperatures
 
     @property
@@ -136,7 +134,7 @@ class _Reader:
         self._options, self._faults = options, faults
         self._frames: dict[str, str] = {}
         self.previews: list[FilePreview] = []  # of the files whose rows were found
-        self.units: dict[Dimension, str] = {}  # by dimension, of all numbers that occur
+        self.units: dict[str, str] = {}  # by dimension, of all numbers that occur
         self.surroundings = Surroundings()
 
     def read(self, files: Sequence[SourceFile]) -> Assembly | None:
@@ -178,14 +176,13 @@ class _Reader:
             self._agree(grid, self._frames, "frame", layout.frame, "the frame")
         return mark
 
-    def _agree(self, grid: Grid, known: dict[_Key, str], key: _Key, value: str, what: str) -> None:
+    def _agree(self, grid: Grid, known: dict[str, str], key: str, value: str, what: str) -> None:
         if known.setdefault(key, value) != value:
-            fault = ImportFileError(
+            self._faults.report(
                 Place(grid.file),
                 f"{what} is {spoken(value)}, but {spoken(known[key])} in other files",
                 "use one unit for every quantity, and one frame for all positions",
             )
-            self._faults.add(fault)
 
 
 def _check_sizes(files: Sequence[SourceFile]) -> None:

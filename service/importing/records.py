@@ -12,7 +12,7 @@ from typing import Final
 from jointstiff.schemas.importing import DecimalMark, ImportOptions, State
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.header import DIMENSIONS, Kind, Quantity
+from jointstiff.service.importing.header import DIMENSIONS, POINTS, Kind, Quantity
 from jointstiff.service.importing.layout import Layout
 from jointstiff.service.importing.names import Names, Naming, check_name, is_whole
 from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
@@ -140,14 +140,15 @@ class RowReader:
         values: dict[Kind, Vector] = {}
         points: list[Point] = []
         for quantity, indices in self._columns.quantities.items():
-            if quantity.kind in ("uncertainty", "point uncertainty"):
+            if quantity.kind in POINTS - {"position"}:
                 continue
             vector = self._vector(row, indices, faults, DIMENSIONS[quantity.kind])
             if quantity.kind == "position":
+                vector = self._with_addition(row, quantity, vector, faults)
                 points.append(self._point(row, quantity, naming, vector, faults))
             elif vector is None:
                 place = self._grid.place(row, indices[0])
-                faults.add(ImportFileError(place, f"this row has no {quantity.kind}", "fill in the cells"))
+                faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             else:
                 values[quantity.kind] = vector
         self._note_surroundings(row)
@@ -166,6 +167,20 @@ class RowReader:
                 return
             self._surroundings.temperatures.append(temperature)
             self._surroundings.unit = self._columns.meanings[texts["temperature"]].unit or ""
+
+    def _with_addition(
+        self, row: Row, position: Quantity, vector: Vector | None, faults: Faults
+    ) -> Vector | None:
+        """Return a position with the deviation that columns `plus x` add to it, if there are any."""
+        indices = self._columns.quantities.get(replace(position, kind="addition"))
+        if indices is None or not vector:
+            return vector
+        added = self._vector(row, indices, faults, "length")
+        if added is None:
+            faults.report(
+                self._grid.place(row, indices[0]), "the deviation to be added is empty", "fill it in"
+            )
+        return tuple(map(sum, zip(vector, added or (), strict=False)))
 
     def _point(
         self, row: Row, quantity: Quantity, naming: Naming, vector: Vector | None, faults: Faults
@@ -209,7 +224,7 @@ class RowReader:
             reason = "an uncertainty must be positive"
         if reason:
             at = self._grid.place(row, columns[0])
-            faults.add(ImportFileError(at, reason, "correct it, or skip the column with `ignore`"))
+            faults.report(at, reason, "correct it, or skip the column with `ignore`")
         if not expanded:
             return None, False
         self._surroundings.rounded += sum(value == 0.0 for value in expanded)
@@ -229,9 +244,8 @@ class RowReader:
                 with faults.collected():
                     self._number(row, index)
             return ()
-        if dimension == "length" and self._length != 1.0:
-            return tuple(self._length * number for number in numbers)
-        return tuple(numbers)
+        factor = self._length if dimension == "length" else 1.0
+        return tuple(factor * number for number in numbers)
 
     def _number(self, row: Row, index: int) -> float:
         kind = "number" if row.kinds is None or not row.cells[index] else row.kinds[index]

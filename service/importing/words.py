@@ -103,6 +103,14 @@ VECTORS: Final[Mapping[Literal["force", "moment", "load point"], Words]] = Mappi
 EXPANDED: Final = ("u(95)", "u95", "u(95%)", "u95%")
 """Expanded uncertainty at 95 %: beside x, y or z of that coordinate, else of the point."""
 
+ADDED: Final = "plus"
+"""Beside x, y or z: a deviation, to be added to that coordinate of the same target and state."""
+
+KINDS: Final[Mapping[str, Literal["uncertainty", "addition"]]] = MappingProxyType(
+    {**dict.fromkeys(EXPANDED, "uncertainty"), ADDED: "addition"}
+)
+"""Words that make something else of a position."""
+
 ROTATION: Final = frozenset(("q0", "q1", "q2", "q3"))
 """Quaternion of a probe, if there is no fifth number behind these four."""
 
@@ -125,8 +133,8 @@ Dimension = Literal["length", "angle", "force", "moment"]
 UNITS: Final[Mapping[Dimension, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
     {
         "length": {
-            "m": ("m",),
-            "mm": ("mm", "MM"),
+            "m": ("m", "meter", "meters", "metre", "metres"),
+            "mm": ("mm", "MM", "millimeter", "millimeters", "millimetre", "millimetres"),
             "in": ("in", "inch", "inches", "Inch", "Inches", "INCHES"),
         },
         "angle": {

@@ -45,7 +45,10 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         first = next(cell for cell in row.cells if cell)
         (comments if first.startswith(COMMENT_MARKS) else rows).append(row)
     check_size(file, rows)
-    notes = [*sheets[name].notes, *_notes_on_comments(comments)]
+    notes = list(sheets[name].notes)
+    if comments:
+        count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
+        notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")
     bare = tuple(map(_bare, comments))
     remarks = tuple((row.line, " ".join(row.cells)) for row in bare)
     return Grid(file, "xlsx", tuple(rows), bare, remarks, sheet=name, assumptions=tuple(notes))
@@ -63,13 +66,6 @@ def _only_filled(file: str, sheets: Mapping[str, Sheet]) -> str:
             Place(file), f"several sheets have data: {shown(', '.join(filled))}", "give `sheet`", "sheet"
         )
     return (filled or list(sheets))[0]
-
-
-def _notes_on_comments(comments: list[Row]) -> list[str]:
-    if not comments:
-        return []
-    count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
-    return [f"comments were skipped ({count}), the first in row {comments[0].line}"]
 
 
 def _bare(row: Row) -> Row:

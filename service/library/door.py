@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         compensate,
         geometry,
         identify,
+        import_files,
         map,  # noqa: A004 - the kind's name
         pair,
         plan,
@@ -41,6 +42,7 @@ __all__ = [
     "compensate",
     "geometry",
     "identify",
+    "import_files",
     "map",
     "pair",
     "plan",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
@@ -133,6 +134,32 @@ def geometry(
         nominal = read_robot(robot) if isinstance(robot, str) else robot
         changes |= {"robot": nominal.model_dump(mode="json"), "robot_id": None}
     return do(GEOMETRY, request, **changes)
+
+
+def import_files(*files: str | PathLike[str], **options: Any) -> ImportAnswer:  # noqa: ANN401 - of ImportRequest
+    """Understand files of readings, as `jointstiff import` does.
+
+    Args:
+        files: tables and lists of points, text or Excel.
+        options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
+
+    Returns:
+        The preview, and the measurement set, or the unloaded poses, that the files make.
+
+    Raises:
+        CampaignError: a file or an option was not understood.
+    """
+    from jointstiff.service.importing.reading import SourceFile
+    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.resources import imports
+
+    request = campaigns.parse_document(options, ImportRequest)
+    sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
+    try:
+        return imports.import_files(sources, request)
+    except FilesError as error:
+        raise CampaignError(problem_of(error)) from error
 
 
 def plan(

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import hypot, sqrt
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
+from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
 from jointstiff.schemas.importing import FilePreview, ImportFault
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate, UnloadedPoses
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
 from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.importing.preview import Missing, missing_from
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.problems.wording import reworded
 from jointstiff.solver.errors import MeasurementError
 
-_FAR_LOAD_POINT: Final = 5.0
-"""Distance of a load point from the flange beyond which it is asked about, in m."""
 _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
 """Fields with lengths, in `noise` and of the request."""
 
@@ -65,7 +65,7 @@ def import_files(
     preview, imported = understood.preview, understood.imported
     faults = list(understood.faults)
     missing = [] if imported is None else _missing(imported, request)
-    document, findings, template = None, None, None
+    document, findings, template, poses = None, None, None, None
     if imported is not None and not missing:
         try:
             document = _document(imported, request, files[0].name)
@@ -74,6 +74,9 @@ def import_files(
         except ImportFileError as fault:
             document = None
             faults.append(fault)
+    elif imported is not None and imported.assembly.states == ("unloaded",):
+        unready = {"joints", "accept_unusual"} & {item.field for item in missing}
+        poses = None if unready else _poses(imported, request, files[0].name)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
@@ -84,6 +87,7 @@ def import_files(
         measurement_set=document,
         findings=findings,
         template=template,
+        poses=poses,
     )
 
 
@@ -129,7 +133,7 @@ def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
     if request.load_point is not None:
         points.append(hypot(*_converted(request.load_point, stated_unit, "m", "load_point")))
     far = max(points, default=0.0)
-    stated = [f"the load point is {far:g} m from the flange"] if far > _FAR_LOAD_POINT else []
+    stated = [f"the load point is {far:g} m from the flange"] if far > FAR_LOAD_POINT else []
     return [*stated, *imported.assembly.unusual]
 
 
@@ -196,6 +200,42 @@ def _document(imported: Imported, request: ImportRequest, first: str) -> Measure
             f"the readings do not make a valid measurement set: {path} {reworded(fault)}",
             "check the limits of measurement sets",
         ) from error
+
+
+def _poses(imported: Imported, request: ImportRequest, first: str) -> UnloadedPoses | None:
+    """Return the unloaded poses for a geometry; None beyond its limits."""
+    units = _length_unit(imported, request), imported.units.get("length", "mm")
+    observations = imported.assembly.observations
+    points = [point for one in observations for states in one.points.values() for point in states.values()]
+    sigma = None if request.noise is None else _converted(request.noise.sigma, *units, "sigma")
+    squares = [value**2 for point in points for value in point.sigma or ()]
+    if sigma is None and squares:
+        sigma = sqrt(sum(squares) / len(squares))
+    if len(points) > MAX_GEOMETRY_READINGS or len(imported.assembly.targets) > MAX_GEOMETRY_TARGETS:
+        return None
+    read = [
+        (
+            one,
+            {
+                name: states["unloaded"].vector
+                for name, states in one.points.items()
+                if states["unloaded"].vector
+            },
+        )
+        for one in observations
+    ]
+    return UnloadedPoses.model_validate(
+        {
+            "name": request.name or PurePath(first).stem.strip(),
+            "units": {"length": units[1], "angle": imported.units.get("angle")},
+            "noise": None if sigma is None else {"sigma": sigma},
+            "poses": [
+                {"joints": list(one.values["joint"][0]), "targets": targets}
+                for one, targets in read
+                if targets
+            ],
+        }
+    )
 
 
 def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWarning]:

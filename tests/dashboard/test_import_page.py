@@ -64,6 +64,45 @@ def test_from_a_table_to_its_result_in_five_taps(visit, api, stored):
     expect(page.get_by_role("radio", name="motor encoders")).to_be_checked()
 
 
+def test_five_taps_among_several_robots(visit, api, stored):
+    """The newest robot that fits is chosen, shown and said; another one is one tap."""
+    robot = robot_document(default_arm())
+    older, newer = (
+        post(api, "/v1/robots", {**robot, "name": f"{age} of two arms"}) for age in ("older", "newer")
+    )
+    visited = visit("tablet upright")
+    page = visited.page
+    taps = 0
+
+    def tap(locator):
+        nonlocal taps
+        taps += 1
+        locator.tap()
+
+    visited.go("#/")
+    with page.expect_file_chooser() as chooser:
+        tap(page.get_by_text("Choose file"))
+    taps += 1  # choosing it
+    chooser.value.set_files(
+        table("day 6.csv", READINGS.replace("unloaded", "before").replace("loaded", "after"))
+    )
+    tap(page.get_by_role("radio", name="motor encoders"))
+    tap(page.get_by_label("Load point, x, y, z"))
+    page.keyboard.type("-60, 20, 180")
+    expect(page.get_by_role("radio", name="newer of two arms")).to_be_checked()
+    expect(page.get_by_text("The newest robot with 6 joints is chosen")).to_be_visible()
+    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+    page.get_by_role("radio", name="older of two arms").tap()
+    expect(page.get_by_text("The newest robot with 6 joints is chosen")).to_have_count(0)
+    page.get_by_role("radio", name="newer of two arms").tap()
+    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+    tap(page.get_by_role("button", name="Identify"))
+    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
+    assert taps <= 5
+    run = api.get("/v1/runs?limit=1").json()["items"][0]
+    assert run["robot_id"] == newer["id"] != older["id"]
+
+
 def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
     """Columns before and after, the load point typed: five taps, the robot chosen as after *Add a robot*."""
     robot = {**robot_document(default_arm()), "name": "arm of the five taps"}

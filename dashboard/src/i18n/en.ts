@@ -228,6 +228,7 @@ export const en = {
     placeHelp: "In the flange frame; deflections need it.",
     name: "Name of the set",
     otherRobot: "Another robot",
+    newestRobot: (joints: number) => `The newest robot with ${joints} joints is chosen: check that it is yours.`,
     noRobot: (joints: number) =>
       `No robot with ${plural(joints, "joint", "joints")} is stored: add it, the files stay here.`,
     fits: (name: string) => `The headers are those of “${name}”, which was identified here before.`,

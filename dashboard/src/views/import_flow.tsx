@@ -49,7 +49,7 @@ export function ImportFlow({
   const [stated, setStated] = useState<Stated>(begun.stated);
   const [frame, setFrame] = useState(begun.frame);
   const [typed, setTyped] = useState(begun.typed);
-  const [chosen, setChosen] = useState(asked);
+  const [chosen, setChosen] = useState<string | null>(asked || null);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
   keepDraft(files, { options, stated, frame, typed });
@@ -57,7 +57,8 @@ export function ImportFlow({
   const robots = (known?.robots ?? [])
     .filter((one) => joints === null || one.joints.length === joints)
     .map((one) => ({ ...one, name: known?.robot(one.id) ?? one.name }));
-  const robot = chosen || (robots.length === 1 ? (robots[0]?.id ?? "") : "");
+  /** The newest that fits, until another one is chosen. */
+  const robot = chosen ?? (joints !== null || robots.length === 1 ? (robots[0]?.id ?? "") : "");
   const request = { ...withStated(options, stated), ...(robot && frame.of === "" ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);
   useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
@@ -105,6 +106,9 @@ export function ImportFlow({
         </h2>
         {answer && <ImportForm answer={answer} stated={stated} change={setStated} />}
         <RobotChoice robots={robots} label={(id) => known?.robot(id) ?? id} value={robot} change={setChosen} />
+        {chosen === null && robot !== "" && robots.length > 1 && joints !== null && (
+          <p class="soft">{words.newestRobot(joints)}</p>
+        )}
         <details open={frame.of !== ""}>
           <summary>{text.frame.title}</summary>
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} problem={identify.problem} />

@@ -9,6 +9,7 @@ import numpy as np
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.run import Run
+from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.kinds.deflection.models import (
     to_directions,
     to_forward_model,
@@ -18,6 +19,7 @@ from jointstiff.service.kinds.deflection.models import (
 from jointstiff.service.kinds.deflection.results import to_case_results
 from jointstiff.service.kinds.run.budgets import to_covariances, to_deflection_budgets
 from jointstiff.solver.deflection.forward import ForwardModel
+from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
@@ -50,11 +52,25 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         confidence=request.confidence,
         model_error_postures=0 if error is None else error.postures,
         postures_needed=ModelError.needed(request.confidence),
-        remarks=remarks_of(run, model, error, request.confidence, weighed=bool(request.masses)),
+        remarks=[
+            *_far_load_points(cases, labels),
+            *remarks_of(run, model, error, request.confidence, weighed=bool(request.masses)),
+        ],
         cases=to_case_results(
             found, bound, request.confidence, to_directions(request, cases), labels, budgets
         ),
     )
+
+
+def _far_load_points(cases: LoadCases, labels: Sequence[str]) -> list[str]:
+    """Return a remark on load points that no tool reaches, which may be in another unit."""
+    distances = np.linalg.norm(cases.load_point, axis=1)
+    far = [label for label, distance in zip(labels, distances, strict=True) if distance > FAR_LOAD_POINT]
+    if not far:
+        return []
+    others = f" and of {len(far) - 1} others" if len(far) > 1 else ""
+    distance = f"{max(distances):g} m from the flange"
+    return [f"the load point of case {far[0]}{others} is up to {distance}: check its unit"]
 
 
 def forward_model(

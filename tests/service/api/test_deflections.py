@@ -114,6 +114,20 @@ def test_too_few_postures_and_extrapolation_are_said(client, pulled):
     assert not case["compliance"]["symmetric"]
 
 
+def test_a_load_point_in_another_unit_is_said(client, pulled):
+    """Millimetres in a column of metres: 120 m from the flange, in the cases or for all of them."""
+    cases = [{"label": label, "joints": JOINTS, "force": FORCE} for label in ("drill", "mill")]
+    far = "is up to 120 m from the flange: check its unit"
+    for case in cases:
+        case["load_point"] = [0, 0, 120_000.0]
+    both = post(client, "/v1/deflections", request(pulled, cases=cases), expected=200)["remarks"]
+    assert both[0] == f"the load point of case drill and of 1 others {far}"
+    of_all = post(client, "/v1/deflections", request(pulled, load_point=[0, 0, 120_000.0]), expected=200)
+    assert of_all["remarks"][0] == f"the load point of case drill {far}"
+    usual = post(client, "/v1/deflections", request(pulled, load_point=[0, 0, 4_999.0]), expected=200)
+    assert not any("check its unit" in remark for remark in usual["remarks"])
+
+
 def test_the_reason_for_no_bound_is_the_true_one():
     robot_and_set = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
     observations = robot_and_set["measurement_set"]["observations"]
@@ -227,6 +241,11 @@ class TestTables:
         assert "[N/mm]" in printed
         assert f"{1e3 * found[2]:.3f} ± " in printed
         assert max(map(len, done.stdout.splitlines())) <= 80
+        columns = ",".join(f"load point {axis} [m]" for axis in "xyz")
+        table = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,120\n")
+        (tmp_path / "far.csv").write_text(table)
+        far = CliRunner().invoke(app, ["predict", files[0], str(tmp_path / "far.csv")])
+        assert "the load point of case drill is up to 120 m from the flange" in far.stderr
         missing = CliRunner().invoke(app, ["predict", *files[:2]])
         assert missing.exit_code == 2
         assert "load_point" in missing.output

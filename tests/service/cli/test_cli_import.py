@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, POINTS
 from support.workbooks import table_of
@@ -11,10 +12,13 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.cli.app import app
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.limits import MAX_FILE_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.robot.inverse import flange_poses
 
 UNITS = ["--units", "length=mm,angle=deg,force=N"]
 
@@ -233,3 +237,28 @@ def test_lengths_are_in_millimetres_whatever_the_files_unit(folder):
     assert again.exit_code == 0, again.output
     kept = json.loads((folder / "again.json").read_text())
     assert (kept["load_point"], kept["noise"]["sigma"]) == ([0, 0, 0.1205], pytest.approx(3e-5))
+
+
+def test_unloaded_poses_are_written_for_a_geometry(folder, robot_file):
+    """Positions without load of a simulated arm, each as a target and a deviation."""
+    campaign = robot_file
+    head = "label," + ",".join(f"J{number} [deg]" for number in range(1, 7))
+    lines = [head + "".join(f",P unloaded {axis} [mm]" for axis in "xyz") + ",ex [mm],ey [mm],ez [mm]"]
+    rng = np.random.default_rng(3)
+    robot = prepare_robot(RobotDocument.model_validate(campaign["robot"])).robot
+    for number in range(30):
+        q = rng.uniform(-1.5, 1.5, 6)
+        flange = flange_poses(robot, q[None])[0]
+        place = 1e3 * (flange[:3, :3] @ (0.05, 0.02, 0.2) + flange[:3, 3])
+        parts = [np.degrees(robot.joint_map.controller_angles(q)), place - 1.0, np.ones(3)]
+        lines.append(f"{number}," + ",".join(f"{value:.9f}" for part in parts for value in part))
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    columns = [f"--column=e{axis} [mm]=P unloaded plus {axis} [mm]" for axis in "xyz"]
+    shown = run("poses.csv", *columns, "--robot", "robot.json", "--output", "poses.json")
+    assert shown.exit_code == 0, shown.output
+    assert "complete: 30 unloaded poses for a geometry" in shown.stdout
+    assert "jointstiff geometry poses.json" in shown.stderr
+    found = CliRunner().invoke(app, ["geometry", "poses.json", "--json"])
+    assert found.exit_code == 0, found.output
+    geometry = json.loads(found.stdout)
+    assert geometry["result"]["goodness"]["sigma"] < 1e-8

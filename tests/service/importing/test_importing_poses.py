@@ -1,0 +1,130 @@
+"""Unloaded poses from tables: deviations added to coordinates, and what a geometry takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.importing_samples import sources_of
+from support.shared_data import MISSING, SHARED
+
+import jointstiff
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.resources.imports import import_files
+
+TABLE = """name,J1 [deg],J2 [deg],P1 unloaded x [mm],P1 unloaded y [mm],P1 unloaded z [mm],dx,dy,dz
+c01,10,20,1000,200,300,0.5,-0.25,0.125
+c02,30,40,900,400,350,-0.5,0.75,0
+"""
+PLUS = {f"d{axis}": f"P1 unloaded plus {axis} [mm]" for axis in "xyz"}
+UR = {
+    "ur5": ((0, 0.089159), (-0.425, 0), (-0.39225, 0), (0, 0.10915), (0, 0.09465), (0, 0.0823)),
+    "ur10": ((0, 0.1273), (-0.612, 0), (-0.5723, 0), (0, 0.163941), (0, 0.1157), (0, 0.0922)),
+}
+"""The maker's a and d, in m."""
+TWISTS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+
+
+def answered(table, **options):
+    request = ImportRequest.model_validate(options)
+    return import_files(sources_of(("poses.csv", table)), request)
+
+
+def robot_of(name):
+    rows = [
+        {"a": a, "alpha": alpha, "d": d, "theta": 0.0} for (a, d), alpha in zip(UR[name], TWISTS, strict=True)
+    ]
+    model = {"format": "dh", "convention": "standard", "rows": rows}
+    return RobotDocument.model_validate({"name": name, "model": model})
+
+
+def test_deviations_are_added_to_the_coordinates_of_their_target_and_state():
+    answer = answered(TABLE, columns=PLUS, noise={"sigma": 0.02})
+    assert answer.measurement_set is None
+    assert answer.poses.model_dump(exclude_none=True) == {
+        "name": "poses",
+        "units": {"length": "mm", "angle": "deg"},
+        "noise": {"sigma": 0.02},
+        "poses": [
+            {"joints": [10.0, 20.0], "targets": {"P1": (1000.5, 199.75, 300.125)}},
+            {"joints": [30.0, 40.0], "targets": {"P1": (899.5, 400.75, 350.0)}},
+        ],
+    }
+    shown = [column.meaning for column in answer.preview.files[0].columns]
+    assert shown[6:] == ["P1 unloaded plus x", "P1 unloaded plus y", "P1 unloaded plus z"]
+    again = answered(TABLE, columns={f"d{axis}": f"{shown[6 + i]} [mm]" for i, axis in enumerate("xyz")})
+    assert again.poses.poses == answer.poses.poses
+
+
+@pytest.mark.parametrize(
+    ("columns", "reason"),
+    [
+        ({"dx": "P1 unloaded plus x [mm]", "dy": "ignore", "dz": "ignore"}, "P1 unloaded plus y is missing"),
+        ({**PLUS, "dz": "P2 unloaded plus z [mm]"}, "is missing"),
+        ({axis: meaning.replace("P1", "P2") for axis, meaning in PLUS.items()}, "belongs to no position"),
+        ({**PLUS, "dx": "P1 unloaded plus U95 x [mm]"}, "unknown column header"),
+        ({**PLUS, "dx": "P1 unloaded plus [mm]"}, "unknown column header"),
+    ],
+)
+def test_a_deviation_that_belongs_to_no_position_is_refused(columns, reason):
+    answer = answered(TABLE, columns=columns, show_faults=True)
+    assert answer.poses is None
+    assert any(reason in fault.reason for fault in answer.faults), answer.faults
+
+
+def test_an_empty_deviation_is_refused():
+    answer = answered(TABLE.replace("-0.5,0.75,0\n", ",,\n"), columns=PLUS, show_faults=True)
+    assert [fault.reason for fault in answer.faults] == ["the deviation to be added is empty"]
+
+
+def test_a_deviation_in_another_unit_is_refused():
+    answer = answered(TABLE, columns={**PLUS, "dx": "P1 unloaded plus x [m]"}, show_faults=True)
+    assert "use one unit for every length" in [fault.remedy for fault in answer.faults]
+
+
+def test_poses_need_joints_and_unloaded_positions_only():
+    ignored = {f"d{axis}": "ignore" for axis in "xyz"}
+    loaded = answered(TABLE.replace("unloaded", "loaded"), columns=ignored)
+    assert loaded.poses is None
+    without = answered(TABLE, columns={**ignored, "J1 [deg]": "ignore", "J2 [deg]": "ignore"})
+    assert without.poses is None
+    assert "joints" in without.missing_fields
+
+
+def test_uncertainties_in_the_files_become_one_sigma():
+    expanded = TABLE.replace(
+        "dx,dy,dz", "P1 unloaded U95 x [mm],P1 unloaded U95 y [mm],P1 unloaded U95 z [mm]"
+    )
+    answer = answered(expanded.replace("-0.", "0."))
+    squares = (np.array([0.5, 0.25, 0.125, 0.5, 0.75, 5e-4]) / 1.96) ** 2
+    assert answer.poses.noise.sigma == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
+def test_the_poses_of_a_real_ur5_give_its_geometry():
+    """1,000 poses, read as target plus deviation: residuals as small as the best published, 0.15 mm."""
+    columns = {"step_order": "label", **{f"joint_{number}": f"J{number} [deg]" for number in range(1, 7)}}
+    for axis in "xyz":
+        columns |= {f"{axis}_t": f"tool unloaded {axis} [mm]"}
+        columns |= {f"{axis}_dif": f"tool unloaded plus {axis} [mm]"}
+    file = SHARED / "ur5_grid" / "3D_UR5_uncalibrated_grid_cleaned.csv"
+    poses = jointstiff.import_files(file, columns=columns).poses
+    assert len(poses.poses) == 1_000
+    few = poses.model_copy(update={"poses": poses.poses[::5]})
+    found = jointstiff.geometry(few.model_dump(mode="json"), robot=robot_of("ur5"))
+    assert found.result.goodness.sigma < 0.15e-3
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
+def test_the_poses_of_a_real_ur10_give_its_geometry():
+    """Decimal commas, no labels, uncertainties that are no U(95): 632 poses of a T-Mac."""
+    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    columns = {f"{name}_joint": f"J{number} [rad]" for number, name in enumerate(joints, 1)}
+    columns |= {f"measurement_{axis}": f"TMAC unloaded {axis} [mm]" for axis in "xyz"}
+    file = SHARED / "ur10_poses" / "measurements_iso_cubes.csv"
+    ignore = [header for header in file.read_text().splitlines()[0].split(";") if header not in columns]
+    poses = jointstiff.import_files(file, columns=columns, ignore=ignore, by_order=True).poses
+    assert len(poses.poses) == 632
+    few = poses.model_copy(update={"poses": poses.poses[::6]})
+    found = jointstiff.geometry(few.model_dump(mode="json"), robot=robot_of("ur10"))
+    assert found.result.goodness.sigma < 1e-3
