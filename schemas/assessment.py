@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from jointstiff.schemas.fields import Dimensionless, Message, Name, Radians
+from jointstiff.schemas.terminal import Terminal
 
 Verdict = Literal["use", "use_with_care", "do_not_use"]
 
@@ -100,12 +101,28 @@ class Assessment(Message):
     )
 
 
-class ResultSummary(Message):
-    """Summary of a result for listings; all null while there is none."""
+class AcceptingOptions(Message):
+    """Options of what acts on a robot or guides a measurement: refused from a run not to be used."""
+
+    accept_verdict: Annotated[
+        Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
+    ] = Field(
+        default=None,
+        description="`do_not_use` to go on although the verdict on the run is that; it is refused otherwise.",
+    )
+
+
+class VerdictSummary(Message):
+    """Verdict of a result for listings; null while there is none."""
 
     verdict: Verdict | None = Field(
         default=None, description="Of the result's assessment; the worst where it has several fits."
     )
+
+
+class ResultSummary(VerdictSummary):
+    """Summary of a result for listings; all null while there is none."""
+
     compensation: Dimensionless[float | None] = Field(
         default=None,
         description="Share of the mean deflection that the model predicts: of a comparison the greatest, of "

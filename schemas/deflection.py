@@ -23,6 +23,7 @@ from jointstiff.schemas.fields import (
     TranslationPerMoment,
     Vector3,
 )
+from jointstiff.schemas.job import FromRun
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.budget import BudgetSource, Evaluation
@@ -205,7 +206,7 @@ class CaseResult(Message):
     remarks: list[str] = Field(description="Extrapolation, by name; or why there is no number or no bound.")
 
 
-class DeflectionResult(Message):
+class DeflectionResult(FromRun):
     """Deflections of all cases, in SI units."""
 
     confidence: Dimensionless[float]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.assessment import ResultSummary
+from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Timestamp
 from jointstiff.schemas.problem import Problem
 
@@ -40,13 +39,21 @@ class Progress(Message):
     activity: str = Field(description="Current step of the job.", examples=["resampling"])
 
 
-class Result(Message, ABC):
-    """The result of a job that is assessed."""
+class Result(Message):
+    """Result with an assessment: of its own readings, or of the run that it is made from."""
+
+    assessment: Assessment | None
 
     @property
-    @abstractmethod
     def summary(self) -> ResultSummary:
         """Excerpt of the job for listings."""
+        return ResultSummary(verdict=None if self.assessment is None else self.assessment.verdict)
+
+
+class FromRun(Result):
+    """Result that is made from a run."""
+
+    assessment: Assessment = Field(description="Assessment of the run that this is made from.")
 
 
 class Job(Message):

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.assessment import AcceptingOptions, VerdictSummary
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -21,7 +22,7 @@ from jointstiff.schemas.fields import (
     TranslationalCompliance,
     Vector3,
 )
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.job import FromRun, Job, JobState
 from jointstiff.schemas.plan import Box
 from jointstiff.schemas.robot import MAX_JOINTS
 
@@ -34,7 +35,7 @@ _Count = Annotated[int, Field(strict=True, ge=1, le=MAX_ALONG_AXIS)]
 Length = Metres[tuple[float, float]]
 
 
-class MapOptions(Message):
+class MapOptions(AcceptingOptions):
     """A work area, a tool and a process."""
 
     name: Name | None = None
@@ -130,7 +131,7 @@ class MapQuantile(Message):
     deflection: Metres[float]
 
 
-class MapResult(Message):
+class MapResult(FromRun):
     """A summary; the places themselves are downloaded as CSV or npz."""
 
     places: int
@@ -143,7 +144,7 @@ class MapResult(Message):
     remarks: list[str] = Field(description="What holds for all places.")
 
 
-class MapSummary(Message):
+class MapSummary(VerdictSummary):
     """A map in a listing."""
 
     id: Identifier

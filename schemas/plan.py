@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from jointstiff.schemas.assessment import AcceptingOptions, Assessment, VerdictSummary
 from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
@@ -21,7 +22,7 @@ from jointstiff.schemas.fields import (
     Timestamp,
     Vector3,
 )
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
 from jointstiff.schemas.measurement.noise import Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -94,7 +95,7 @@ class Surroundings(Message):
 PlanCriterion = Literal["relative_a", "work_area", "d", "e", "worst_place"]
 
 
-class PlanOptions(Message):
+class PlanOptions(AcceptingOptions):
     """Options of a plan."""
 
     readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
@@ -203,8 +204,12 @@ class PlannedJoint(Message):
     one_at_a_time: Compliance[float | None] = Field(description="By taking the best next reading each time.")
 
 
-class PlanResult(Message):
+class PlanResult(Result):
     """The list, and what it promises."""
+
+    assessment: Assessment | None = Field(
+        description="Assessment of the campaign so far, by joints alone; null to begin one."
+    )
 
     readings: list[PlannedReading] = Field(description="In the order of little travel and few load changes.")
     joints: list[PlannedJoint]
@@ -230,7 +235,7 @@ class PlanResult(Message):
     struck_out: dict[str, int] = Field(description="Readings that cannot be taken, by the reason.")
 
 
-class PlanSummary(Message):
+class PlanSummary(VerdictSummary):
     """A plan in a listing."""
 
     id: Identifier

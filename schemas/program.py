@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from jointstiff.schemas.assessment import AcceptingOptions, VerdictSummary
 from jointstiff.schemas.deflection import LinkMass
 from jointstiff.schemas.fields import (
     Dimensionless,
@@ -19,7 +20,7 @@ from jointstiff.schemas.fields import (
     Timestamp,
     Vector3,
 )
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.job import FromRun, Job, JobState
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.terminal import Terminal, force_of, frame_of, numbers_of
@@ -96,7 +97,7 @@ class ProgramLimits(Message):
     )
 
 
-class ProgramOptions(Message):
+class ProgramOptions(AcceptingOptions):
     """Options of a compensated program."""
 
     units: Units = Field(description="Units of what this request states; the program has its own.")
@@ -176,7 +177,7 @@ class ProgramOptions(Message):
         default=True,
         strict=True,
         description="Whether the corrected program carries a comment with the run, its verdict and the "
-        "date. A marked program is not corrected again.",
+        "date. A marked program is not corrected again. One from a run not to be used is always marked.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
         default=0.95, description="Level of the intervals."
@@ -258,7 +259,7 @@ class ProgramPoint(Message):
     capped: bool = Field(description="Whether the limits hold the correction back.")
 
 
-class ProgramResult(Message):
+class ProgramResult(FromRun):
     """Counts, spreads and the worst points; the program and all points have addresses of their own."""
 
     format: ProgramFormat
@@ -282,7 +283,7 @@ class ProgramResult(Message):
     table: ProgramFile = Field(description="All points: GET …/points.csv.")
 
 
-class ProgramSummary(Message):
+class ProgramSummary(VerdictSummary):
     """A compensated program in a listing."""
 
     id: Identifier

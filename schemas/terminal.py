@@ -11,7 +11,7 @@ from typing import Any, Literal
 class Terminal:
     """Form of a field on the command line, where its name and type do not say it.
 
-    Without `parse` and `unit` the field has no option: it comes from a file of options.
+    Without `parse`, `unit` and `flag` the field has no option: it comes from a file of options.
     """
 
     option: str = ""  # name, such as `--prior`; the field's if empty
@@ -19,6 +19,7 @@ class Terminal:
     parse: Callable[[str], Any] | None = None  # from text to JSON; raises a ValueError
     gather: Literal["one", "list", "dict"] = "one"  # whether it is repeated, and what becomes of the values
     unit: str = ""  # of its numbers as the command line states them to the API
+    flag: str = ""  # value that the option stands for, if it takes none
 
 
 def prior_of(text: str) -> tuple[str, dict[str, float]]:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.measurement.metadata import Notes
@@ -52,6 +53,7 @@ class TrendCampaign(Message):
         description="Source of `at`: time of the measurement, or, if the set does not state it, of storing."
     )
     baseline: int = Field(description="Index in `baselines` of the one that it is compared with.")
+    assessment: Assessment = Field(description="Assessment of the run.")
 
 
 class TrendBaseline(Message):

@@ -179,7 +179,7 @@ def timing(robot: Robot, run: Run, count: int) -> list[tuple[str, float]]:
     lap("write and read again")
     points = certified(made, written, found, work._model, work._inverse, 2.0)
     lap("certify")
-    points.table()
+    points.table("use")
     lap("table")
     return took
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, cast
+from typing import Annotated, Any, Final, cast
 
-from fastapi import APIRouter, HTTPException, Response
+from fastapi import APIRouter, HTTPException, Query, Response
 
+from jointstiff.schemas.assessment import AcceptingOptions
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.api.access import VIEWER, AccessRoute
@@ -31,14 +32,20 @@ router = APIRouter(prefix="/v1/runs", tags=["runs"], route_class=AccessRoute)
     response_class=Response,
     responses=_FILES | problems(404, 409, 422),
 )
-def get_run_model(parts: PartsOf, run_id: JobId, format: ModelFormat) -> Response:  # noqa: A002
+def get_run_model(
+    parts: PartsOf,
+    run_id: JobId,
+    format: ModelFormat,  # noqa: A002
+    query: Annotated[AcceptingOptions, Query()],
+) -> Response:
     """Get the identified model as a file: tables (csv, xlsx), URDF, SDFormat, or MJCF of MuJoCo.
 
     Tables have the intervals, with units in every header. MJCF and SDFormat have a spring for each joint
     with a stiffness; URDF has none, so the numbers stand in comments. A joint that is rigid, not observable
-    or not identified has no spring, and the file says why.
+    or not identified has no spring, and the file says why. A run not to be used is refused unless
+    `accept_verdict` says so.
     """
-    content = export_model(exported_model(parts, run_id), format)
+    content = export_model(exported_model(parts, run_id), format, query.accept_verdict)
     return Response(
         content,
         media_type=FORMATS[format].media_type,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Annotated, Any
 
 from anyio.to_thread import run_sync
@@ -16,6 +15,7 @@ from jointstiff.service.api.reports import REPORT_FILES, ReportFormat, report_an
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.report import job_sheet
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.tables.files import written
 
@@ -56,9 +56,7 @@ def _add_file(router: APIRouter, kind: AnyKind, file: File) -> None:
 
         def content_of() -> bytes:
             job = _succeeded(jobs, job_id)
-            sheets = import_module(f"{kind.room}.tables").SHEETS
-            sheet = sheets[file.stem](job if file.made_of == "result" else jobs.work(job_id))
-            return written(sheet, file.suffix)
+            return written(job_sheet(kind, file, job, lambda: jobs.work(job_id)), file.suffix)
 
         # Large tables take seconds: they wait for their turn, and leave the other requests theirs.
         content = await run_sync(content_of, limiter=large_bodies(request))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from jointstiff.service.cli.answers import refuse_existing, refused, write_bytes
-from jointstiff.service.cli.options import CampaignFile, Overwrite, RunFile
+from jointstiff.service.cli.options import CampaignFile, DespiteVerdict, Overwrite, RunFile
 
 if TYPE_CHECKING:
     from jointstiff.service.exporting.formats import ModelFormat
@@ -36,6 +36,7 @@ def export(
         ),
     ],
     run: RunFile = None,
+    despite_verdict: DespiteVerdict = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Export a campaign's model: stiffness and intervals as a table, or springs for a simulator."""
@@ -50,7 +51,8 @@ def export(
     refuse_existing(output, overwrite=overwrite)
     try:
         measured = None if run is None else read_document(run, Run)
-        content = models.exported(read_campaign(file), found, measured)
+        accepted = "do_not_use" if despite_verdict else None
+        content = models.exported(read_campaign(file), found, measured, accepted)
     except CampaignError as error:
         raise refused(error.problem) from error
     write_bytes(output, content)

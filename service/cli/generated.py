@@ -221,15 +221,19 @@ def _field_options(message: type[Message]) -> Iterator[tuple[str, Any]]:
     for name, field in message.model_fields.items():
         terminal = _terminal(field)
         kind: Any
-        if terminal.parse is not None:
+        form: dict[str, Any]
+        if terminal.flag:
+            kind, form = bool, {}
+        elif terminal.parse is not None:
             kind = Parsed if terminal.gather == "one" else list[Parsed]
-            form: dict[str, Any] = {"parser": terminal.parse, "metavar": terminal.metavar}
+            form = {"parser": terminal.parse, "metavar": terminal.metavar}
         elif (shape := _shape(_bare(field.annotation), terminal.unit)) is not None:
             kind, form = shape
         else:
             continue
         flag = terminal.option or f"--{name.replace('_', '-')}"
-        flag += f"/--no-{name.replace('_', '-')}" if kind is bool else ""
+        if kind is bool and not terminal.flag:
+            flag += f"/--no-{name.replace('_', '-')}"
         text = " ".join((field.description or "").split())
         yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
 
@@ -243,7 +247,10 @@ def _terminal(field: FieldInfo) -> Terminal:
 
 def _gathered(kind: AnyKind, name: str, value: Any) -> Any:  # noqa: ANN401 - JSON
     """Return the value of a field from what its option has parsed."""
-    return dict(value) if _terminal(kind.options.model_fields[name]).gather == "dict" else value
+    terminal = _terminal(kind.options.model_fields[name])
+    if terminal.flag:
+        return terminal.flag
+    return dict(value) if terminal.gather == "dict" else value
 
 
 def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type

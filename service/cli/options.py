@@ -106,6 +106,9 @@ NamedRobot = Annotated[
         'name, such as "KUKA KR 210 R2700": `jointstiff robots` lists them.',
     ),
 ]
+DespiteVerdict = Annotated[
+    bool, typer.Option("--despite-verdict", help="Go on although the verdict on the run is: do not use.")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 DatabaseUrl = Annotated[

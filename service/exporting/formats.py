@@ -13,6 +13,7 @@ from jointstiff.service.exporting.sdf import sdf
 from jointstiff.service.exporting.tables import joints_csv
 from jointstiff.service.exporting.urdf import urdf
 from jointstiff.service.exporting.workbook import workbook
+from jointstiff.service.kinds.acceptance import refuse_unaccepted
 
 ModelFormat = Literal["csv", "xlsx", "urdf", "sdf", "mjcf"]
 
@@ -37,6 +38,11 @@ FORMATS: Final[Mapping[ModelFormat, Format]] = MappingProxyType(
 )
 
 
-def export_model(model: ExportedModel, name: ModelFormat) -> bytes:
-    """Return a model as a file of a format."""
+def export_model(model: ExportedModel, name: ModelFormat, accept_verdict: str | None = None) -> bytes:
+    """Return a model as a file of a format.
+
+    Raises:
+        VerdictError: the run is not to be used, and that is not accepted.
+    """
+    refuse_unaccepted(model.result.assessment, accept_verdict, f"run '{model.run.id}'")
     return FORMATS[name].write(model)

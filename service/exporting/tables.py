@@ -9,6 +9,7 @@ from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.exporting.model import ExportedModel, stiffness_of, why_no_stiffness
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet, Value
+from jointstiff.service.tables.verdict import judged
 
 _PLACE: Final = ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
 _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
@@ -16,7 +17,8 @@ _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 
 def joints_table(model: ExportedModel) -> Sheet:
     """Return a row a joint. What there is no number for is an empty cell, and `reason` says why."""
-    return Sheet.of_rows(_joint_row(model, joint) for joint in model.result.joints)
+    sheet = Sheet.of_rows(_joint_row(model, joint) for joint in model.result.joints)
+    return judged(sheet, model.result.assessment)
 
 
 def _joint_row(model: ExportedModel, joint: JointResult) -> dict[str, Value]:

@@ -253,6 +253,7 @@ class Jobs:
             "summary": record.summary,
             "document": record.document,
             "elasticity": record.elasticity,
+            "verdict": record.verdict,
         }
 
     def _end(

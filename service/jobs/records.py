@@ -17,6 +17,7 @@ _COLUMNS: Final = (
     "method",
     "weighting",
     "elasticity",
+    "verdict",
 )
 """Columns of the store that have the values of the summary's fields."""
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, cast, get_origin
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, cast, get_args, get_origin
 
 from pydantic import Field, create_model
 
@@ -97,12 +97,18 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
         """Both names, for the store."""
         return Resource(self.name, self.collection)
 
+    @property
+    def listed_by(self) -> Mapping[str, str]:
+        """Filters of its listing: its own, and the verdict where its summary has one."""
+        verdict = {"verdict": "verdict"} if "verdict" in self.summary.model_fields else {}
+        return {**self.filters, **verdict}
+
     @cached_property
     def query(self) -> type[JobQuery]:
         """Page and filters of a listing."""
         fields: dict[str, Any] = {
             name: (_filter_type(name, self.summary), Field(default=None, description=f"Filter by {words}."))
-            for name, words in self.filters.items()
+            for name, words in self.listed_by.items()
         }
         query: type[JobQuery] = create_model(f"{self.message.__name__}Query", __base__=JobQuery, **fields)
         return query
@@ -130,4 +136,5 @@ def _filter_type(name: str, summary: type[Message]) -> Any:  # noqa: ANN401 - a 
     if name.endswith("_id"):
         return Reference | None
     annotation = summary.model_fields[name].annotation
-    return Optional[annotation] if get_origin(annotation) is Literal else ExactName | None  # noqa: UP045
+    one = next((each for each in get_args(annotation) if get_origin(each) is Literal), annotation)
+    return Optional[one] if get_origin(one) is Literal else ExactName | None  # noqa: UP045

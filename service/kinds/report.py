@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any, Final
 
 from rich.console import RenderableType
 
 from jointstiff.schemas.job import Job
-from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.kind import AnyKind, File
+from jointstiff.service.kinds.work import Work
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import Line, Part
+from jointstiff.service.tables.table import Line, Part, Sheet
 from jointstiff.service.tables.terminal import printed
 from jointstiff.service.tables.verdict import (
+    judged,
     problem_line,
     remedies,
     to_do_lines,
@@ -22,6 +25,7 @@ from jointstiff.service.tables.verdict import (
 from jointstiff.service.tables.view import Report, View
 
 _DEFAULT: Final = View()
+_DESPITE: Final = Line("  made despite this verdict, as the request accepts it", "bad")
 
 
 def job_report(kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:
@@ -48,8 +52,22 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     details, warnings = view.details, getattr(result, "warnings", ())
     return [
         *verdict_lines(assessment, details=details),
+        *([_DESPITE] if assessment.verdict == getattr(job.request, "accept_verdict", None) else []),
         *report.parts,
         *warning_lines(assessment, warnings, details=details),
         *report.evidence,
         *to_do_lines([*remedies(assessment), *report.advice], details=details),
     ]
+
+
+def job_sheet(kind: AnyKind, file: File, job: Job, work: Callable[[], Work]) -> Sheet:
+    """Return the table of a file of a job that has succeeded, with the verdict.
+
+    Args:
+        kind: kind of the job.
+        file: one of the kind's.
+        job: with its result.
+        work: return the job's work, for a table that is made of it.
+    """
+    sheet = import_module(f"{kind.room}.tables").SHEETS[file.stem]
+    return judged(sheet(job if file.made_of == "result" else work()), getattr(job.result, "assessment", None))

@@ -30,20 +30,23 @@ if TYPE_CHECKING:
     from jointstiff.schemas.run.run import Run
 
 
-def exported(campaign: Campaign, name: ModelFormat, run: Run | None = None) -> bytes:
+def exported(
+    campaign: Campaign, name: ModelFormat, run: Run | None = None, accept_verdict: str | None = None
+) -> bytes:
     """Return the model of a campaign as a file.
 
     Args:
         campaign: robot and readings.
         name: of the format.
         run: of that campaign; identified now, as the campaign says, if None.
+        accept_verdict: `do_not_use` to export a run with that verdict.
 
     Raises:
         CampaignError: robot, readings or run cannot be used.
     """
     model = _model(campaign, run)
     with as_campaign_error("export"):
-        return export_model(model, name)
+        return export_model(model, name, accept_verdict)
 
 
 def reported(path: Path, as_pdf: bool, settings: LaboratorySettings, run: Run | None = None) -> bytes:

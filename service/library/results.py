@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -18,7 +17,7 @@ from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
-from jointstiff.service.kinds.report import job_report
+from jointstiff.service.kinds.report import job_report, job_sheet
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
@@ -58,8 +57,7 @@ class _Shown:
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
         if file.made_of == "work" and self._inputs is None:
             raise ValueError(f"the table of a {kind.name} is made of its inputs, which are the service's")
-        made_of = job if file.made_of == "result" else kind.work(self._inputs, job.request)
-        return written(import_module(f"{kind.room}.tables").SHEETS[file.stem](made_of), suffix)
+        return written(job_sheet(kind, file, job, lambda: kind.work(self._inputs, job.request)), suffix)
 
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
@@ -174,20 +172,22 @@ class TabledRun(_Shown, Run):
         as_pdf = _suffix(path, {"pdf", "html"}) == "pdf"
         Path(path).write_bytes(reported_run(self.campaign, as_pdf, settings, self))
 
-    def export(self, path: str | Path) -> None:
+    def export(self, path: str | Path, accept_verdict: str | None = None) -> None:
         """Write the identified model.
 
         Args:
             path: file to write, ending in `.csv`, `.xlsx`, `.urdf`, `.sdf`, `.mjcf`, or `.xml` (MJCF).
+            accept_verdict: `do_not_use` to export a run with that verdict.
 
         Raises:
-            CampaignError: the run has no model for this format.
+            CampaignError: the run has no model for this format, or is not to be used.
         """
         from jointstiff.service.exporting.formats import FORMATS
         from jointstiff.service.library.models import exported
 
         suffix = _suffix(path, {*FORMATS, "xml"})
-        Path(path).write_bytes(exported(self.campaign, cast("Any", suffix.replace("xml", "mjcf")), self))
+        name = cast("Any", suffix.replace("xml", "mjcf"))
+        Path(path).write_bytes(exported(self.campaign, name, self, accept_verdict))
 
 
 @cache

@@ -17,7 +17,8 @@ StoreError                     a database that this software cannot work with: s
 └── CursorError                not a cursor that a page gave: start from the first page
 
 RequestError of the numerical core
-└── FilesError                 files that were not understood: mend them
+├── FilesError                 files that were not understood: mend them
+└── VerdictError               a result that is not to be used: mend the readings, or accept its verdict
 """
 
 from __future__ import annotations
@@ -44,6 +45,31 @@ class FilesError(RequestError):
     def items(self) -> tuple[tuple[str, str, str], ...]:
         """Place, reason and remedy of each fault, where several are known."""
         return ()
+
+
+class VerdictError(RequestError):
+    """A result is not to be used, and the request does not accept that."""
+
+    def __init__(self, subject: str, where: str, items: tuple[tuple[str, str, str], ...]) -> None:
+        """Refuse a result.
+
+        Args:
+            subject: name of the result.
+            where: field of the request that names it.
+            items: place, message and remedy of each reason.
+        """
+        super().__init__(
+            f"the verdict on {subject} is: do not use",
+            where=where,
+            remedy="do what the reasons advise and identify again; or, to go on all the same, state "
+            "accept_verdict: do_not_use (--despite-verdict in the terminal)",
+        )
+        self.subject = subject
+        self.items = items
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way from a worker process."""
+        return type(self), (self.subject, self.where, self.items)
 
 
 def _shown(text: str) -> str:

@@ -23,6 +23,7 @@ from jointstiff.service.problems.errors import (
     StoreError,
     StoreUnavailableError,
     TooManyJobsError,
+    VerdictError,
     WorkerLostError,
     WrongKeysError,
 )
@@ -51,6 +52,7 @@ _NO_OBJECT: Final = {"model_type", "model_attributes_type", "dict_type"}
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
     {
         UnsupportedMethodError: (422, "unsupported-method", "The readings cannot support this method"),
+        VerdictError: (422, "not-to-be-used", "The result is not to be used"),
         FilesError: (422, "invalid-file", "The files were not understood"),
         RequestError: (422, "invalid-request", "The request cannot be carried out"),
         RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
@@ -97,7 +99,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
 def problem_of(error: JointstiffError | StoreError) -> Problem:
     """Problem details of one of the project's errors."""
     status, slug, title = _kind(error)
-    items = error.items if isinstance(error, FilesError) else ()
+    items = error.items if isinstance(error, FilesError | VerdictError) else ()
     problem = Problem(
         type=_urn(slug),
         title=title,

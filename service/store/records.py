@@ -82,6 +82,7 @@ class JobRecord(JobEntry):
     method: str | None
     weighting: str | None
     elasticity: str | None
+    verdict: str | None
     document: str
     """JSON text of the kind's message."""
 

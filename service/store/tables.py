@@ -183,6 +183,7 @@ jobs = _numbered(
         "method",
         "weighting",
         "elasticity",
+        ("kind", "verdict"),
     ],
 )
 for _table in (robots, measurement_sets, jobs):

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.assessment import Assessment, Reason, Verdict
 from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.tables.table import Line, Style
+from jointstiff.service.tables.table import Line, Sheet, Style
 
 MOST_SHOWN: Final = 3
 """Maximum number of reasons, and of things to do, without `--details`."""
+OVERALL: Final = "overall verdict"
+"""Header of the column of a file that has the verdict on all of it."""
 _HEADLINES: Final[Mapping[Verdict, tuple[str, Style]]] = MappingProxyType(
     {
         "use": ("Use: nothing speaks against these numbers", "verdict_use"),
@@ -30,6 +33,15 @@ _SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     }
 )
 """Warnings that a reason says better."""
+
+
+def judged(sheet: Sheet, assessment: Assessment | None) -> Sheet:
+    """Return a sheet with the verdict on all of it in a column of its own; as it is without one."""
+    if assessment is None or not sheet.columns:
+        return sheet
+    rows = len(next(iter(sheet.columns.values())))
+    columns = {**sheet.columns, OVERALL: [assessment.verdict] * rows}
+    return replace(sheet, columns=columns, texts=sheet.texts | {OVERALL})
 
 
 def verdict_line(assessment: Assessment) -> Line:
@@ -103,11 +115,13 @@ def _counted(count: int, noun: str) -> str:
 
 def problem_line(problem: Problem) -> Line:
     """Return an error as text: what, where, and how to mend it."""
-    if len(problem.errors) > 1:
+    if len(problem.errors) > 1 or any(item.reason not in problem.detail for item in problem.errors):
         lines = [
             f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
             for item in problem.errors
         ]
+        if problem.remedy and all(problem.remedy != item.remedy for item in problem.errors):
+            lines.append(f"remedy: {problem.remedy}")
         return Line("\n".join([problem.title, *(f"  {line}" for line in lines)]), "bad")
     place = f"{problem.where}: " if problem.where else ""
     detail = problem.errors[0].reason if problem.errors else problem.detail

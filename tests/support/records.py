@@ -30,6 +30,7 @@ def job_record(kind: Resource = RUN, identifier: str = "u1", **changes: Any) -> 
         method=None,
         weighting=None,
         elasticity=None,
+        verdict=None,
         second_set_id=None,
         name=None,
         document="{}",

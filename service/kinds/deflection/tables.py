@@ -14,6 +14,7 @@ from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptio
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, Value, number
+from jointstiff.service.tables.verdict import judged, verdict_lines
 from jointstiff.solver.errors import RequestError
 
 _HEADER: Final = re.compile(r"(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*")
@@ -148,7 +149,7 @@ def _case(row: list[str], columns: list[_Column], line: int, delimiter: str) -> 
 
 
 def prediction_parts(result: DeflectionResult) -> list[Part]:
-    """Return predictions for people: a row for each case, in mm and N/mm, then the remarks."""
+    """Return predictions for people: the verdict, a row for each case in mm and N/mm, then the remarks."""
     percent, cases = f"{100 * result.confidence:g} %", result.cases
     along = [None if case.compliance is None else case.compliance.along for case in cases]
     stiffness = [each and each.lateral_free for each in along]
@@ -171,7 +172,12 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
         caption=f"U and model error at {percent}; stiffness along the force, free to move sideways",
         plain=True,
     )
-    return [table, *(Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks)]
+    lines = verdict_lines(result.assessment, details=False)
+    return [
+        *lines,
+        table,
+        *(Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks),
+    ]
 
 
 def _component(case: CaseResult, axis: int) -> str:
@@ -185,7 +191,7 @@ def _component(case: CaseResult, axis: int) -> str:
 
 def prediction_csv(result: DeflectionResult) -> str:
     """Return predictions as a table for spreadsheets, one row a case; what has no number is an empty cell."""
-    return csv_text(Sheet.of_rows(_prediction_row(case) for case in result.cases))
+    return csv_text(judged(Sheet.of_rows(_prediction_row(case) for case in result.cases), result.assessment))
 
 
 def _prediction_row(case: CaseResult) -> dict[str, Value]:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult
 from jointstiff.schemas.run.model import IdentifiedModel
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.kinds.deflection.models import (
     to_directions,
@@ -49,6 +50,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         radius = None if bound is None else bound.radius
         budgets = to_deflection_budgets(budget, contributions, radius, model.quantile(request.confidence))
     return DeflectionResult(
+        assessment=assessment_of(run),
         confidence=request.confidence,
         model_error_postures=0 if error is None else error.postures,
         postures_needed=ModelError.needed(request.confidence),
@@ -91,21 +93,31 @@ def forward_model(
     return model, error
 
 
+def assessment_of(run: Run) -> Assessment:
+    """Return the assessment of a run that predicts; raises as `model_of` does."""
+    return _result_of(run).assessment
+
+
 def model_of(run: Run) -> IdentifiedModel:
     """Return the model of a run that predicts.
 
     Raises:
         RequestError: the run has none.
     """
+    model = _result_of(run).model
+    if model is None:
+        raise RequestError(f"run '{run.id}' holds no model", where="run_id", remedy="identify the set again")
+    return model
+
+
+def _result_of(run: Run) -> RunResult:
     if run.result is None:
         raise RequestError(
             f"run '{run.id}' has {run.state} and has no model",
             where="run_id",
             remedy="name one that succeeded",
         )
-    if run.result.model is None:
-        raise RequestError(f"run '{run.id}' holds no model", where="run_id", remedy="identify the set again")
-    return run.result.model
+    return run.result
 
 
 def remarks_of(

@@ -55,7 +55,7 @@ The table is computed again from the map's run, which never changes: keep the ru
             name="map.npz",
             operation="get_map_arrays",
             description="Get the same as numpy's npz, to the last digit.",
-            content="Arrays `headers`, `table` and `status`.",
+            content="Arrays `headers`, `table`, `status` and `overall verdict`.",
             media_type="application/octet-stream",
             made_of="work",
         ),

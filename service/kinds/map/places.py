@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas import map as messages
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
@@ -91,6 +92,7 @@ def to_map_result(
     found: DeflectionMap,
     *,
     model_error_postures: int,
+    assessment: Assessment,
     remarks: Sequence[str],
 ) -> messages.MapResult:
     """Return the summary of a map."""
@@ -108,6 +110,7 @@ def to_map_result(
             for share, value in zip(_SHARES, values, strict=True)
         ]
     return messages.MapResult(
+        assessment=assessment,
         places=len(found),
         counts=messages.MapCounts(**counts),
         quantiles=quantiles,

@@ -10,7 +10,8 @@ from jointstiff.schemas.map import MapOptions, MapRequest, MapResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
-from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
+from jointstiff.service.kinds.acceptance import accepted_run
+from jointstiff.service.kinds.deflection.work import assessment_of, forward_model, remarks_of
 from jointstiff.service.kinds.map.places import (
     to_map_result,
     to_map_task,
@@ -93,6 +94,7 @@ class MapWork(SteppedWork[DeflectionMap]):
             self.places,
             found,
             model_error_postures=0 if error is None else error.postures,
+            assessment=assessment_of(run),
             remarks=remarks_of(run, self._model, error, self.request.confidence, weighed=False),
         )
 
@@ -115,5 +117,5 @@ def work(inputs: Inputs, request: MapRequest) -> MapWork:
     Raises:
         RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
     """
-    found = inputs.run(request.run_id, "run_id")
+    found = accepted_run(inputs, request)
     return MapWork(found.prepared.robot, found.prepared.robot_id, found.run, request)

@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from jointstiff.schemas import plan as plans
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.campaign_plan import CampaignPlan
@@ -90,13 +91,16 @@ def to_design_request(
     )
 
 
-def to_plan_result(request: PlanRequest, plan: CampaignPlan, robot: Robot) -> plans.PlanResult:
-    """Return a plan as a message."""
+def to_plan_result(
+    request: PlanRequest, plan: CampaignPlan, robot: Robot, assessment: Assessment | None
+) -> plans.PlanResult:
+    """Return a plan as a message, with the assessment of the campaign so far."""
     chosen = plan.parameters.joints
     c = plan.parameters.nominal[chosen]
     known = plan.parameters.known[chosen]
     digits = len(str(len(plan.joints)))
     return plans.PlanResult(
+        assessment=assessment,
         readings=[
             plans.PlannedReading(
                 label=f"{'v' if held else 'p'}{i + 1:0{digits}d}",

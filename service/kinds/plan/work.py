@@ -10,19 +10,26 @@ import numpy as np
 
 from jointstiff.schemas.plan import PlanRequest, PlanResult
 from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.assessments import to_assessment
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.plan.design import to_design_request, to_plan_result
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.design.campaign_plan import plan_campaign
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.inference.screening import screen_estimate
 from jointstiff.solver.robot.model import Robot
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which it is no nominal value."""
+_TOO_LITTLE: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
+"""Reasons that are no mistakes in the readings: more of them are the remedy."""
+_LINKS: Final = frozenset({"deflection_unexplained"})
+"""Reasons that bending links explain, which the plan takes for a nuisance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +66,38 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
     """Return the plan.
 
     Raises:
-        RequestError: something of the robot or the campaign is missing, or no such plan exists.
+        RequestError: something of the robot or the campaign is missing, the campaign so far is not to be
+            used, or no such plan exists.
     """
     robot, prepared = planned.robot, planned.prepared
-    nominal, sigma, unexplained = np.full(robot.n, np.nan), None, None
+    nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
     if prepared is not None:
-        estimate = identify(robot, prepared.measurements, to_settings(RunOptions(), robot))
+        settings = to_settings(RunOptions(), robot)
+        estimate = identify(robot, prepared.measurements, settings)
         sigma = estimate.sigma
         for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
             u = joint.standard_uncertainty
             if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
                 nominal[j] = joint.compliance
-        prediction = predict(robot, prepared.measurements, estimate.compliance)
+        prediction = predict(
+            robot,
+            prepared.measurements,
+            estimate.compliance,
+            complementary_stiffness=settings.complementary_stiffness,
+        )
+        screening = screen_estimate(robot, prepared.measurements, estimate)
+        found = prepared.assess(settings, estimate, prediction, screening)
+        assessment = to_assessment(found, prepared.readings)
+        refuse_unaccepted(
+            assessment,
+            request.accept_verdict,
+            "the campaign so far",
+            "measurement_set_id",
+            passed_over=_TOO_LITTLE | _LINKS if screening.links_speak else _TOO_LITTLE,
+        )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else (prepared.measurements, tuple(prepared.readings.targets.tolist()))
     asked = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
-    return to_plan_result(asked, plan_campaign(robot, asked), robot)
+    return to_plan_result(asked, plan_campaign(robot, asked), robot, assessment)

@@ -9,9 +9,11 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.assessment import Verdict
 from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
 from jointstiff.service.kinds.program.path import ProgramPath
 from jointstiff.service.tables.files import guarded
+from jointstiff.service.tables.verdict import OVERALL
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.compensation import Compensation
 from jointstiff.solver.deflection.model_error import ModelErrorBound
@@ -116,8 +118,8 @@ class WrittenPoints:
             capped=bool(found.capped[k]),
         )
 
-    def table(self) -> str:
-        """Return all points as CSV, in the order of the path."""
+    def table(self, verdict: Verdict) -> str:
+        """Return all points as CSV, in the order of the path, with the verdict on the run."""
         place, program = self.place, self.path.program
         angles = np.degrees(self.path.cases.joints)
         rows = np.full(len(self.path.targets), -1)
@@ -137,7 +139,7 @@ class WrittenPoints:
             name = _cell(target.name) if target.name else ""
             found = numbers[row] if row >= 0 else _NOTHING
             head = f"{point + 1},{name},{names[target.source]},{target.line}"
-            lines.append(f"{head},{_WHERE % tuple(where)},{found},{reason}")
+            lines.append(f"{head},{_WHERE % tuple(where)},{found},{reason},{verdict}")
         return "\n".join([*lines, ""])
 
     def _numbers(self) -> list[str]:
@@ -195,9 +197,10 @@ _HEADER: Final = (
     "rounding [mm]",
     "share [1]",
     "remark",
+    OVERALL,
 )
 _WHERE: Final = ",".join(["%.6f"] * 3 + ["%.4f"] * 6)
-_NOTHING: Final = "," * (len(_HEADER) - 15)
+_NOTHING: Final = "," * (len(_HEADER) - 16)
 
 
 def _size(vectors: FloatArray) -> FloatArray:

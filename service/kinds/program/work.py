@@ -26,8 +26,9 @@ from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.kinds.acceptance import accepted_run
 from jointstiff.service.kinds.deflection.models import to_own_weight
-from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
+from jointstiff.service.kinds.deflection.work import assessment_of, forward_model, remarks_of
 from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
@@ -82,6 +83,7 @@ class ProgramWork(SteppedWork[Corrections]):
             raise RequestError(
                 "no such file was sent", where="loads", remedy="send the table of loads among the files"
             )
+        self._assessment = assessment_of(run)
         self._program = read_program(files, request.format, request.leave_alone)
         table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.of(self._program, request, table)
@@ -154,8 +156,8 @@ class ProgramWork(SteppedWork[Corrections]):
         quantile = self._model.quantile(self._request.confidence)
         points = certified(path, written, found, self._model, self._inverse, quantile)
         contents = list(written.files)
-        if self._request.mark and points.changed.any():
-            verdict = self._run.result.assessment.verdict if self._run.result else "do_not_use"
+        verdict = self._assessment.verdict
+        if (self._request.mark or verdict == "do_not_use") and points.changed.any():
             today = datetime.now(UTC).date()
             contents[0] = marked(written.format, contents[0], self._run.id, verdict, today)
         names = [source.name for source in written.sources]
@@ -182,6 +184,7 @@ class ProgramWork(SteppedWork[Corrections]):
             for vectors in (found.uncorrected, found.correction, points.residual)
         )
         return ProgramResult(
+            assessment=self._assessment,
             format=kind,
             points=len(program.targets),
             moves=len(program.moves),
@@ -196,7 +199,7 @@ class ProgramWork(SteppedWork[Corrections]):
             worst=points.worst(),
             remarks=self._remarks(found),
             files=files,
-            table=packed("points.csv", points.table().encode()),
+            table=packed("points.csv", points.table(self._assessment.verdict).encode()),
         )
 
     def _remarks(self, found: Corrections) -> list[str]:
@@ -272,7 +275,7 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
     Raises:
         RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
     """
-    found = inputs.run(request.run_id, "run_id")
+    found = accepted_run(inputs, request)
     sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
     for summary in inputs.listed(Program, found.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):

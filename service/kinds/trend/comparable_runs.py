@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.run.options import Method, Weighting
 from jointstiff.service.kinds.trend.work import Campaign, JointNumbers
 from jointstiff.service.store.records import JobEntry, MeasurementSetEntry
@@ -21,18 +22,9 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class _Reason(_Part):
-    message: str
-
-
-class _Verdict(_Part):
-    verdict: str
-    reasons: list[_Reason]
-
-
 class _Numbers(_Part):
     joints: list[JointNumbers]
-    assessment: _Verdict
+    assessment: Assessment
     links: dict[str, object] | None
 
 
@@ -99,7 +91,7 @@ def _unfit(candidate: Candidate) -> str | None:
     """Return why a run enters no trend at all; None if it may."""
     asked, result = candidate.run.request, candidate.run.result
     verdict = result.assessment
-    if verdict is not None and verdict.verdict == "do_not_use":
+    if verdict.verdict == "do_not_use":
         why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
         return f"its assessment is: do not use{why}"
     if result.links is not None:
@@ -156,6 +148,7 @@ def _campaign(candidate: Candidate) -> Campaign:
         name=measured.name,
         at=candidate.at,
         time_source="created_at" if measured.measured_at is None else "measured_at",
+        assessment=candidate.run.result.assessment,
         joints={joint.name: joint for joint in candidate.run.result.joints},
         instrument=measured.instrument,
     )

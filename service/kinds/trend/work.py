@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.solver.trend.alarms import Alarm, alarms_of
 from jointstiff.solver.trend.chart import Chart, charts_of
 from jointstiff.solver.trend.monitor import FALSE_ALARMS, LIFE
@@ -53,6 +54,7 @@ class Campaign:
     name: str
     at: datetime
     time_source: Literal["measured_at", "created_at"]
+    assessment: Assessment  # of its run
     joints: Mapping[str, JointNumbers]  # its run's results by name
     instrument: str | None = None  # that the measurement set names, tracker and load cell
 
@@ -112,6 +114,7 @@ def trend_of(given: TrendInput) -> TrendNumbers:
                 at=one.at,
                 time_source=one.time_source,
                 baseline=index,
+                assessment=one.assessment,
             )
             for one, index in zip(given.campaigns, chosen, strict=True)
         ],

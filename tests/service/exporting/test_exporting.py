@@ -95,7 +95,8 @@ def test_tables_have_the_very_numbers_with_units(pulled, name):
         ]
         expected = [joint.stiffness, *joint.stiffness_interval, joint.standard_uncertainty]
         assert found == (expected if name == "csv" else pytest.approx(expected, rel=1e-15))  # of 16 digits
-    texts = {"joint", "status", "verdict", "reason", "run", "input SHA-256"}
+    texts = {"joint", "status", "verdict", "reason", "run", "input SHA-256", "overall verdict"}
+    assert {row["overall verdict"] for row in columns} == {pulled.result.assessment.verdict}
     assert all("[" in header for header in head if header not in texts)
 
 

@@ -100,8 +100,9 @@ class TestDownloads:
         answer = client.get(f"/v1/maps/{made['id']}/map.npz")
         with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
             headers, table, status = list(found["headers"]), found["table"], found["status"]
+            assert set(found["overall verdict"]) == {made["result"]["assessment"]["verdict"]}
         rows = rows_of(client, made)
-        assert ["status", *headers] == list(rows[0])
+        assert ["status", *headers, "overall verdict"] == list(rows[0])
         assert status.tolist() == [row["status"] for row in rows]
         for row, numbers in zip(rows, table, strict=True):
             read = [float(row[header] or "nan") for header in headers]

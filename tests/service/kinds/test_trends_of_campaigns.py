@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.trend import TrendSelection
 from jointstiff.service.kinds.trend.trend_notes import acknowledgements_of, note_of
 from jointstiff.service.kinds.trend.work import Campaign, JointBudget, JointNumbers, TrendInput, trend_of
@@ -21,6 +22,9 @@ SELECTION = TrendSelection(
     encoders="motor",
     complementary_stiffness="neglected",
 )
+
+
+CLEAN = Assessment(verdict="use", reasons=[])
 
 
 def campaigns(instruments):
@@ -39,7 +43,9 @@ def campaigns(instruments):
             budget=JointBudget(force_scale=0.029 * c),
         )
         at = START + timedelta(days=number)
-        yield Campaign(str(number), str(number), "c", at, "measured_at", {"joint_1": joint}, instrument)
+        yield Campaign(
+            str(number), str(number), "c", at, "measured_at", CLEAN, {"joint_1": joint}, instrument
+        )
 
 
 def limit_of(instruments):

@@ -1,0 +1,52 @@
+"""Refusal of what acts on a robot, or guides a measurement, by a run that is not to be used."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.map import MapRequest
+from jointstiff.schemas.program import ProgramRequest
+from jointstiff.service.inputs.inputs import Inputs, MeasuredRun
+from jointstiff.service.problems.errors import VerdictError
+
+
+def accepted_run(inputs: Inputs, request: MapRequest | ProgramRequest) -> MeasuredRun:
+    """Return the run that a request names.
+
+    Raises:
+        RequestError: there is no such run, or it is not to be used and the request does not accept that.
+    """
+    found = inputs.run(request.run_id, "run_id")
+    if found.run.result is not None:
+        refuse_unaccepted(found.run.result.assessment, request.accept_verdict, f"run '{found.run.id}'")
+    return found
+
+
+def refuse_unaccepted(
+    assessment: Assessment,
+    accept_verdict: str | None,
+    subject: str,
+    where: str = "run_id",
+    *,
+    passed_over: Collection[str] = (),
+) -> None:
+    """Refuse a result that is not to be used, with the reasons.
+
+    Args:
+        assessment: of the result.
+        accept_verdict: verdict that the request accepts.
+        subject: name of the result, for the message.
+        where: field of the request that names it.
+        passed_over: codes of reasons that do not count.
+
+    Raises:
+        VerdictError: it is not to be used, and the request does not accept that.
+    """
+    reasons = [
+        (reason.where or "all readings", reason.message, reason.remedy)
+        for reason in assessment.reasons
+        if reason.weight == "do_not_use" and reason.code not in passed_over
+    ]
+    if reasons and accept_verdict != assessment.verdict:
+        raise VerdictError(subject, where, tuple(reasons))

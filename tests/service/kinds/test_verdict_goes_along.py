@@ -1,0 +1,243 @@
+"""The verdict of a run in all that is made from it; nothing acts on a robot by a run not to be used."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import pytest
+from rich.console import Console
+from support.in_process import Client
+from support.programs import options, path, tool_poses
+from typer.testing import CliRunner
+
+import jointstiff
+from jointstiff.schemas.job import Result
+from jointstiff.service.cli.app import app
+from jointstiff.service.exporting.formats import FORMATS
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.report import job_report
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+MAP = {
+    "area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]],
+    "grid": [2, 2, 1],
+    "place": [0.0, 0.0, 0.25],
+    "force": [0.0, 300.0, -500.0],
+}
+PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "force": 1500.0}}
+ACCEPTED = {"accept_verdict": "do_not_use"}
+REFUSED = ("plan", "map", "program")
+"""Kinds that act on a robot, or guide a measurement."""
+TEXT = program_text("krl", tool_poses(path(3)), 4)
+HEADLINE = "Do not use: "
+
+
+def campaign():
+    """Return pulls whose columns of joints 2 and 3 are exchanged."""
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    for observation in document["measurement_set"]["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+    return document
+
+
+@pytest.fixture(scope="module")
+def client():
+    with Store.open("sqlite://") as store:
+        yield Client(store)
+
+
+@pytest.fixture(scope="module")
+def posted(client):
+    """Return ids of a robot, its measurement set, and the run of it."""
+
+    def post(collection, body):
+        answer = client.request("POST", f"/v1/{collection}", json=body)
+        assert answer.status_code == 201, answer.text
+        return answer.json()["id"]
+
+    document = campaign()
+    robot = post("robots", document["robot"])
+    measured = post("measurement-sets", document["measurement_set"] | {"robot_id": robot})
+    return {"robot": robot, "set": measured, "run": post("runs", {"measurement_set_id": measured})}
+
+
+def post(client, posted, kind, **more):
+    """Post a job of a kind that is made from the run or its campaign."""
+    side = {"measurement_set_id": posted["set"]}
+    if kind == "program":
+        stated = json.dumps(options("krl") | {"run_id": posted["run"]} | more)
+        files = [("files", ("cell.src", TEXT.encode("latin-1")))]
+        return client.request("POST", "/v1/programs", files=files, data={"options": stated})
+    collection, body = {
+        "run": ("runs", side),
+        "comparison": ("comparisons", side),
+        "pair": ("pairs", {"first": side, "second": side}),
+        "plan": ("plans", PLAN | side),
+        "map": ("maps", MAP | {"run_id": posted["run"]}),
+    }[kind]
+    return client.request("POST", f"/v1/{collection}", json=body | more)
+
+
+@pytest.fixture(scope="module", params=[kind.name for kind in KINDS if kind.name != "geometry"])
+def made(request, client, posted):
+    """Return each kind with a job of it that is made from the run."""
+    kind = next(kind for kind in KINDS if kind.name == request.param)
+    answer = post(client, posted, kind.name, **(ACCEPTED if kind.name in REFUSED else {}))
+    assert answer.status_code == 201, answer.text
+    return kind, answer.json()
+
+
+class TestEveryKind:
+    def test_has_it_in_its_message(self, made):
+        kind, job = made
+        assessment = job["result"]["assessment"]
+        assert assessment["verdict"] == "do_not_use"
+        assert {reason["code"] for reason in assessment["reasons"]} >= {"alternative_explains_better"}
+        assert isinstance(kind.message.model_validate(job).result, Result)
+
+    def test_is_listed_and_filtered_by_it(self, made, client):
+        kind, job = made
+        assert "verdict" in kind.query.model_fields
+        address = f"/v1/{kind.collection}"
+        listed = client.get(address, params={"verdict": "do_not_use"}).json()["items"]
+        assert [each["verdict"] for each in listed if each["id"] == job["id"]] == ["do_not_use"]
+        assert client.get(address, params={"verdict": "use"}).json()["items"] == []
+        assert client.get(address, params={"verdict": "good"}).status_code == 422
+
+    def test_says_it_first_in_the_terminal(self, made):
+        kind, job = made
+        console = Console(file=io.StringIO(), width=120)
+        console.print(job_report(kind, kind.message.model_validate(job)))
+        first, *rest = console.file.getvalue().splitlines()
+        assert first.startswith(HEADLINE)
+        assert any("despite this verdict" in line for line in rest) == (kind.name in REFUSED)
+
+    def test_has_it_in_its_report(self, made, client):
+        kind, job = made
+        page = client.get(f"/v1/{kind.collection}/{job['id']}/report.html").text
+        assert "do not use" in page.lower()
+
+    def test_has_it_in_its_tables(self, made, client):
+        kind, job = made
+        names = [file.name for file in kind.files if file.suffix == "csv"]
+        names += ["points.csv"] if kind.name == "program" else []
+        names += ["model.csv?accept_verdict=do_not_use"] if kind.name == "run" else []
+        assert names
+        for name in names:
+            text = client.get(f"/v1/{kind.collection}/{job['id']}/{name}").text
+            rows = list(csv.DictReader(io.StringIO(text)))
+            assert {row["overall verdict"] for row in rows} == {"do_not_use"}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_nothing_acts_on_a_robot_unasked(client, posted, kind):
+    collection = next(each.collection for each in KINDS if each.name == kind)
+    before = client.get(f"/v1/{collection}").json()["items"]
+    answer = post(client, posted, kind)
+    assert answer.status_code == 422
+    problem = answer.json()
+    assert problem["type"] == "urn:jointstiff:problem:not-to-be-used"
+    assert problem["where"] == ("measurement_set_id" if kind == "plan" else "run_id")
+    assert "accept_verdict" in problem["remedy"]
+    assert any("joint_2" in each["reason"] and each["remedy"] for each in problem["errors"])
+    assert client.get(f"/v1/{collection}").json()["items"] == before
+    assert post(client, posted, kind, accept_verdict="use_with_care").status_code == 422
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_nor_does_an_export(client, posted, name):
+    address = f"/v1/runs/{posted['run']}/model.{name}"
+    assert client.get(address).json()["type"] == "urn:jointstiff:problem:not-to-be-used"
+    accepted = client.get(address, params=ACCEPTED)
+    assert accepted.status_code == 200
+    if name not in {"csv", "xlsx"}:
+        assert "Verdict on the result: do not use." in accepted.text
+
+
+def test_the_program_says_it_even_unmarked(client, posted):
+    program = post(client, posted, "program", **ACCEPTED, mark=False).json()
+    text = client.get(f"/v1/programs/{program['id']}/program").text
+    (mark,) = [line for line in text.splitlines() if "Jointstiff run" in line]
+    assert mark.endswith("verdict: do not use")
+
+
+def test_a_prediction_has_it(client, posted, tmp_path):
+    case = {"joints": [0.1] * 6, "force": [0.0, 0.0, -500.0], "load_point": [0.0, 0.0, 0.2]}
+    units = {"length": "m", "angle": "rad", "force": "N"}
+    body = {"run_id": posted["run"], "units": units, "cases": [case]}
+    answer = client.request("POST", "/v1/deflections", json=body)
+    assert answer.json()["assessment"]["verdict"] == "do_not_use"
+    (tmp_path / "campaign.json").write_text(json.dumps(campaign()))
+    heads = ",".join([*(f"J{j} [deg]" for j in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")])
+    (tmp_path / "postures.csv").write_text(f"{heads}\n5,5,5,5,5,5,0,0,-500\n")
+    command = ["predict", str(tmp_path / "campaign.json"), str(tmp_path / "postures.csv")]
+    done = CliRunner().invoke(app, [*command, "--load-point", "0,0,200", "-o", str(tmp_path / "out.csv")])
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith(HEADLINE)
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "out.csv").read_text()))
+    assert row["overall verdict"] == "do_not_use"
+
+
+def test_the_terminal_wants_it_said(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "campaign.json").write_text(json.dumps(campaign()))
+    (tmp_path / "path.src").write_text(TEXT, newline="")
+    (tmp_path / "program.json").write_text(json.dumps(options("krl")))
+    (tmp_path / "map.json").write_text(json.dumps(MAP))
+    (tmp_path / "plan.json").write_text(json.dumps(PLAN))
+    for command in (
+        ["map", "campaign.json", "--options", "map.json"],
+        ["compensate", "campaign.json", "path.src", "--options", "program.json", "-o", "out.src"],
+        ["plan", "campaign.json", "--options", "plan.json"],
+        ["export", "campaign.json", "-o", "model.mjcf"],
+    ):
+        refused = CliRunner().invoke(app, command)
+        assert refused.exit_code == 2, refused.output
+        assert "--despite-verdict" in refused.output
+        assert not (tmp_path / command[-1]).exists() or command[-2] != "-o"
+        done = CliRunner().invoke(app, [*command, "--despite-verdict"])
+        assert done.exit_code == 0, done.output
+        assert command[0] == "export" or done.stdout.startswith(HEADLINE)
+
+
+def test_so_does_python(tmp_path):
+    run = jointstiff.identify(campaign())
+    with pytest.raises(jointstiff.CampaignError, match="do not use"):
+        jointstiff.map(run, **MAP)
+    with pytest.raises(jointstiff.CampaignError, match="do not use"):
+        run.export(tmp_path / "model.csv")
+    assert jointstiff.map(run, **MAP, **ACCEPTED).result.assessment == run.result.assessment
+    run.export(tmp_path / "model.csv", accept_verdict="do_not_use")
+    assert (tmp_path / "model.csv").exists()
+
+
+def test_with_care_is_not_refused():
+    document = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=1)
+    run = jointstiff.identify(document, complementary_stiffness="neglected")
+    assert run.result.assessment.verdict == "use_with_care"
+    assert jointstiff.map(run, **MAP).result.assessment.verdict == "use_with_care"
+
+
+def test_a_trend_has_it(client):
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    robot = client.request("POST", "/v1/robots", json=document["robot"]).json()["id"]
+    readings = document["measurement_set"] | {"robot_id": robot}
+    measured = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
+    run = client.request("POST", "/v1/runs", json={"measurement_set_id": measured}).json()
+    (entering,) = client.get(f"/v1/robots/{robot}/trend").json()["campaigns"]
+    assert entering["assessment"] == run["result"]["assessment"]
+
+
+def test_a_plan_goes_on_from_too_few_readings(client):
+    document = simulate_campaign(default_arm(), load="pull", configurations=2, seed=1)
+    robot = client.request("POST", "/v1/robots", json=document["robot"]).json()["id"]
+    readings = document["measurement_set"] | {"robot_id": robot}
+    measured = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
+    answer = client.request("POST", "/v1/plans", json=PLAN | {"measurement_set_id": measured})
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["result"]["assessment"]["verdict"] != "use"
