@@ -12,14 +12,10 @@ from fastapi import FastAPI
 
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.api import (
-    audit,
-    catalogue,
     deflections,
-    exports,
     health,
     imports,
     keys,
-    kinematics,
     measurement_sets,
     programs,
     reports,
@@ -28,7 +24,6 @@ from jointstiff.service.api import (
     trends,
 )
 from jointstiff.service.api.access import AccessGuard, operation_id, public_paths
-from jointstiff.service.api.description import install_description
 from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.gate import Gate
@@ -39,7 +34,7 @@ from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.api.methods import Methods
 from jointstiff.service.api.metrics import Metrics
 from jointstiff.service.api.observed import Observed
-from jointstiff.service.api.page import install_page
+from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.api.posture import Posture, PostureGuard
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.jobs.life import Enqueue
@@ -139,18 +134,15 @@ def create_app(
     for module in (
         robots,
         trends,
-        kinematics,
-        catalogue,
         measurement_sets,
         imports,
         programs,
         deflections,
-        exports,
         reports,
         health,
     ):
         app.include_router(module.router)
-    for module in (sessions, keys, audit):
+    for module in (sessions, keys):
         app.include_router(module.router)
     app.include_router(job_files())
     for kind in KINDS:

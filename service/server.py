@@ -27,7 +27,7 @@ from jointstiff.service.api.metrics import SILENT_SECONDS, Metrics, metrics_serv
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
-from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems.errors import ServiceError, StoreError
 from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
@@ -53,13 +53,8 @@ PROXIES_VARIABLE: Final = "FORWARDED_ALLOW_IPS"
 """Addresses of proxies that are believed where a request came from; uvicorn reads it."""
 
 
-class ServerError(Exception):
+class ServerError(ServiceError):
     """The service cannot start."""
-
-    def __init__(self, reason: str, remedy: str) -> None:
-        super().__init__(reason)
-        self.reason = reason
-        self.remedy = remedy
 
 
 class _Server(uvicorn.Server):

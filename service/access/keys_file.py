@@ -18,7 +18,7 @@ from pydantic import AwareDatetime, Field, ValidationError
 
 from jointstiff.schemas.access import KeyId, Role
 from jointstiff.schemas.fields import Message, Name
-from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.problems.errors import NotFoundError, ServiceError
 from jointstiff.service.store.access import KEY
 from jointstiff.service.store.records import AccessKey
 
@@ -26,18 +26,14 @@ MAX_BYTES: Final = 1024 * 1024
 _STORED: Final = tuple(field.name for field in fields(AccessKey) if field.name != "last_used_at")
 
 
-class KeysFileError(Exception):
-    """A file of keys that cannot be read or written.
-
-    Attributes:
-        reason: what is wrong.
-        remedy: how to mend it.
-    """
+class KeysFileError(ServiceError):
+    """A file of keys that cannot be read or written."""
 
     def __init__(self, path: Path, reason: object) -> None:
-        self.reason = f"the file of keys {path} cannot be used: {reason}"
-        self.remedy = "write it with `jointstiff keys create NAME --role ROLE --keys-file FILE`"
-        super().__init__(f"{self.reason}: {self.remedy}")
+        super().__init__(
+            f"the file of keys {path} cannot be used: {reason}",
+            "write it with `jointstiff keys create NAME --role ROLE --keys-file FILE`",
+        )
 
 
 class _Entry(Message):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Final
 
 from fastapi import FastAPI
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
 
-from jointstiff.service.api.access import PUBLIC, AccessRoute
+from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
 
 BUNDLE: Final = Path(__file__).parents[1] / "static"
 DOCS: Final = Path(__file__).parents[1] / "static-docs"
@@ -96,3 +99,19 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
     _add(app, "/docs/", index)
     if docs.is_dir():
         app.mount("/docs", _Docs(directory=docs), name="docs")
+
+
+def install_description(app: FastAPI) -> None:
+    """Answer at /openapi.json. FastAPI's own route writes it anew each time, and keeps all others waiting."""
+    writing = Lock()  # of eight who ask at once one writes
+
+    @cache
+    def written() -> bytes:
+        return json.dumps(app.openapi(), ensure_ascii=False, separators=(",", ":")).encode()
+
+    def get_description() -> Response:
+        with writing:
+            return Response(written(), media_type="application/json")
+
+    route = AccessRoute("/openapi.json", get_description, dependencies=[VIEWER], include_in_schema=False)
+    app.router.routes.append(route)

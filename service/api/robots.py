@@ -1,4 +1,4 @@
-"""Robots: kinematics from URDF or DH tables, or as a geometry found them."""
+"""Robots: kinematics from URDF or DH tables, or as a geometry found them; the catalogue of nominal arms."""
 
 from __future__ import annotations
 
@@ -6,20 +6,24 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
 
+from jointstiff.schemas.catalogue import Catalogue
 from jointstiff.schemas.fields import Page
+from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
 from jointstiff.schemas.query import RobotQuery
 from jointstiff.schemas.robot import Robot, RobotChange, RobotRequest, RobotSummary
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOT_CHANGES, ROBOTS, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.conversion.robots import to_kinematics
+from jointstiff.service.resources.nominal_arms import catalogue
 from jointstiff.service.resources.robots import described
 
-router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
+router = APIRouter(prefix="/v1", tags=["robots"], route_class=BodyRoute)
 
 
 @router.post(
-    "",
+    "/robots",
     dependencies=[OPERATOR],
     status_code=201,
     response_model=Robot,
@@ -37,7 +41,7 @@ def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], k
     return created("robots", record.id, described(record).model_dump_json())
 
 
-@router.get("", dependencies=[VIEWER], response_model=Page[RobotSummary], responses=problems(422))
+@router.get("/robots", dependencies=[VIEWER], response_model=Page[RobotSummary], responses=problems(422))
 def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
     page = parts.store.robots.page(
@@ -51,14 +55,14 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
     return Page(items=items, next=page.next)
 
 
-@router.get("/{robot_id}", dependencies=[VIEWER], response_model=Robot, responses=problems(404, 422))
+@router.get("/robots/{robot_id}", dependencies=[VIEWER], response_model=Robot, responses=problems(404, 422))
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a robot, with its kinematics as they were understood."""
     return json_response(described(parts.store.robots.get(robot_id)).model_dump_json())
 
 
 @router.patch(
-    "/{robot_id}",
+    "/robots/{robot_id}",
     dependencies=[OPERATOR],
     response_model=Robot,
     responses=problems(400, 404, 413, 415, 422),
@@ -73,7 +77,7 @@ def change_robot(
 
 
 @router.delete(
-    "/{robot_id}",
+    "/robots/{robot_id}",
     dependencies=[OPERATOR],
     status_code=204,
     response_class=Response,
@@ -86,8 +90,35 @@ def delete_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) 
 
 
 @router.post(
-    "/{robot_id}/restore", dependencies=[OPERATOR], response_model=Robot, responses=problems(404, 422)
+    "/robots/{robot_id}/restore", dependencies=[OPERATOR], response_model=Robot, responses=problems(404, 422)
 )
 def restore_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Restore a deleted robot. One that is not deleted stays as it is."""
     return json_response(parts.robots.restore(robot_id).model_dump_json())
+
+
+@router.get("/catalogue", dependencies=[VIEWER], response_model=Catalogue, responses=problems())
+def get_catalogue() -> Catalogue:
+    """Get the nominal arms, each with the source of its figures, and the presets of joint maps.
+
+    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. Nominal figures
+    differ from those of a real arm; a geometry finds the latter.
+    """
+    return catalogue()
+
+
+@router.post(
+    "/kinematics",
+    dependencies=[VIEWER],  # a drawing of what is stored, or might be
+    response_model=Kinematics,
+    responses=problems(400, 404, 413, 415, 422),
+)
+def compute_kinematics(
+    parts: PartsOf,
+    body: KinematicsRequest,
+) -> Kinematics:
+    """Compute where joints and flange are in some configurations. Nothing is stored.
+
+    A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
+    """
+    return to_kinematics(parts.robots.find(body.robot_id, body.robot), body.joints)

@@ -1,4 +1,4 @@
-"""Error output of commands: the reason, the remedy, and exit status 2."""
+"""Error output of commands: the reason, the remedy, and exit status 2; and files that they write."""
 
 from __future__ import annotations
 
@@ -9,6 +9,18 @@ import typer
 
 if TYPE_CHECKING:
     from jointstiff.schemas.problem import Problem
+
+
+def refusal_of(error: Exception) -> typer.Exit | None:
+    """Show an error that says how to mend it; to be raised. None for another error."""
+    if not type(error).__module__.startswith("jointstiff."):
+        return None
+    from jointstiff.service.library.errors import ProblemError
+    from jointstiff.service.problems.errors import ServiceError
+
+    if isinstance(error, ProblemError):
+        return refused(error.problem)
+    return failed(error.reason, error.remedy) if isinstance(error, ServiceError) else None
 
 
 def refused(problem: Problem) -> typer.Exit:

@@ -9,12 +9,11 @@ import typer
 import typer.core
 from typer.main import get_command_from_info
 
+from jointstiff.service.cli.answers import refusal_of
 from jointstiff.service.cli.database import backup, doctor, restore
-from jointstiff.service.cli.export import export
 from jointstiff.service.cli.imports import import_readings
 from jointstiff.service.cli.keys import keys
-from jointstiff.service.cli.predict import predict
-from jointstiff.service.cli.report import report
+from jointstiff.service.cli.models import export, predict, report
 from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
@@ -36,6 +35,16 @@ class _Commands(typer.core.TyperGroup):
                 info, pretty_exceptions_short=False, rich_markup_mode=None
             )
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's Click is private
+        """Carry a command out; an error that says how to mend it ends it with exit status 2."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            refusal = refusal_of(error)
+            if refusal is None:
+                raise
+            raise refusal from error
 
 
 app = typer.Typer(

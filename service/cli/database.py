@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointstiff.service.cli.answers import failed
 from jointstiff.service.cli.options import DatabaseUrl
 
 if TYPE_CHECKING:
@@ -16,14 +15,10 @@ Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the ba
 
 def backup(folder: Folder, *, database: DatabaseUrl) -> None:
     """Copy a database into a new folder, while the service goes on."""
-    from jointstiff.service.problems.errors import StoreError
     from jointstiff.service.store.backups import back_up
     from jointstiff.service.tables.terminal import console
 
-    try:
-        manifest = back_up(database, folder)
-    except StoreError as error:
-        raise failed(error.reason, error.remedy) from error
+    manifest = back_up(database, folder)
     console().print(f"{folder}: {_counts(manifest)}", markup=False, soft_wrap=True)
 
 
@@ -40,28 +35,20 @@ def restore(
     ] = False,
 ) -> None:
     """Put a backup in the place of a database that no service uses, and check that all of it arrived."""
-    from jointstiff.service.problems.errors import StoreError
     from jointstiff.service.store.backups import restore as put_back
     from jointstiff.service.tables.terminal import console
 
-    try:
-        manifest = put_back(database, folder, overwrite=overwrite)
-    except StoreError as error:
-        raise failed(error.reason, error.remedy) from error
+    manifest = put_back(database, folder, overwrite=overwrite)
     made = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
     console().print(f"{_counts(manifest)}; {made}", markup=False, soft_wrap=True)
 
 
 def doctor(*, database: DatabaseUrl) -> None:
     """Look for faults in a database, which is not changed; exit status 1 if there are any."""
-    from jointstiff.service.problems.errors import StoreError
     from jointstiff.service.tables.terminal import console
     from jointstiff.service.workers.doctor import examine
 
-    try:
-        found = examine(database)
-    except StoreError as error:
-        raise failed(error.reason, error.remedy) from error
+    found = examine(database)
     for fault in found.faults:
         line = f"{fault.code}: {fault.where}: {fault.reason}\n  remedy: {fault.remedy}"
         console().print(line, markup=False, soft_wrap=True)

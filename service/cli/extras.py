@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from jointstiff.service.cli.answers import write_bytes, write_text
-from jointstiff.service.cli.options import NamedRobot
+from jointstiff.service.cli.options import NamedRobot, output_option
 
 _Values = Mapping[str, Any]
 
@@ -71,13 +71,7 @@ EXTRAS: Final[Mapping[str, Extra]] = {
     "geometry": Extra(
         options={
             "robot": (NamedRobot, None),
-            "output": (
-                Annotated[
-                    Path | None,
-                    typer.Option("--output", "-o", metavar="ROBOT.json", help="Write the robot there."),
-                ],
-                None,
-            ),
+            "output": (Annotated[Path | None, output_option("Write the robot there.", "ROBOT.json")], None),
         },
         passed=("robot",),
         finish=_write_robot,
@@ -97,18 +91,7 @@ EXTRAS: Final[Mapping[str, Extra]] = {
     ),
     "program": Extra(
         options={
-            "output": (
-                Annotated[
-                    Path,
-                    typer.Option(
-                        "--output",
-                        "-o",
-                        metavar="FILE",
-                        help="Write it there; a .dat beside it.",
-                    ),
-                ],
-                ...,
-            ),
+            "output": (Annotated[Path, output_option("Write it there; a .dat beside it.")], ...),
             "report": (
                 Annotated[Path | None, typer.Option(metavar="FILE", help="Write all points there, as CSV.")],
                 None,

@@ -14,18 +14,19 @@ import typer
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.terminal import Terminal, chain_of
-from jointstiff.service.cli.answers import refuse_existing, refused, write_bytes
+from jointstiff.service.cli.answers import refuse_existing, write_bytes
 from jointstiff.service.cli.extras import EXTRAS, Extra
 from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
     Details,
-    FirstFile,
     Overwrite,
     RunFile,
-    SecondFile,
     Unit,
     UnitChoice,
+    file_argument,
+    file_option,
+    output_option,
     point_of,
     vector_of,
 )
@@ -37,10 +38,15 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.job import Job
 
-_File = Annotated[Path, typer.Argument(exists=True, dir_okay=False, metavar="FILE", help="File of readings.")]
-_Files = Annotated[
-    list[Path],
-    typer.Argument(exists=True, dir_okay=False, metavar="PROGRAM", help="A program; a .src with its .dat."),
+_File = Annotated[Path, file_argument("FILE", "File of readings.")]
+_Files = Annotated[list[Path], file_argument("PROGRAM", "A program; a .src with its .dat.")]
+_First = Annotated[
+    Path,
+    file_argument("FIRST", "Campaign with the position loop on the motors' encoders, or before a change."),
+]
+_Second = Annotated[
+    Path,
+    file_argument("SECOND", "Campaign with the position loop on secondary encoders, or after a change."),
 ]
 _Source = Annotated[
     str,
@@ -52,24 +58,16 @@ _Source = Annotated[
 _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "measurement_set": {"file": CampaignFile},
     "run": {"file": CampaignFile},
-    "pair": {"first": FirstFile, "second": SecondFile},
+    "pair": {"first": _First, "second": _Second},
     "robot_or_set": {"source": _Source},
     "readings": {"file": _File},
     "files": {"program": _Files},
 }
 """Arguments of a command by what its kind is made of."""
 _Options = Annotated[
-    Path | None,
-    typer.Option(
-        exists=True,
-        dir_okay=False,
-        metavar="FILE",
-        help="Options as JSON, as the API takes them, for those that have no option here.",
-    ),
+    Path | None, file_option("Options as JSON, as the API takes them, for those that have no option here.")
 ]
-_Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the table there, by its suffix.")
-]
+_Output = Annotated[Path | None, output_option("Write the table there, by its suffix.")]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
@@ -148,27 +146,23 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dic
     """Carry the work out, as `import jointstiff` does.
 
     Raises:
-        typer.Exit: it is refused.
+        CampaignError: it is refused.
     """
     from jointstiff.schemas.run.run import Run
     from jointstiff.service.library.campaigns import read_campaign, read_document
-    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.in_process import function_of
     from jointstiff.service.library.results import TabledRun
     from jointstiff.service.tables.terminal import progress_bar
 
-    try:
-        if values["options"] is not None:
-            stated = read_options(values["options"]) | stated
-        if values.get("run") is not None:
-            run = TabledRun.of(read_document(values["run"], Run), read_campaign(sources[0]))
-            sources = [run, *sources[1:]]
-        given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
-        with progress_bar(shown=kind.stepped) as tell:
-            steps = {"on_progress": tell} if kind.stepped else {}
-            job: Job = function_of(ROOMS[kind.name].command)(*given, **steps, **stated)
-    except CampaignError as error:
-        raise refused(error.problem) from error
+    if values["options"] is not None:
+        stated = read_options(values["options"]) | stated
+    if values.get("run") is not None:
+        run = TabledRun.of(read_document(values["run"], Run), read_campaign(sources[0]))
+        sources = [run, *sources[1:]]
+    given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
+    with progress_bar(shown=kind.stepped) as tell:
+        steps = {"on_progress": tell} if kind.stepped else {}
+        job: Job = function_of(ROOMS[kind.name].command)(*given, **steps, **stated)
     return job
 
 

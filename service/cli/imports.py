@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.import_documents import (
     joined,
     noted_in,
@@ -23,23 +22,14 @@ from jointstiff.service.cli.import_options import (
     with_length_unit,
 )
 from jointstiff.service.cli.import_questions import ask, ask_robot, may_ask
-from jointstiff.service.cli.options import AsJson, NamedRobot
+from jointstiff.service.cli.options import AsJson, NamedRobot, file_argument, file_option
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer, ImportRequest
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
 
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        exists=True,
-        dir_okay=False,
-        readable=True,
-        metavar="FILES...",
-        help="Files of tables or point lists: text or Excel.",
-    ),
-]
+Files = Annotated[list[Path], file_argument("FILES...", "Files of tables or point lists: text or Excel.")]
 
 
 @with_import_options
@@ -67,12 +57,7 @@ def import_readings(
     ] = None,
     template: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="Template of an earlier import; files of another form are refused.",
-        ),
+        file_option("Template of an earlier import; files of another form are refused."),
     ] = None,
     save_template: Annotated[
         Path | None,
@@ -87,22 +72,18 @@ def import_readings(
     asks for what is missing.
     """
     from jointstiff.service.cli.import_table import import_report
-    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.tables.terminal import console
 
-    try:
-        noted = noted_in(about or [])
-        known = {} if template is None else read_template(template)
-        stated = joined(known, with_length_unit(chosen, known))
-        asking = may_ask() and not as_json
-        owner = None if robot is None else _robot_of(robot)
-        answer = _understood(files, stated, owner, asking=asking)
-        if asking and owner is None and answer.measurement_set is not None and (named := ask_robot()):
-            owner = _robot_of(named)
-            answer = _inspected(answer, owner)
-        answer = with_notes(answer, noted)
-    except CampaignError as error:
-        raise refused(error.problem) from error
+    noted = noted_in(about or [])
+    known = {} if template is None else read_template(template)
+    stated = joined(known, with_length_unit(chosen, known))
+    asking = may_ask() and not as_json
+    owner = None if robot is None else _robot_of(robot)
+    answer = _understood(files, stated, owner, asking=asking)
+    if asking and owner is None and answer.measurement_set is not None and (named := ask_robot()):
+        owner = _robot_of(named)
+        answer = _inspected(answer, owner)
+    answer = with_notes(answer, noted)
     if as_json:
         typer.echo(answer.model_dump_json(indent=2))
     else:
@@ -114,7 +95,7 @@ def import_readings(
 
 
 def _robot_of(text: str) -> "RobotDocument":
-    from jointstiff.service.library.robots import read_robot
+    from jointstiff.service.library.plans import read_robot
 
     return read_robot(text)
 

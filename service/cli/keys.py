@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Final
@@ -12,13 +13,13 @@ from jointstiff.service.cli.answers import failed, warn
 from jointstiff.service.cli.options import DatabaseUrl, KeysFilePath, ServerAddress
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from jointstiff.schemas.access import Key
     from jointstiff.service.store.records import AccessKey
     from jointstiff.service.store.store import Store
-
-from contextlib import contextmanager
+    from jointstiff.service.tables.table import Table
 
 LINK_TIME: Final = timedelta(minutes=10)
 """Time in which a link can be used."""
@@ -85,12 +86,11 @@ def create(
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
     """List all keys, revoked ones, too."""
     from jointstiff.service.access.keyring import described
-    from jointstiff.service.cli.keys_table import keys_table
-    from jointstiff.service.tables.terminal import console
+    from jointstiff.service.tables.terminal import console, printed
 
     with _refusals():
         found = [described(key, is_filed=keys_file is not None) for key in _known(database, keys_file)]
-    console().print(keys_table(found, datetime.now(UTC)))
+    console().print(printed([keys_table(found, datetime.now(UTC))]))
 
 
 @keys.command()
@@ -165,15 +165,12 @@ def _opened(database: str, *, is_new: bool = True) -> Iterator[Store]:
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    from jointstiff.service.access.keys_file import KeysFileError
-    from jointstiff.service.problems.errors import NotFoundError, StoreError
+    from jointstiff.service.problems.errors import NotFoundError
 
     try:
         yield
     except NotFoundError as error:
         raise failed(error.reason, "see `jointstiff keys list` for the ids") from error
-    except (StoreError, KeysFileError) as error:
-        raise failed(error.reason, error.remedy) from error
 
 
 def _note(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
@@ -192,3 +189,32 @@ def _note(store: Store, key: AccessKey, method: str, operation: str, status: int
             status=status,
         )
     )
+
+
+def keys_table(keys: Sequence[Key], now: datetime) -> Table:
+    """Return a table of keys, times in UTC."""
+    from jointstiff.service.tables.table import Column, Table
+
+    columns: dict[str, list[str]] = {
+        "id": [key.id for key in keys],
+        "name": [key.name for key in keys],
+        "role": [key.role for key in keys],
+        "state": [_state(key, now) for key in keys],
+        "made": [_time(key.created_at) for key in keys],
+        "last used": [_time(key.last_used_at) for key in keys],
+    }
+    return Table(
+        [Column(name, cells, text=True) for name, cells in columns.items()], title="Keys, times in UTC"
+    )
+
+
+def _state(key: Key, now: datetime) -> str:
+    if key.revoked_at is not None:
+        return f"revoked {_time(key.revoked_at)}"
+    if key.expires_at is None:
+        return "valid"
+    return f"{'valid until' if now < key.expires_at else 'expired'} {_time(key.expires_at)}"
+
+
+def _time(time: datetime | None) -> str:
+    return "—" if time is None else f"{time:%Y-%m-%d %H:%M}"

@@ -6,7 +6,7 @@ import math
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -49,6 +49,21 @@ def point_of(text: str) -> Vector:
     return point
 
 
+def file_argument(metavar: str, text: str) -> Any:  # noqa: ANN401 - Typer's
+    """Return an argument that is a file to read."""
+    return typer.Argument(exists=True, dir_okay=False, readable=True, metavar=metavar, help=text)
+
+
+def file_option(text: str) -> Any:  # noqa: ANN401 - Typer's
+    """Return an option that is a file to read."""
+    return typer.Option(exists=True, dir_okay=False, metavar="FILE", help=text)
+
+
+def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
+    """Return the option that names a file to write."""
+    return typer.Option("--output", "-o", metavar=metavar, help=text)
+
+
 LoadPoint = Annotated[
     Vector | None,
     typer.Option(
@@ -61,42 +76,11 @@ LoadPoint = Annotated[
 
 CampaignFile = Annotated[
     Path,
-    typer.Argument(
-        exists=True,
-        dir_okay=False,
-        readable=True,
-        metavar="FILE",
-        help="Campaign file: robot, measurement set and run options in one JSON document.",
-    ),
-]
-FirstFile = Annotated[
-    Path,
-    typer.Argument(
-        exists=True,
-        dir_okay=False,
-        readable=True,
-        metavar="FIRST",
-        help="Campaign with the position loop on the motors' encoders, or before a change.",
-    ),
-]
-SecondFile = Annotated[
-    Path,
-    typer.Argument(
-        exists=True,
-        dir_okay=False,
-        readable=True,
-        metavar="SECOND",
-        help="Campaign with the position loop on secondary encoders, or after a change.",
-    ),
+    file_argument("FILE", "Campaign file: robot, measurement set and run options in one JSON document."),
 ]
 RunFile = Annotated[
     Path | None,
-    typer.Option(
-        exists=True,
-        dir_okay=False,
-        metavar="FILE",
-        help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
-    ),
+    file_option("A run of that campaign, as `identify --json` prints it; identified now if absent."),
 ]
 NamedRobot = Annotated[
     str | None,

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointstiff.service.cli.answers import failed, refused, warn
+from jointstiff.service.cli.answers import warn
 from jointstiff.service.cli.options import (
     CampaignFile,
     DatabaseUrl,
@@ -84,26 +84,22 @@ def serve(
     laboratory: LaboratoryFile = None,
 ) -> None:
     """Start the service."""
-    from jointstiff.service.problems.errors import StoreError
-    from jointstiff.service.server import ServerError, run_server
+    from jointstiff.service.server import run_server
 
-    try:
-        run_server(
-            host,
-            port,
-            database,
-            workers,
-            allowed_hosts=allowed_host or (),
-            access_control=not no_access_control,
-            metrics=None if metrics_port is None else (metrics_host, metrics_port),
-            log_format=log_format,
-            quota=quota and quota * 1_000_000,
-            require_key=require_key,
-            keys_file=keys_file,
-            laboratory=laboratory,
-        )
-    except (StoreError, ServerError) as error:
-        raise failed(error.reason, error.remedy) from error
+    run_server(
+        host,
+        port,
+        database,
+        workers,
+        allowed_hosts=allowed_host or (),
+        access_control=not no_access_control,
+        metrics=None if metrics_port is None else (metrics_host, metrics_port),
+        log_format=log_format,
+        quota=quota and quota * 1_000_000,
+        require_key=require_key,
+        keys_file=keys_file,
+        laboratory=laboratory,
+    )
 
 
 def worker(
@@ -120,14 +116,10 @@ def worker(
     import secrets
     import socket
 
-    from jointstiff.service.problems.errors import StoreError
     from jointstiff.service.workers.worker import run_worker
 
     set_log_format(log_format)
-    try:
-        run_worker(database, name or f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}")
-    except StoreError as error:
-        raise failed(error.reason, error.remedy) from error
+    run_worker(database, name or f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}")
 
 
 def post(
@@ -145,22 +137,18 @@ def post(
     from jointstiff.service.kinds.run import RUN
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.client import Client
-    from jointstiff.service.library.errors import CampaignError, RefusedError
     from jointstiff.service.tables.terminal import console
 
-    try:
-        campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
-        with Client(server, warn=warn) as client:
-            client.ping()
-            robot, stored = client.post_campaign(campaign)
-            run = client.runs.create(campaign.get("run", {}) | {"measurement_set_id": stored.id})
-            posted = (("robots", robot.id), ("measurement-sets", stored.id), ("runs", run.id))
-            addresses = [f"{server.rstrip('/')}/v1/{kind}/{identifier}" for kind, identifier in posted]
-            for address in addresses:
-                console().print(address, markup=False, soft_wrap=True)
-            run = _ended(client, run, addresses[-1])
-    except (CampaignError, RefusedError) as error:
-        raise refused(error.problem) from error
+    campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
+    with Client(server, warn=warn) as client:
+        client.ping()
+        robot, stored = client.post_campaign(campaign)
+        run = client.runs.create(campaign.get("run", {}) | {"measurement_set_id": stored.id})
+        posted = (("robots", robot.id), ("measurement-sets", stored.id), ("runs", run.id))
+        addresses = [f"{server.rstrip('/')}/v1/{kind}/{identifier}" for kind, identifier in posted]
+        for address in addresses:
+            console().print(address, markup=False, soft_wrap=True)
+        run = _ended(client, run, addresses[-1])
     console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
@@ -190,17 +178,7 @@ def demo(
 ) -> None:
     """Start the service, post an example campaign over HTTP, and show what it answers."""
     from jointstiff.service.cli.demo import run_demo
-    from jointstiff.service.problems.errors import StoreError
-    from jointstiff.service.server import ServerError
 
-    try:
-        status = run_demo(port=_demo_port(port, once=once), database=database, once=once)
-    except (StoreError, ServerError) as error:
-        raise failed(error.reason, error.remedy) from error
-    raise typer.Exit(status)
-
-
-def _demo_port(port: int | None, *, once: bool) -> int:
-    if port is not None:
-        return port
-    return 0 if once else 8000
+    if port is None:
+        port = 0 if once else 8000
+    raise typer.Exit(run_demo(port=port, database=database, once=once))

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointstiff.service.cli.answers import refused, warn
+from jointstiff.service.cli.answers import warn
+from jointstiff.service.cli.options import file_option
 
 if TYPE_CHECKING:
     from jointstiff.service.library.folder import WatchedFolder
@@ -25,11 +26,8 @@ def watch(
     robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot on the service.")],
     template: Annotated[
         Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="Options of an import, as JSON, by which tables are read; without it only JSON is taken.",
+        file_option(
+            "Options of an import, as JSON, by which tables are read; without it only JSON is taken."
         ),
     ] = None,
     server: Annotated[
@@ -69,7 +67,7 @@ def watch(
     from jointstiff.service.library.campaigns import read_document
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.delivery import Delivery
-    from jointstiff.service.library.errors import AwayError, CampaignError, RefusedError
+    from jointstiff.service.library.errors import AwayError
     from jointstiff.service.library.folder import WatchedFolder
     from jointstiff.service.tables.terminal import console
 
@@ -87,8 +85,6 @@ def watch(
             while not (once and watched.is_idle):
                 time.sleep(interval)
                 _look(watched, folder)
-    except (CampaignError, RefusedError) as error:
-        raise refused(error.problem) from error
     except KeyboardInterrupt:
         return
 

@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.schemas.measurement import measurement_set as sets
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.message import message
-from jointstiff.service.conversion.noise import to_common_uncertainty, to_noise
+from jointstiff.service.conversion.point_noise import to_common_uncertainty, to_noise
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray

@@ -31,8 +31,7 @@ from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.answers import alien, no_address, problem_in, resource_in, silence
-from jointstiff.service.library.collections import Collection, Document, Jobs, plain
-from jointstiff.service.library.compensated import Programs
+from jointstiff.service.library.collections import Collection, Document, Jobs, Programs, plain
 from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.in_process import AnyCampaign, campaign_of
 from jointstiff.service.library.results import TabledRun

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jointstiff.schemas.problem import Problem
 
 
-class _ProblemError(Exception):
+class ProblemError(Exception):
     """An error with its problem; its text says what is wrong, where, and how to mend it.
 
     Attributes:
@@ -19,11 +19,11 @@ class _ProblemError(Exception):
         self.problem = problem
 
 
-class CampaignError(_ProblemError):
+class CampaignError(ProblemError):
     """A campaign that cannot be identified."""
 
 
-class RefusedError(_ProblemError):
+class RefusedError(ProblemError):
     """The service refused, or did not answer."""
 
 

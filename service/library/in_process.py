@@ -127,7 +127,7 @@ def geometry(
         CampaignError: the robot or the readings cannot be used.
     """
     from jointstiff.service.kinds.geometry import GEOMETRY
-    from jointstiff.service.library.robots import read_robot
+    from jointstiff.service.library.plans import read_robot
 
     changes = dict(fields)
     if robot is not None:

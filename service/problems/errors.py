@@ -1,20 +1,24 @@
 """Errors of the service, beside those of the numerical core; each says how to mend it.
 
-StoreError                     a database that this software cannot work with: see the remedy
-├── StoreUnavailableError      the database does not answer: try again, or look at the server
-├── NotFoundError              no such record: check the id
-│   └── DeletedError           it was deleted: restore it
-├── NotEndedError              a job that goes on cannot be deleted: cancel it first
-├── ReferencedError            others refer to what is to be deleted: delete those first
-├── AuthorisedError            the report of a run that is to be deleted was authorised: keep it
-├── WorkerLostError            the workers of a job died: send it again
-├── QuotaError                 the database has its full size: delete something, or raise --quota
-├── TooManyJobsError           as many jobs wait as may: post again later
-├── KeyRefusedError            no valid key came: send one
-│   └── WrongKeysError         too many wrong ones came: wait, then send the right one
-├── RoleError                  the key's role does not allow it: use another key
-├── IdempotencyConflictError   a key used again for another body: take a new key
-└── CursorError                not a cursor that a page gave: start from the first page
+ServiceError                   something outside of a request is in the way: see the remedy
+├── ServerError                the service cannot start (service/server.py)
+├── KeysFileError              a file of keys cannot be read or written (access/keys_file.py)
+├── SettingsError              a laboratory's settings cannot be used (reports/laboratory.py)
+└── StoreError                 a database that this software cannot work with
+    ├── StoreUnavailableError  the database does not answer: try again, or look at the server
+    ├── NotFoundError          no such record: check the id
+    │   └── DeletedError       it was deleted: restore it
+    ├── NotEndedError          a job that goes on cannot be deleted: cancel it first
+    ├── ReferencedError        others refer to what is to be deleted: delete those first
+    ├── AuthorisedError        the report of a run that is to be deleted was authorised: keep it
+    ├── WorkerLostError        the workers of a job died: send it again
+    ├── QuotaError             the database has its full size: delete something, or raise --quota
+    ├── TooManyJobsError       as many jobs wait as may: post again later
+    ├── KeyRefusedError        no valid key came: send one
+    │   └── WrongKeysError     too many wrong ones came: wait, then send the right one
+    ├── RoleError              the key's role does not allow it: use another key
+    ├── IdempotencyConflictError  a key used again for another body: take a new key
+    └── CursorError            not a cursor that a page gave: start from the first page
 
 RequestError of the numerical core
 ├── FilesError                 files that were not understood: mend them
@@ -83,22 +87,21 @@ def _restored(kind: type[StoreError], args: tuple[object, ...], state: dict[str,
     return error
 
 
-class StoreError(Exception):
-    """Base of the store's errors.
+class ServiceError(Exception):
+    """Something outside of a request is in the way."""
 
-    Attributes:
-        reason: What is wrong, in a sentence.
-        remedy: How to mend it.
-    """
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(f"{reason}: {remedy}")
+        self.reason = reason  # what is wrong, in a sentence
+        self.remedy = remedy  # how to mend it
+
+
+class StoreError(ServiceError):
+    """Base of the store's errors."""
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way from a worker process, whatever the arguments of a subclass were."""
         return _restored, (type(self), self.args, dict(self.__dict__))
-
-    def __init__(self, reason: str, remedy: str) -> None:
-        super().__init__(f"{reason}: {remedy}")
-        self.reason = reason
-        self.remedy = remedy
 
 
 class StoreUnavailableError(StoreError):

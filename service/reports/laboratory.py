@@ -13,6 +13,7 @@ from typing import Final, Literal
 from pydantic import ValidationError
 
 from jointstiff.schemas.report import Laboratory
+from jointstiff.service.problems.errors import ServiceError
 from jointstiff.service.reports.document import Letterhead
 from jointstiff.service.reports.wording import NOT_STATED
 
@@ -26,13 +27,8 @@ _FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
 """Markers of JPEG behind which the size stands: baseline, extended, progressive."""
 
 
-class SettingsError(Exception):
+class SettingsError(ServiceError):
     """The settings cannot be used."""
-
-    def __init__(self, reason: str, remedy: str) -> None:
-        super().__init__(reason)
-        self.reason = reason
-        self.remedy = remedy
 
 
 @dataclass(frozen=True)

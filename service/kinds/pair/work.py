@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TypeVar
 
-from jointstiff.schemas.assessment import Reason
+from jointstiff.schemas import pair as pairs
+from jointstiff.schemas.assessment import Assessment, Reason
 from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.pair import PairRequest, PairResult
+from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.conversion.assessments import to_assessment, to_joints
+from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
 from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
-from jointstiff.service.kinds.pair.results import AssessedSide, to_pair_result
 from jointstiff.service.kinds.run.budgets import to_joint_budgets
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
@@ -25,7 +28,7 @@ from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.paired.comparison import compare_pair
+from jointstiff.solver.paired.comparison import JointRatio, Pair, compare_pair
 from jointstiff.solver.paired.sides import PairSide, models_differ, refuse_other_joints
 
 Placed = TypeVar("Placed", QualityWarning, Reason)
@@ -158,3 +161,51 @@ def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
             )
         )
     return to_pair_result(pair, first.assessed(pair.first), second.assessed(pair.second), warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class AssessedSide:
+    """A side by itself."""
+
+    assessment: Assessment  # places in it begin with the side
+    joints: list[JointResult]  # with their verdicts
+    # share of its mean deflection that its model predicts; None where nothing moved
+    compensation: float | None
+    warnings: list[QualityWarning]  # about its set and its fit; places in them begin with the side
+
+
+def to_pair_result(
+    pair: Pair, first: AssessedSide, second: AssessedSide, about_both: Sequence[QualityWarning]
+) -> pairs.PairResult:
+    """Return the numbers of a pair."""
+    sides = zip(pair.joints, first.joints, second.joints, strict=True)
+    avoided, measured = pair.avoided, pair.avoided.measured
+    return pairs.PairResult(
+        assessment=combined([first.assessment, second.assessment]),
+        compensation_first=first.compensation,
+        compensation_second=second.compensation,
+        joints=[_joint(ratio, one, two) for ratio, one, two in sides],
+        avoided=message(
+            pairs.AvoidedDeflection,
+            avoided,
+            matching=len(avoided.matches.first),
+            measured=None if measured is None else measured.overall,
+            predicted=avoided.predicted.value,
+        ),
+        ordered=None
+        if pair.ordered is None
+        else message(pairs.OrderedResult, pair.ordered, joints=pair.ordered_joints),
+        warnings=[*first.warnings, *second.warnings, *about_both],
+    )
+
+
+def _joint(ratio: JointRatio, first: JointResult, second: JointResult) -> pairs.PairedJoint:
+    interval = ratio.interval
+    return message(
+        pairs.PairedJoint,
+        ratio,
+        first=first,
+        second=second,
+        ratio_interval=None if interval is None else (interval.lower, interval.upper),
+        ratio_excluded=None if interval is None else interval.excluded,
+    )

@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.processes import until
 
-from jointstiff.service.access import throttle as throttle_module
 from jointstiff.service.access.key_text import digest, id_in, mint, without_keys
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.access.keys_file import KeysFile, KeysFileError
-from jointstiff.service.access.throttle import Throttle
+from jointstiff.service.api.gate import ADDRESSES, FORGET_SECONDS, FORGIVEN, Throttle
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
 from jointstiff.service.store.records import SessionRecord
@@ -183,19 +182,19 @@ class Clock:
 def test_wrong_keys_slow_down_by_address_and_are_forgotten():
     clock = Clock()
     throttle = Throttle(clock)
-    for _ in range(throttle_module.FORGIVEN):
+    for _ in range(FORGIVEN):
         assert not throttle.refuses("192.0.2.1")
         throttle.wrong("192.0.2.1")
     throttle.wrong("192.0.2.1")
     assert throttle.refuses("192.0.2.1")
     assert not throttle.refuses("192.0.2.2")
-    clock.now += throttle_module.FORGET_SECONDS
+    clock.now += FORGET_SECONDS
     assert not throttle.refuses("192.0.2.1")
 
 
 def test_one_machine_has_one_count_however_many_addresses():
     throttle = Throttle(Clock())
-    for number in range(2 * throttle_module.FORGIVEN):
+    for number in range(2 * FORGIVEN):
         throttle.wrong(f"2001:db8::{number:x}")
     assert throttle.refuses("2001:db8::ffff")
     assert not throttle.refuses("2001:db8:1::1")
@@ -203,9 +202,9 @@ def test_one_machine_has_one_count_however_many_addresses():
 
 def test_the_throttle_forgets_addresses_rather_than_growing():
     throttle = Throttle(Clock())
-    for number in range(3 * throttle_module.ADDRESSES):
+    for number in range(3 * ADDRESSES):
         throttle.wrong(f"10.{number >> 16}.{number >> 8 & 255}.{number & 255}")
-    assert len(throttle._wrong) == throttle_module.ADDRESSES
+    assert len(throttle._wrong) == ADDRESSES
 
 
 def test_digests_take_any_text():

@@ -1,0 +1,145 @@
+"""Commands that use an identified model: `predict`, `export`, and `report`, a document to sign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from jointstiff.service.cli.answers import refuse_existing, write_bytes, write_text
+from jointstiff.service.cli.options import (
+    AsJson,
+    CampaignFile,
+    DespiteVerdict,
+    LaboratoryFile,
+    LoadPoint,
+    Overwrite,
+    RunFile,
+    Vector,
+    file_argument,
+    output_option,
+    point_of,
+)
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.run.run import Run
+    from jointstiff.service.exporting.formats import ModelFormat
+
+_FORMATS: Final[dict[str, ModelFormat]] = {
+    ".csv": "csv",
+    ".xlsx": "xlsx",
+    ".urdf": "urdf",
+    ".sdf": "sdf",
+    ".mjcf": "mjcf",
+    ".xml": "mjcf",
+}
+_REPORTS: Final = (".pdf", ".html")
+
+
+def predict(
+    file: CampaignFile,
+    postures: Annotated[
+        Path,
+        file_argument(
+            "POSTURES", "CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], …"
+        ),
+    ],
+    *,
+    run: RunFile = None,
+    load_point: LoadPoint = None,
+    place: Annotated[
+        Vector | None,
+        typer.Option(
+            parser=point_of,
+            metavar="X,Y,Z[mm]",
+            help="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
+        ),
+    ] = None,
+    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")] = 0.95,
+    output: Annotated[Path | None, output_option("Write all numbers there, as CSV.")] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
+    from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_parts
+    from jointstiff.service.library import campaigns
+    from jointstiff.service.tables.terminal import console, printed
+
+    if output is not None:
+        refuse_existing(output, overwrite=overwrite)
+    result = campaigns.predict(
+        campaigns.read_campaign(file),
+        postures.read_text(encoding="utf-8-sig", errors="replace"),
+        _read_run(run),
+        load_point=load_point,
+        place=place,
+        confidence=confidence,
+    )
+    for remark in result.remarks:
+        typer.echo(remark, err=True)
+    if output is not None:
+        write_text(output, prediction_csv(result))
+    if as_json:
+        typer.echo(result.model_dump_json(indent=2))
+    else:
+        console().print(printed(prediction_parts(result)))
+
+
+def export(
+    file: CampaignFile,
+    *,
+    output: Annotated[
+        Path, output_option("Write it there: .csv, .xlsx, .urdf, .sdf, .mjcf, or .xml, which is MJCF.")
+    ],
+    run: RunFile = None,
+    despite_verdict: DespiteVerdict = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Export a campaign's model: stiffness and intervals as a table, or springs for a simulator."""
+    from jointstiff.service.library import models
+    from jointstiff.service.library.campaigns import read_campaign
+
+    found = _FORMATS.get(output.suffix.lower())
+    if found is None:
+        raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
+    refuse_existing(output, overwrite=overwrite)
+    accepted = "do_not_use" if despite_verdict else None
+    _write(output, models.exported(read_campaign(file), found, _read_run(run), accepted))
+
+
+def report(
+    file: Annotated[
+        Path,
+        file_argument(
+            "FILE",
+            "Campaign; or comparison, pair, plan, map or program, as its command prints it with --json.",
+        ),
+    ],
+    *,
+    output: Annotated[Path, output_option("Write it there: .pdf or .html.")],
+    run: RunFile = None,
+    laboratory: LaboratoryFile = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a report: results, uncertainty, method, traceability. That on a campaign is a draft."""
+    from jointstiff.service.library import models
+    from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
+
+    if output.suffix.lower() not in _REPORTS:
+        raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
+    refuse_existing(output, overwrite=overwrite)
+    settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
+    _write(output, models.reported(file, output.suffix.lower() == ".pdf", settings, _read_run(run)))
+
+
+def _read_run(path: Path | None) -> Run | None:
+    from jointstiff.schemas.run.run import Run
+    from jointstiff.service.library.campaigns import read_document
+
+    return None if path is None else read_document(path, Run)
+
+
+def _write(output: Path, content: bytes) -> None:
+    write_bytes(output, content)
+    typer.echo(f"{output}: {len(content):,} bytes")
