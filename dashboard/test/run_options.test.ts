@@ -34,10 +34,16 @@ describe("request of a run", () => {
       links: ["joint_2"],
       folds: "4",
     };
-    expect(requestOf("s", typed)).toEqual({ measurement_set_id: "s", loss: "huber", huber_threshold: 2 });
-    expect(requestOf("s", { ...typed, elasticity: "automatic" })).toEqual({
+    expect(requestOf("s", { ...typed, elasticity: "joints" })).toEqual({
       measurement_set_id: "s",
-      elasticity: "automatic",
+      elasticity: "joints",
+      loss: "huber",
+      huber_threshold: 2,
+    });
+    expect(requestOf("s", typed)).toEqual({
+      measurement_set_id: "s",
+      loss: "huber",
+      huber_threshold: 2,
       links: ["joint_2"],
       cross_validation: { folds: 4 },
     });

@@ -87,7 +87,7 @@ class RunOptions(Message):
         "readings lie. Dimensionless.",
     )
     complementary_stiffness: Literal["neglected", "included"] = Field(
-        default="neglected",
+        default="included",
         description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
         "Kao's conservative congruence transformation, K_c); the paper neglects it, and so do the models "
         "with elastic links or coupling.",
@@ -113,7 +113,7 @@ class RunOptions(Message):
         examples=[[["joint_2", "joint_4"]]],
     )
     elasticity: Elasticity = Field(
-        default="joints",
+        default="automatic",
         validate_default=True,
         description="Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite "
         "joint compliance. `diagonal_links`: joints, and six compliances per link. "
@@ -198,13 +198,15 @@ class RunOptions(Message):
     def _goes_alone(cls, weight: Weight | None, info: ValidationInfo) -> Weight | None:
         if weight is None:
             return weight
-        alone = {"method", "weighting", "positive", "elasticity", "resampling", "priors"}
+        alone = {"method", "weighting", "positive", "resampling", "priors"}
         alone |= {"stiffness_bounds", "stiffness_order"}
         for name in sorted(alone & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
                 raise ValueError(f"does not go with `{name}`: leave one of the two out")
-        if info.data.get("loss") == "huber":
-            raise ValueError("does not go with loss `huber`: leave one of the two out")
+        others = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
+        for name, accepted in others.items():
+            if name in info.data and info.data[name] not in accepted:
+                raise ValueError(f"does not go with {name} `{info.data[name]}`: leave one of the two out")
         return weight
 
     @field_validator("stiffness_bounds", mode="after")

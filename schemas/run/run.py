@@ -293,4 +293,6 @@ class Run(Job):
     def elasticity(self) -> Elasticity:
         """Elements that bend in the numbers; while there are none, those of the request."""
         choice = None if self.result is None else self.result.choice
+        if self.request.weight is not None:
+            return "joints"
         return self.request.elasticity if choice is None else choice.elasticity

@@ -70,7 +70,7 @@ def _deviations(request: RunRequest) -> Iterator[str]:
             request.elasticity not in {"automatic", "joints"},
             f"elastic elements: {request.elasticity.replace('_', ' ')}.",
         ),
-        (request.complementary_stiffness == "included", "the complementary stiffness is included."),
+        (request.complementary_stiffness == "neglected", "the complementary stiffness is neglected."),
     )
     yield from (text for differs, text in said if differs)
 

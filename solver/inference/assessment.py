@@ -79,7 +79,7 @@ def assess(
     Returns:
         The verdict with its reasons.
     """
-    alternatives = () if within_noise(estimate) else tuple(alternative_reasons(robot, measurements))
+    alternatives = gross_mistakes(robot, measurements, estimate)
     if alternatives:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # Behind a gross error tests of smaller ones say nothing.
@@ -96,6 +96,11 @@ def assess(
         fit_reasons(measurements, estimate, prediction, screening, explained=bool(alternatives)),
     )
     return replace(assessed(estimate.joints, found), notes=tuple(_notes(measurements)))
+
+
+def gross_mistakes(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Reason, ...]:
+    """Return the mistakes that would explain the readings far better, where noise does not explain them."""
+    return () if within_noise(estimate) else tuple(alternative_reasons(robot, measurements))
 
 
 def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> Assessment:

@@ -228,5 +228,7 @@ def _from_judge(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:
         elif finding.code == "prior_dominates":
             yield Reason(finding.code, "use_with_care", where, finding.message, finding.remedy)
         elif finding.code == "complementary_stiffness_matters":
-            action = Action("include_complementary_stiffness")
+            size = estimate.complementary_stiffness
+            able = size is not None and size.obstacle is None
+            action = Action("include_complementary_stiffness") if able else None
             yield Reason(finding.code, "use_with_care", where, finding.message, finding.remedy, action)

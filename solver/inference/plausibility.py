@@ -136,6 +136,14 @@ def _implausible_remedy(estimate: Estimate, joint: JointCompliance) -> str:
 
 def _complementary_stiffness(estimate: Estimate) -> Iterator[Finding]:
     size = estimate.complementary_stiffness
+    if size is not None and size.obstacle is not None:
+        yield Finding(
+            "complementary_stiffness_matters",
+            None,
+            f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
+            "check the units of force and length",
+        )
+        return
     if size is None or size.included or size.largest_shift is None or size.largest_shift <= LARGEST_SHIFT:
         return
     yield Finding(

@@ -31,6 +31,7 @@ class ComplementaryStiffness:
     largest_shift: float | None
     #: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known
     shift: FloatArray | None = None
+    obstacle: str | None = None  #: why it is neglected although it was asked for; None where it is not
 
 
 def complementary_stiffness(block: RegressorBlock) -> FloatArray:

@@ -18,6 +18,7 @@ from jointstiff.service.conversion.robots import build_robot, dh_kinematics
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import Measurements
@@ -41,8 +42,13 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
 
 
 def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:
-    """Identify with the options of a run."""
-    return identify(robot, measurements, to_settings(RunOptions(**options), robot))
+    """Identify with the options of a run, K_c neglected as in the paper unless they say otherwise."""
+    return identify(robot, measurements, settings_of(robot, **options))
+
+
+def settings_of(robot: Robot, **options: Any) -> Settings:
+    """Settings by the options of a run, K_c neglected as in the paper unless they say otherwise."""
+    return to_settings(RunOptions(**{"complementary_stiffness": "neglected"} | options), robot)
 
 
 def only_deflections(measurements: Measurements) -> Measurements:

@@ -315,7 +315,7 @@ export const en = {
     size: "Configurations in a draw",
     elasticity: "Elastic elements",
     elasticityHint:
-      "Other than joints: partial pose without resampling; may take long. Automatic chooses the loss, too.",
+      "Automatic tests whether anything besides the joints bends, and compares models only then, which may take long. Others: partial pose without resampling.",
     confidence: "Confidence level of the intervals",
     constrained: "constrained",
     unconstrained: "unconstrained",
@@ -735,7 +735,7 @@ export const en = {
     coupled_joints: "coupled joints",
     diagonal_links: "joints and links, uncoupled",
     joints_and_links: "joints and links",
-    automatic: "automatic, by cross-validation",
+    automatic: "automatic",
   } satisfies Record<Elasticity, string>,
   losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
   links: {

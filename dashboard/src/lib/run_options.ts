@@ -39,12 +39,12 @@ export const initialOptions: Options = {
   method: "partial_pose",
   positive: true,
   loss: "",
-  complementary: false,
+  complementary: true,
   resample: false,
   repetitions: 1000,
   size: 10,
   confidence: "0.95",
-  elasticity: "joints",
+  elasticity: "automatic",
   weighting: "covariance",
   characteristicLength: "",
   huberThreshold: "",
@@ -62,8 +62,7 @@ export const initialOptions: Options = {
 
 /** Losses that go with an elasticity, besides the default. */
 export function lossesOf(elasticity: Elasticity): Loss[] {
-  if (elasticity === "automatic") return [];
-  return elasticity === "joints" ? ["squared", "huber"] : ["squared", "huber", "absolute"];
+  return elasticity === "joints" || elasticity === "automatic" ? ["squared", "huber"] : ["squared", "huber", "absolute"];
 }
 
 /** Whether links are elastic, so that they can be chosen. */
@@ -96,8 +95,8 @@ export function requestOf(set: string, options: Options, stiffness = 1): Record<
     stiffness_order: options.orders.filter(([first, second]) => first !== "" || second !== ""),
     loss,
     huber_threshold: loss === "huber" ? posted(options.huberThreshold) : null,
-    complementary_stiffness: options.complementary ? "included" : null,
-    elasticity: unless(options.elasticity, "joints"),
+    complementary_stiffness: options.complementary ? null : "neglected",
+    elasticity: unless(options.elasticity, "automatic"),
     links: hasLinks(options.elasticity) ? options.links : [],
     link_penalty: elastic && options.elasticity !== "automatic" ? posted(options.linkPenalty) : null,
     cross_validation: elastic

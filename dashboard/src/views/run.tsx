@@ -10,7 +10,7 @@ import { useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { Earlier } from "./earlier";
-import { contextOf, isElastic, type RunContext } from "./run_context";
+import { contextOf, elasticityOf, isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { MapForm } from "./map_form";
@@ -41,14 +41,14 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
 }
 
 function About({ run, robot }: Pick<RunContext, "run" | "robot">) {
-  const { method, positive, elasticity, variant_of: origin } = run.request;
+  const { method, positive, variant_of: origin } = run.request;
   const constraint = positive === false ? text.options.unconstrained : text.options.constrained;
   return (
     <>
       {origin !== null && <a href={link(["runs", origin])}>{text.assessment.variantOf}</a>}
       <span>
         {text.methods[method]}, {constraint}
-        {isElastic(run) && `, ${text.elasticities[elasticity]}`}
+        {isElastic(run) && `, ${text.elasticities[elasticityOf(run)]}`}
       </span>
       <a href={link(["robots", robot.id])}>
         <Name>{robot.name}</Name>

@@ -1,6 +1,6 @@
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
 import { api } from "../api/client";
-import type { MeasurementSet, Robot, Run } from "../api/types";
+import type { Elasticity, MeasurementSet, Robot, Run } from "../api/types";
 import { cached } from "../state/cache";
 import { storedRobot, storedSet } from "../state/stored";
 
@@ -20,5 +20,8 @@ export async function contextOf(run: Run): Promise<RunContext> {
 export const contextOfEnded = async (run: string): Promise<RunContext> =>
   contextOf(await cached(`run/${run}`, () => api.runs.one(run)));
 
-/** Whether more than the joints may bend, each by itself. */
-export const isElastic = (run: Run): boolean => (run.request.elasticity ?? "joints") !== "joints";
+/** What bends in the numbers; until there are some, what was asked for. */
+export const elasticityOf = (run: Run): Elasticity => run.result?.choice?.elasticity ?? run.request.elasticity;
+
+/** Whether more than the joints bend, each by itself. */
+export const isElastic = (run: Run): boolean => !["joints", "automatic"].includes(elasticityOf(run));

@@ -16,10 +16,9 @@ from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.plan.design import to_design_request, to_plan_result
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.design.campaign_plan import plan_campaign
-from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.inference.screening import screen_estimate
 from jointstiff.solver.robot.model import Robot
@@ -72,8 +71,7 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
     if prepared is not None:
-        settings = to_settings(RunOptions(), robot)
-        estimate = identify(robot, prepared.measurements, settings)
+        settings, estimate = identified(prepared, to_settings(RunOptions(), robot))
         sigma = estimate.sigma
         for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
             u = joint.standard_uncertainty

@@ -78,7 +78,7 @@ def _complementary_stiffness(result: RunResult) -> Iterator[str]:
         return
     shift = "" if size.largest_shift is None else f" by at most {size.largest_shift:.2g} std. uncertainties"
     verb = (
-        f"included ({size.iterations} fits); it changes"
+        f"included ({size.iterations} refit{'s' if size.iterations > 1 else ''}); it changes"
         if size.included
         else "neglected; including it changes"
     )

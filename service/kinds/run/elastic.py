@@ -24,13 +24,12 @@ from jointstiff.service.kinds.run.links import (
     to_selection,
 )
 from jointstiff.service.kinds.run.results import to_result
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
 from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
-from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.screening import Screening
@@ -203,7 +202,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
     @cached_property
     def _joints(self) -> Estimate:
         """Return the estimate of the joint model."""
-        return identify(self._prepared.robot, self._prepared.measurements, self._settings)
+        return identified(self._prepared, self._settings)[1]
 
     @cached_property
     def _folds(self) -> Folds:

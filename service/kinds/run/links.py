@@ -10,7 +10,7 @@ from jointstiff.schemas.run.run import ModelChoice, PlainModel, RunResult
 from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.finding import length_text
-from jointstiff.solver.inference.screening import Screening
+from jointstiff.solver.inference.screening import LINKS_LEVEL, Screening
 from jointstiff.solver.links.cross_validation import SELECTION_WEIGHTS, WEIGHTS, Plan
 from jointstiff.solver.links.estimate import ElasticEstimate
 from jointstiff.solver.links.model import LOSSES, Loss
@@ -81,6 +81,8 @@ def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str
         source, text = "given", f"Joints alone, as requested ({p})."
     elif excluded is not None:
         source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
+    elif screening.links_p_value < LINKS_LEVEL:
+        source, text = "screening", f"Joints alone: mend the mistake that the reasons name first ({p})."
     else:
         source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
     return ModelChoice(

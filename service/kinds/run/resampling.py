@@ -8,11 +8,11 @@ from typing import Final
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.resampling import Resampling
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import Span, pack, unpack
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks, refuse_nonlinear
+from jointstiff.solver.resampling.blocks import GramBlocks, blocks_of_identified, refuse_nonlinear
 from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
 
 STEP_SECONDS: Final = 0.25
@@ -46,7 +46,8 @@ class ResamplingWork:
 
     @cached_property
     def _blocks(self) -> GramBlocks:
-        return gram_blocks(self._prepared.robot, self._prepared.measurements, self._settings)
+        settings, estimate = identified(self._prepared, self._settings)
+        return blocks_of_identified(self._prepared.robot, self._prepared.measurements, settings, estimate)
 
     @property
     def repetitions(self) -> int:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
 from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.solver.convex.constraints import Order
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.errors import RequestError
+from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.robot.model import Robot
 
 
@@ -39,6 +43,31 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
     )
     _ = settings.constraints  # refuses contradictions before any work is done
     return settings
+
+
+def identified(prepared: PreparedSet, settings: Settings) -> tuple[Settings, Estimate]:
+    """Identify, and neglect K_c where the load has no balance with joints as soft as the readings say.
+
+    Readings in a wrong unit do that; the verdict on them says so, and that K_c is neglected.
+
+    Returns:
+        The settings that were used, and the estimate.
+
+    Raises:
+        JointstiffError: as `jointstiff.solver.identification.identify`.
+    """
+    robot, measurements = prepared.robot, prepared.measurements
+    try:
+        return settings, identify(robot, measurements, settings)
+    except SolverError as error:
+        if error.where != "complementary_stiffness":
+            raise
+        neglected = replace(settings, complementary_stiffness=False)
+        estimate = identify(robot, measurements, neglected)
+        if estimate.complementary_stiffness is None:
+            raise
+        size = replace(estimate.complementary_stiffness, obstacle=error.reason)
+        return neglected, replace(estimate, complementary_stiffness=size)
 
 
 def _joint_loss(options: RunOptions) -> Literal["squared", "huber"]:

@@ -17,7 +17,7 @@ from jointstiff.service.kinds.run.elastic import ElasticWork
 from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_columns, to_plan
 from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.run.weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork
 from jointstiff.solver.deflection.joint_model import JointModel
@@ -25,7 +25,7 @@ from jointstiff.solver.deflection.model_error import ModelError, leave_postures_
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify, refuse_unsupported
+from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
@@ -62,18 +62,18 @@ class RunWork(SteppedWork[Resamples]):
             self._draws = ResamplingWork(prepared, options, options.resampling)
 
     @cached_property
-    def estimate(self) -> Estimate:
-        """Return the estimate of the joints.
+    def identified(self) -> tuple[Settings, Estimate]:
+        """Return the estimate of the joints, and how it was made.
 
         Raises:
             JointstiffError: as `run_identification` does.
         """
-        return identify(self._prepared.robot, self._prepared.measurements, self._settings)
+        return identified(self._prepared, self._settings)
 
     @cached_property
     def screening(self) -> Screening:
-        """Return what joints alone leave unexplained; raises as `estimate` does."""
-        found = screen_estimate(self._prepared.robot, self._prepared.measurements, self.estimate)
+        """Return what joints alone leave unexplained; raises as `identified` does."""
+        found = screen_estimate(self._prepared.robot, self._prepared.measurements, self.identified[1])
         return replace(found, comparable=self._excluded is None)
 
     def steps(self) -> Sequence[Span]:
@@ -108,7 +108,7 @@ class RunWork(SteppedWork[Resamples]):
 
     def conclude_with(self, screening: Screening, parts: Sequence[Resamples] = ()) -> RunResult:
         """Report joints alone, with what is known of links beside them; raises as `conclude` does."""
-        prepared, options, settings, estimate = self._prepared, self._options, self._settings, self.estimate
+        prepared, options, (settings, estimate) = self._prepared, self._options, self.identified
         model = JointModel.of(prepared.robot, estimate, settings.constraints)
         error: ModelError | JointstiffError
         try:
@@ -123,6 +123,8 @@ class RunWork(SteppedWork[Resamples]):
 
 def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWork:
     """Return the work of a run; an automatic choice compares models only where the screening speaks.
+
+    Mistakes come first: a gross one in the readings, too, leaves patterns as links do.
 
     Raises:
         RequestError: there is no such set, or the readings cannot support what is asked for.
@@ -140,6 +142,7 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWo
     if request.elasticity == "automatic":
         try:
             speaks = excluded is None and plain.screening.links_speak
+            speaks = speaks and prepared.is_sound(plain.identified[1])
         except JointstiffError:  # the run fails when it is carried out, and says why
             speaks = False
         if not speaks:
@@ -193,12 +196,8 @@ def run_identification(
         NotObservableError: the readings determine no joint.
         SolverError: optimality could not be certified.
     """
-    return _reported(prepared, options, *_identified(prepared, options), parts)
-
-
-def _identified(prepared: PreparedSet, options: RunOptions) -> tuple[Settings, Estimate]:
-    settings = to_settings(options, prepared.robot)
-    return settings, identify(prepared.robot, prepared.measurements, settings)
+    settings, estimate = identified(prepared, to_settings(options, prepared.robot))
+    return _reported(prepared, options, settings, estimate, parts)
 
 
 def _reported(

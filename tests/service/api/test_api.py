@@ -55,7 +55,8 @@ class TestWholePath:
         document = shared("fanuc_r2000ic/campaign")
         robot = post(client, "/v1/robots", document["robot"])
         stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
-        run = post(client, "/v1/runs", {"measurement_set_id": stored["id"]})
+        plain = {"elasticity": "joints", "complementary_stiffness": "neglected"}
+        run = post(client, "/v1/runs", {"measurement_set_id": stored["id"], **plain})
         stiffness = [joint["stiffness"] for joint in run["result"]["joints"]]
         expected = [861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549]
         np.testing.assert_allclose(stiffness, expected, rtol=1e-8)
@@ -69,7 +70,8 @@ class TestWholePath:
         )
         run = Run.model_validate(answer)
         robot, measurements = prepare(campaign)
-        expected = estimate(robot, measurements, method=method, positive=positive)
+        options = {"method": method, "positive": positive, "complementary_stiffness": "included"}
+        expected = estimate(robot, measurements, **options)
         assert run.state == "succeeded"
         for joint, truth in zip(run.result.joints, expected.joints, strict=True):
             assert (joint.name, joint.status, joint.compliance) == (
@@ -77,7 +79,7 @@ class TestWholePath:
                 truth.status,
                 truth.compliance,
             )
-        prediction = predict(robot, measurements, expected.compliance)
+        prediction = predict(robot, measurements, expected.compliance, complementary_stiffness=True)
         assert run.result.rms_residual == prediction.rms_residual
         assert len(run.result.residuals) == 8 * 3
         assert run.result.joints[0].status == "not_observable"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from support.campaigns import prepare
 from typer.testing import CliRunner
@@ -17,7 +18,7 @@ from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.simulator import default_arm, simulate_campaign
 
-INCLUDED = ("--complementary-stiffness", "included")
+NEGLECTED = {"complementary_stiffness": "neglected"}
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +72,8 @@ def test_huber_is_nearer_the_truth_than_the_squared_loss(document):
 @pytest.mark.parametrize("method", ["complete_pose", "partial_pose", "decoupled_partial_pose"])
 def test_every_run_tells_the_complementary_stiffness(document, method):
     found = (
+        result(document, method=method, **NEGLECTED),
         result(document, method=method),
-        result(document, method=method, complementary_stiffness="included"),
     )
     neglected, included = (of.complementary_stiffness for of in found)
     assert (neglected.included, neglected.iterations) == (False, 0)
@@ -84,20 +85,41 @@ def test_every_run_tells_the_complementary_stiffness(document, method):
 
 def test_it_warns_where_it_matters_and_says_the_remedy(document):
     method = "decoupled_partial_pose"
-    remedies = {warning.code: warning.remedy for warning in result(document, method=method).warnings}
+    remedies = {
+        warning.code: warning.remedy for warning in result(document, method=method, **NEGLECTED).warnings
+    }
     assert remedies["complementary_stiffness_matters"] == "set complementary_stiffness: included"
-    included = result(document, method=method, complementary_stiffness="included")
+    included = result(document, method=method)
     assert "complementary_stiffness_matters" not in {warning.code for warning in included.warnings}
+
+
+def test_readings_without_a_balance_are_identified_without_it():
+    """Deflections a thousand times too large: joints as soft as they say would not carry the load."""
+    wrong = simulate_campaign(default_arm(), load="pull", seed=2)
+    for observation in wrong["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            moved = np.subtract(reading["loaded"], reading["unloaded"])
+            reading["loaded"] = (reading["unloaded"] + 1e3 * moved).tolist()
+    found = result(wrong)
+    size = found.complementary_stiffness
+    assert (size.included, size.iterations) == (False, 0)
+    (warning,) = (each for each in found.warnings if each.code == "complementary_stiffness_matters")
+    assert "had to be neglected: there is no equilibrium" in warning.message
+    assert "units" in warning.remedy
+    assert found.assessment.verdict == "do_not_use"
+    assert "include_complementary_stiffness" not in {
+        reason.action.kind for reason in found.assessment.reasons if reason.action
+    }
 
 
 def test_residuals_are_those_of_the_model_that_was_fitted():
     exact = simulate_campaign(default_arm(), load="dead_weight", seed=2, sigma=0.0)
-    assert result(exact, complementary_stiffness="included").rms_residual < 1e-8
-    assert result(exact).rms_residual > 1e-6
+    assert result(exact).rms_residual < 1e-8
+    assert result(exact, **NEGLECTED).rms_residual > 1e-6
 
 
 def test_options_of_the_command(command):
-    shown = command("--json", "--loss", "huber", "--huber-threshold", "1.5", *INCLUDED)
+    shown = command("--json", "--loss", "huber", "--huber-threshold", "1.5")
     found = Run.model_validate_json(shown.stdout)
     assert found.request.loss == "huber"
     assert found.result.robust.threshold == 1.5
@@ -108,7 +130,7 @@ def test_options_of_the_command(command):
 
 
 def test_table_tells_both(command):
-    shown = command("--loss", "huber", "--details").stdout
+    shown = command("--loss", "huber", "--complementary-stiffness", "neglected", "--details").stdout
     assert "c05, P11: residual of" in shown
     assert "threshold 2.8 sigma" in shown
     assert "complementary stiffness neglected" in shown

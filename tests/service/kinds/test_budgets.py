@@ -47,7 +47,7 @@ def test_each_source_is_named_and_all_add_up():
         ("axes", "B"),
     ]
     beyond = {part.source: part for part in budget.components if not part.included}
-    assert set(beyond) == {"model_error", "complementary_stiffness"}
+    assert set(beyond) == {"model_error"}
     assert beyond["model_error"].degrees_of_freedom == 7
     for j, joint in enumerate(result.joints):
         parts = [part.contributions[j] ** 2 for part in budget.components if part.included]

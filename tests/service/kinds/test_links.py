@@ -275,6 +275,25 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
     assert bends.links.model_source == "cross_validation"
 
 
+def test_a_gross_mistake_is_mended_before_models_are_compared(store):
+    """Two columns exchanged leave patterns, too; the default says so at once."""
+    parts = Parts.of(store)
+    wrong = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
+    for observation in wrong["measurement_set"]["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(wrong["robot"])), None)
+    readings = json.dumps(wrong["measurement_set"] | {"robot_id": robot.id})
+    set_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
+    run = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id), None)
+    assert run.state == "succeeded"
+    run = parts.jobs["run"].current(run.id)
+    choice = run.result.choice
+    assert (choice.elasticity, choice.source, run.result.selection) == ("joints", "screening", None)
+    assert choice.links_p_value < 3e-3
+    assert "mend the mistake" in choice.message
+
+
 @pytest.mark.parametrize(
     ("options", "excluded"),
     [
@@ -320,7 +339,11 @@ def test_a_pair_compares_joints_alone(store, set_id):
 
 @pytest.mark.parametrize(
     "options",
-    [{"links": ["joint_2"]}, {"link_penalty": 0.1}, {"elasticity": "coupled_joints", "links": ["joint_2"]}],
+    [
+        {"elasticity": "joints", "links": ["joint_2"]},
+        {"link_penalty": 0.1},
+        {"elasticity": "coupled_joints", "links": ["joint_2"]},
+    ],
 )
 def test_options_of_links_go_with_links(options):
     with pytest.raises(ValidationError, match="needs an elasticity"):

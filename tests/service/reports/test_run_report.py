@@ -55,7 +55,10 @@ HOSTILE = '#read("/etc/passwd") =1+1 </script><img src=x onerror=alert(1)> $x$ *
 @pytest.fixture(scope="module")
 def document():
     campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=2)
-    return campaign | {"measurement_set": campaign["measurement_set"] | METADATA}
+    return campaign | {
+        "measurement_set": campaign["measurement_set"] | METADATA,
+        "run": {"complementary_stiffness": "neglected"},
+    }
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +118,7 @@ STATED = {
     "7.8.2.1 k": "Sampling: none.",
     "7.8.2.1 l": "The results relate only to the item",
     "7.8.2.1 m": "10⁶ N·m/rad",
-    "7.8.2.1 n": "Deviations: none.",
+    "7.8.2.1 n": "Deviation: the complementary stiffness is neglected.",
     "7.8.2.1 o": "Authorised by Dr. Key",
     "7.8.2.1 p": "Results from external providers: none",
     "7.8.4.1 a": "the coverage factor k = 1.960, for a coverage probability of 95 %",

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import estimate, prepare
+from support.campaigns import estimate, prepare, settings_of
 
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.message import message as message_of
-from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.fitting.prior import Prior
@@ -33,7 +31,7 @@ def pulls():
 
 
 def test_conversion_to_first_order(pulls):
-    prior = to_settings(RunOptions(priors=PRIORS), pulls[0]).prior
+    prior = settings_of(pulls[0], priors=PRIORS).prior
     np.testing.assert_array_equal(prior.known, [False, True, False, False, True, False])
     assert prior.mean[4] == 1 / 4e5
     assert prior.standard_uncertainty[4] == pytest.approx(4e4 / 4e5**2, rel=1e-14)
@@ -68,7 +66,7 @@ def test_partial_pose_is_bayes_rule(pulls, sigma):
 def test_decoupled_covariance_is_that_of_the_linear_estimator(pulls):
     """ĉ = H d + H₀ c₀, found by moving each reading and each prior: sigma² (2 H Hᵀ) + H₀ S₀ H₀ᵀ."""
     robot, measurements = pulls
-    settings = to_settings(RunOptions(priors=PRIORS, positive=False, method="decoupled_partial_pose"), robot)
+    settings = settings_of(robot, priors=PRIORS, positive=False, method="decoupled_partial_pose")
     base = identify(robot, measurements, settings)
     covariance = np.zeros((6, 6))
     step = 1e-3  # m; the estimator is linear
@@ -94,7 +92,7 @@ def test_limits(pulls, method):
     """A vague prior says nothing, a sharp one everything of its joint."""
     robot, measurements = pulls
     alone = estimate(robot, measurements, method=method)
-    settings = to_settings(RunOptions(method=method), robot)
+    settings = settings_of(robot, method=method)
     mean, unknown = np.full(6, np.nan), np.full(6, np.inf)
     mean[4] = 2.5e-6
     for uncertainty, expected in ((1e3, alone.compliance[4]), (1e-16, 2.5e-6)):
@@ -178,11 +176,11 @@ class TestRefusals:
     def test_resampling(self, pulls, options):
         robot, measurements = pulls
         with pytest.raises(UnsupportedMethodError, match="resampling supports neither"):
-            gram_blocks(robot, measurements, to_settings(RunOptions(**options), robot))
+            gram_blocks(robot, measurements, settings_of(robot, **options))
 
     def test_of_a_joint_that_the_robot_does_not_have(self, pulls):
         with pytest.raises(RequestError, match="no joint 'joint_9'"):
-            to_settings(RunOptions(priors={"joint_9": PRIORS["joint_2"]}), pulls[0])
+            settings_of(pulls[0], priors={"joint_9": PRIORS["joint_2"]})
 
     @pytest.mark.parametrize("uncertainty", [0.0, -1.0, np.nan, np.inf])
     def test_an_uncertainty_that_is_none(self, uncertainty):

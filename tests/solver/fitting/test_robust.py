@@ -10,14 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from support.campaigns import METHODS, estimate, prepare
+from support.campaigns import METHODS, estimate, prepare, settings_of
 from support.examples import examples
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.results import to_robust_loss
-from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import linear_deflections, torques
@@ -144,7 +142,7 @@ class TestAgainstConePrograms:
     def test_with_an_order_of_the_joints(self, pulls):
         robot, measurements = pulls
         measurements, _ = spoilt(noisy(measurements, 5), 5)
-        chosen = replace(to_settings(RunOptions(loss="huber"), robot), order=((5, 4),))
+        chosen = replace(settings_of(robot, loss="huber"), order=((5, 4),))
         found = identify(robot, measurements, chosen)
         A, d = rows_of(robot, measurements)
         expected, _ = by_clarabel(A, d, 2.8, lambda c: [c >= 0, c[5] <= c[4]])
@@ -156,7 +154,7 @@ class TestAgainstConePrograms:
         measurements, _ = spoilt(noisy(measurements, 5), 5)
         mean, deviation = np.full(6, np.nan), np.full(6, np.inf)
         mean[3], deviation[3] = 3e-6, 0.1e-6
-        chosen = replace(to_settings(RunOptions(loss="huber"), robot), prior=Prior(mean, deviation))
+        chosen = replace(settings_of(robot, loss="huber"), prior=Prior(mean, deviation))
         found = identify(robot, measurements, chosen)
         A, d = rows_of(robot, measurements)
         expected, _ = by_clarabel(A, d, 2.8, extra=lambda c: cp.square((c[3] - 3.0) / 0.1) / 2)

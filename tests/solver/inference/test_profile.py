@@ -12,11 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq, lsq_linear
-from support.campaigns import METHODS, estimate, prepare
+from support.campaigns import METHODS, estimate, prepare, settings_of
 from support.examples import examples
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.constraints import Constraints
@@ -338,7 +336,7 @@ def test_coverage(method, rigid):
     truth = default_arm().compliances.copy()
     truth[list(rigid)] = 0.0
     exact = block.A @ truth
-    run = to_settings(RunOptions(method=method), robot)
+    run = settings_of(robot, method=method)
     rng, held = np.random.default_rng(20), np.zeros((3, robot.n))
     for _ in range(2000):
         noise = rng.normal(0, sqrt(2) * measurements.sigma, exact.shape)

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, prepare
+from support.campaigns import METHODS, estimate, prepare, settings_of
 from support.encoders import with_encoders
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
@@ -160,7 +158,7 @@ def test_part_of_the_encoders_in_part_of_the_observations():
 @pytest.mark.parametrize("method", METHODS)
 def test_resampling_takes_the_encoders_along(method):
     robot, measurements = prepare(campaign(configurations=12, joints=(1, 2, 4))[0])
-    settings = to_settings(RunOptions(method=method), robot)
+    settings = settings_of(robot, method=method)
     plan = ResamplingPlan(size=8, repetitions=5, seed=2)
     drawn = resample(gram_blocks(robot, measurements, settings), plan, Bounds.positive(6), 0, 5)
     for rows, compliance in zip(plan.draw(12, 0, 5), drawn.compliance, strict=True):
