@@ -17,12 +17,11 @@ from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_ba
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
-from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
 from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, fit_axis
 from jointstiff.solver.geometry.sweeps.findings import sweep_findings
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 

@@ -10,12 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
-from jointstiff.solver.geometry.frames.wrist_axes import nearest_to_axes
-from jointstiff.solver.geometry.frames.wrist_centre import CentreEstimate, WristCentre, find_wrist_centre
+from jointstiff.solver.geometry.frames.wrist_centre import (
+    CentreEstimate,
+    WristCentre,
+    find_wrist_centre,
+    nearest_to_axes,
+)
 from jointstiff.solver.geometry.identified_geometry import (
     BaseTargets,
     Conventions,
@@ -23,7 +27,6 @@ from jointstiff.solver.geometry.identified_geometry import (
     IdentifiedGeometry,
     SweepFit,
 )
-from jointstiff.solver.geometry.model.dh_identification import dh_table
 from jointstiff.solver.geometry.model.identified_model import (
     FlangeConvention,
     identify_model,
@@ -31,8 +34,8 @@ from jointstiff.solver.geometry.model.identified_model import (
     link_table,
 )
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
+from jointstiff.solver.geometry.model.link_parameters import dh_table
 from jointstiff.solver.geometry.model.poses import Poses
-from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
 from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
 from jointstiff.solver.geometry.sweeps.findings import (
@@ -44,7 +47,7 @@ from jointstiff.solver.geometry.sweeps.findings import (
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
 from jointstiff.solver.geometry.sweeps.resting_angles import resting_angles, widened
 from jointstiff.solver.geometry.sweeps.sweep import SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
@@ -71,7 +74,7 @@ def identify_from_sweeps(
         conventions: where R0 and the flange frame are.
         nominal: model of the robot; needed where a convention is by it.
         name: of the identified robot.
-        fit: `one_by_one` asks least of the controller's repeatability; see `sweep_bundle`. Where the sweeps
+        fit: `one_by_one` asks least of the controller's repeatability; see `refine_axes`. Where the sweeps
             disagree, `together` falls back to it with a finding. Where gears are uneven, uncertainties
             include those of the angles at rest; see `resting_angles`.
         angles: see `circle_point`.
@@ -151,6 +154,11 @@ def _identified_geometry(
     found += tables[0].findings()
     links = () if nominal is None else link_table(identified, base, flange, nominal)
     found += link_findings(links)
+
+    def in_flange(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+        return flange.place(axes, points).inverse().apply(points).ravel()
+
+    spread = identified.standard_uncertainties(identified.jacobian_of(in_flange))
     return IdentifiedGeometry(
         identified=identified,
         sigma_stated=frame.stated,
@@ -158,7 +166,7 @@ def _identified_geometry(
         evidence=evidence,
         base=base,
         model=model,
-        targets_determined=_placed_targets(identified, flange),
+        targets_determined=np.asarray(np.isfinite(spread).reshape(-1, 3).all(axis=1)),
         links=links,
         wrist=wrist,
         tables=tables,
@@ -181,14 +189,6 @@ def _flange(conventions: Conventions, nominal: KinematicChain | None) -> FlangeC
     if conventions.flange == "axes":
         return FlangeConvention.of_axes()
     return FlangeConvention.of_chain(_needed(nominal, "flange.by"))
-
-
-def _placed_targets(identified: IdentifiedAxes, flange: FlangeConvention) -> BoolArray:
-    def in_flange(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
-        return flange.place(axes, points).inverse().apply(points).ravel()
-
-    spread = identified.standard_uncertainties(identified.jacobian_of(in_flange))
-    return np.asarray(np.isfinite(spread).reshape(-1, 3).all(axis=1))
 
 
 def _needed(nominal: KinematicChain | None, where: str) -> KinematicChain:

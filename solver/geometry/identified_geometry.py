@@ -11,11 +11,10 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_drift import BaseDrift, find_drift
-from jointstiff.solver.geometry.frames.base_frame import BaseFrame
+from jointstiff.solver.geometry.frames.base_frame import BaseFrame, PlacedAxis, place_axes
 from jointstiff.solver.geometry.frames.wrist_centre import WristCentre
-from jointstiff.solver.geometry.model.dh_identification import DhTable
 from jointstiff.solver.geometry.model.identified_model import IdentifiedModel, LinkParameter
-from jointstiff.solver.geometry.placed_axes import PlacedAxis, place_axes
+from jointstiff.solver.geometry.model.link_parameters import DhTable
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
 from jointstiff.solver.geometry.sweeps.swept_axes import SweepEvidence, SweptAxes
 

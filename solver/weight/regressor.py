@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.frames.axis_frame import chain_axes
+from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseReadings, PoseState

@@ -24,8 +24,8 @@ from jointstiff.solver.errors import InputError, NotObservableError, RequestErro
 from jointstiff.solver.geometry.frames.wrist_centre import CentreEstimate, WristCentre
 from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
 from jointstiff.solver.geometry.identified_geometry import IdentifiedGeometry
-from jointstiff.solver.geometry.model.dh_identification import DhTable
 from jointstiff.solver.geometry.model.kinematic_calibration import CalibratedAxes
+from jointstiff.solver.geometry.model.link_parameters import DhTable
 from jointstiff.solver.geometry.model.poses import Poses
 from jointstiff.solver.geometry.sweeps.sweep import SweepSet
 from jointstiff.solver.robot.joint_map import JointMap as RobotJointMap

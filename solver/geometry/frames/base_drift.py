@@ -97,10 +97,35 @@ def find_drift(
     Raises:
         MeasurementError: shapes disagree, a number is not finite, or the targets lie on a line.
     """
-    _check(before, after)
+    if before.shape != after.shape or before.ndim != 2 or before.shape[1] != 3 or len(before) < 3:
+        raise MeasurementError(
+            f"the base targets have shape {before.shape} before and {after.shape} after",
+            where="base_targets",
+            remedy="read the same three or more targets on the base both times",
+        )
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        raise MeasurementError(
+            "a coordinate is not finite", where="base_targets", remedy="remove or repeat the reading"
+        )
+    spread = np.linalg.svd(before - before.mean(axis=0), compute_uv=False)
+    if spread[1] <= _COLLINEAR * spread[0]:
+        raise MeasurementError(
+            "the base targets lie on a line, so a rotation about that line cannot be determined",
+            where="base_targets",
+            remedy="place the targets so that they form a triangle",
+        )
     one = np.eye(3) if covariance is None else covariance
     W = np.broadcast_to(whitener(2.0 * sigma**2 * one), (len(before), 3, 3))
-    motion = _fit(before, after, W)
+    centre = before.mean(axis=0)
+    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - centre)
+    R = turn.as_matrix()
+    motion, _ = minimise(
+        RigidTransform(R, after.mean(axis=0) - R @ centre),
+        lambda motion: np.asarray((W @ (after - motion.apply(before))[..., None]).ravel()),
+        lambda motion: np.asarray((W @ RigidTransform.sensitivity(motion.apply(before))).reshape(-1, 6)),
+        lambda motion, step: motion.displaced(step),
+        where="base_targets",
+    )
     S = RigidTransform.sensitivity(motion.apply(before))
     whitened = (W @ S).reshape(-1, 6)
     left = (W @ (after - motion.apply(before))[..., None]).ravel()
@@ -121,40 +146,6 @@ def find_drift(
         moved_targets=tuple(known[target] for target in _moved_targets(whitened, left)),
         names=known,
     )
-
-
-def _check(before: FloatArray, after: FloatArray) -> None:
-    if before.shape != after.shape or before.ndim != 2 or before.shape[1] != 3 or len(before) < 3:
-        raise MeasurementError(
-            f"the base targets have shape {before.shape} before and {after.shape} after",
-            where="base_targets",
-            remedy="read the same three or more targets on the base both times",
-        )
-    if not (np.isfinite(before).all() and np.isfinite(after).all()):
-        raise MeasurementError(
-            "a coordinate is not finite", where="base_targets", remedy="remove or repeat the reading"
-        )
-    spread = np.linalg.svd(before - before.mean(axis=0), compute_uv=False)
-    if spread[1] <= _COLLINEAR * spread[0]:
-        raise MeasurementError(
-            "the base targets lie on a line, so a rotation about that line cannot be determined",
-            where="base_targets",
-            remedy="place the targets so that they form a triangle",
-        )
-
-
-def _fit(before: FloatArray, after: FloatArray, W: FloatArray) -> RigidTransform:
-    centre = before.mean(axis=0)
-    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - centre)
-    R = turn.as_matrix()
-    found, _ = minimise(
-        RigidTransform(R, after.mean(axis=0) - R @ centre),
-        lambda motion: np.asarray((W @ (after - motion.apply(before))[..., None]).ravel()),
-        lambda motion: np.asarray((W @ RigidTransform.sensitivity(motion.apply(before))).reshape(-1, 6)),
-        lambda motion, step: motion.displaced(step),
-        where="base_targets",
-    )
-    return found
 
 
 def _moved_targets(whitened: FloatArray, left: FloatArray) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 * **sphere**: with the arm at rest, every target runs on a sphere about the centre, whichever wrist joint
   turns;
 * **axes**: the point nearest to the last three axes, each weighted by its uncertainty there;
-* **trilateration**: at each position from three targets (`trilateration`), at the distances that the spheres
+* **trilateration**: at each position from three targets (`trilaterate`), at the distances that the spheres
   found.
 
 All use the same readings, so their errors are related. Each way keeps its derivative by the readings, from
@@ -21,19 +21,104 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import BaseFrame
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.frames.sphere_fit import SphereFit, fit_spheres
-from jointstiff.solver.geometry.frames.trilateration import trilaterate
-from jointstiff.solver.geometry.frames.wrist_axes import WristMiss, nearest_to_axes
-from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
+from jointstiff.solver.geometry.frames.sphere_fit import SphereFit, fit_spheres, trilaterate
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
 from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
-from jointstiff.solver.robot.wrist import WRIST_JOINTS
+from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist
+
+
+@dataclass(frozen=True)
+class WristMiss:
+    """By how much the last three axes miss a common point."""
+
+    distance: float  #: greatest distance of one of the axes from the point nearest to them [m]
+    #: of that [m]; where the distance is not beyond it, it says how large the miss may be
+    standard_uncertainty: float
+    probability: float  #: that axes which do meet are found so far apart
+
+    @property
+    def spherical(self) -> bool:
+        """Return whether the axes meet within `Wrist.TOLERANCE`, which the decoupled method needs."""
+        return self.distance <= Wrist.TOLERANCE
+
+
+def nearest_to_axes(
+    identified: IdentifiedAxes, posture: FloatArray
+) -> tuple[tuple[FloatArray, FloatArray], WristMiss]:
+    """Find the point nearest to the last three axes, by generalised least squares.
+
+    Args:
+        identified: at least three axes.
+        posture: (n,) model angles in which to look [rad]; of a spherical wrist its own do not matter.
+
+    Returns:
+        The point (3,) in the tracker's frame [m] with its derivative (3, m) by the whitened readings in units
+        of sigma, and by how much the axes miss it.
+
+    Raises:
+        MeasurementError: the axes are nearly parallel.
+    """
+    reference = _wrist(identified.axes, posture)
+    rough = _nearest(reference, np.eye(2 * WRIST_JOINTS))
+
+    def offsets(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        return _offsets(_wrist(axes, posture), rough, reference)
+
+    V = identified.covariance_of(offsets)
+    weight = np.asarray(np.linalg.inv(V), dtype=np.float64)
+    centre = _nearest(reference, weight)
+
+    def nearest(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        return _nearest(_wrist(axes, posture), weight)
+
+    def distances(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        wrist = _wrist(axes, posture)
+        middle = _nearest(wrist, np.eye(2 * WRIST_JOINTS))
+        return np.array([np.linalg.norm(axis.at(axis.foot(middle)) - middle) for axis in wrist])
+
+    found = distances(identified.axes, identified.targets)
+    farthest = int(np.argmax(found))
+    left = _offsets(reference, centre, reference)
+    miss = WristMiss(
+        float(found[farthest]),
+        float(np.sqrt(np.trace(V) / len(V))),
+        float(stats.chi2.sf(left @ weight @ left, 2 * WRIST_JOINTS - 3)),
+    )
+    return (centre, identified.jacobian_of(nearest) @ identified.influence), miss
+
+
+def _wrist(axes: Sequence[Axis], posture: FloatArray) -> tuple[Axis, ...]:
+    return posed(axes, posture)[0][-WRIST_JOINTS:]
+
+
+def _offsets(axes: Sequence[Axis], point: FloatArray, reference: Sequence[Axis]) -> FloatArray:
+    """Return the offsets of axes from a point, (6,) along the normals of reference axes nearby [m]."""
+    gaps = [axis.at(axis.foot(point)) - point for axis in axes]
+    return np.concatenate([r.frame[:, :2].T @ gap for r, gap in zip(reference, gaps, strict=True)])
+
+
+def _nearest(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
+    """Point of least weighted squares of its distances along two normals of each axis."""
+    N = np.vstack([axis.frame[:, :2].T for axis in axes])
+    points = np.concatenate([axis.frame[:, :2].T @ axis.point for axis in axes])
+    system = N.T @ weight @ N
+    scaled = system / np.trace(system)
+    if np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-9:
+        raise MeasurementError(
+            "the last three axes are nearly parallel, so there is no wrist centre",
+            where="sweeps",
+            remedy="use a method that needs no wrist centre",
+        )
+    return np.asarray(np.linalg.solve(system, N.T @ weight @ points))
+
 
 CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
 
@@ -120,51 +205,47 @@ def find_wrist_centre(identified: SweptAxes) -> WristCentre:
             where="sweeps",
             remedy="sweep all joints of the robot",
         )
-    posture = _arm_posture(identified)
+    # Model angles (n,) in the last axis's sweep, those of the wrist set to zero
+    sweeps = identified.sweeps
+    last = next(s for s in sweeps.sweeps if min(sweeps.turning(s)) == identified.n - 1)
+    posture: FloatArray = sweeps.model_angles(last).mean(axis=0)
+    posture[-WRIST_JOINTS:] = 0.0
     by_axes, miss = nearest_to_axes(identified, posture)
     ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
-    sphere = fit_spheres(identified, _wrist_sweeps(identified, posture))
+    arm = slice(0, identified.n - WRIST_JOINTS)
+    away = [np.abs(sweeps.model_angles(sweep)[:, arm] - posture[arm]) for sweep in sweeps.sweeps]
+    at_rest = [index for index, angles in enumerate(away) if angles.max(initial=0.0) <= STILL]
+    sphere = fit_spheres(identified, at_rest)  # by the sweeps that leave the arm where the last one has it
     if sphere is not None:
         ways.append(("sphere", sphere.centre, sphere.influence[:3]))
         found = _by_trilateration(identified, sphere, by_axes[0])
         if found is not None:
             ways.append(("trilateration", *found))
-    estimates = _weighted(ways, identified.sigma)
+    covariances = [identified.sigma**2 * influence @ influence.T for _, _, influence in ways]
+    informations = [np.linalg.inv(covariance) for covariance in covariances]
+    mean = np.linalg.inv(np.sum(informations, axis=0))
+    estimates = tuple(
+        CentreEstimate(way, centre, covariance, influence, mean @ information)
+        for (way, centre, influence), covariance, information in zip(
+            ways, covariances, informations, strict=True
+        )
+    )
     combined = _combination(estimates, identified.sigma)
     return WristCentre(estimates, combined, _disagreements(estimates, identified.sigma), miss, posture)
-
-
-def _arm_posture(identified: SweptAxes) -> FloatArray:
-    """Model angles (n,) in the last axis's sweep, those of the wrist set to zero."""
-    sweeps = identified.sweeps
-    last = next(s for s in sweeps.sweeps if min(sweeps.turning(s)) == identified.n - 1)
-    posture = sweeps.model_angles(last).mean(axis=0)
-    posture[-WRIST_JOINTS:] = 0.0
-    return np.asarray(posture)
-
-
-def _wrist_sweeps(identified: SweptAxes, posture: FloatArray) -> tuple[int, ...]:
-    """IndexArray of sweeps that leave the arm where the last one has it."""
-    arm = slice(0, identified.n - WRIST_JOINTS)
-    angles = [identified.sweeps.model_angles(sweep)[:, arm] for sweep in identified.sweeps.sweeps]
-    return tuple(
-        index
-        for index, shown in enumerate(angles)
-        if not shown.size or np.abs(shown - posture[arm]).max() <= STILL
-    )
 
 
 def _by_trilateration(
     identified: SweptAxes, sphere: SphereFit, near: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
     """Weighted mean over all positions with the three targets, and its influence."""
-    if len(sphere.radii) < 3:
+    triples = [list(three) for three in combinations(np.flatnonzero(sphere.seen).tolist(), 3)]
+    sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
+    areas = [float(np.linalg.norm(np.cross(first, second))) for first, second in sides]
+    if not max(areas, default=0.0) > 0.0:
         return None
-    chosen = _widest_triangle(identified.targets, sphere.seen)
+    chosen = triples[int(np.argmax(areas))]  # they span the largest triangle
     total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere.influence[:3])
-    if chosen is None:
-        return None
-    radii = sphere.radii[list(chosen)]
+    radii = sphere.radii[chosen]
     by_radius = sphere.influence[[3 + t for t in chosen]]
     for position in sphere.positions(chosen):
         try:
@@ -185,30 +266,6 @@ def _by_trilateration(
     return mean @ centre, mean @ influence
 
 
-def _widest_triangle(targets: FloatArray, seen: BoolArray) -> tuple[int, int, int] | None:
-    """IndexArray of the three targets that span the largest triangle."""
-    best, largest = None, 0.0
-    for i, j, k in combinations(np.flatnonzero(seen).tolist(), 3):
-        area = float(np.linalg.norm(np.cross(targets[j] - targets[i], targets[k] - targets[i])))
-        if area > largest:
-            best, largest = (i, j, k), area
-    return best
-
-
-def _weighted(
-    ways: Sequence[tuple[CentreWay, FloatArray, FloatArray]], sigma: float
-) -> tuple[CentreEstimate, ...]:
-    covariances = [sigma**2 * influence @ influence.T for _, _, influence in ways]
-    informations = [np.linalg.inv(covariance) for covariance in covariances]
-    mean = np.linalg.inv(np.sum(informations, axis=0))
-    return tuple(
-        CentreEstimate(way, centre, covariance, influence, mean @ information)
-        for (way, centre, influence), covariance, information in zip(
-            ways, covariances, informations, strict=True
-        )
-    )
-
-
 def _combination(estimates: Sequence[CentreEstimate], sigma: float) -> CentreEstimate:
     centre = np.sum([estimate.weight @ estimate.centre for estimate in estimates], axis=0)
     influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
@@ -220,14 +277,9 @@ def _disagreements(estimates: Sequence[CentreEstimate], sigma: float) -> tuple[D
     for first, second in combinations(estimates, 2):
         gap = first.centre - second.centre
         influence = sigma * (first.influence - second.influence)
-        s, U = _spectrum(influence)
+        U, s, _ = np.linalg.svd(influence, full_matrices=False)
         seen = s > 1e-6 * max(s[0], 1e-300)
         statistic = float(np.sum(((U.T @ gap)[seen] / s[seen]) ** 2))
         probability = float(stats.chi2.sf(statistic, int(seen.sum())))
         out.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
     return tuple(out)
-
-
-def _spectrum(influence: FloatArray) -> tuple[FloatArray, FloatArray]:
-    U, s, _ = np.linalg.svd(influence, full_matrices=False)
-    return s, U

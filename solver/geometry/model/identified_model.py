@@ -11,8 +11,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames.axis_frame import chain_axes, perpendicular_frame
-from jointstiff.solver.geometry.frames.base_frame import BaseFrame
+from jointstiff.solver.geometry.frames.base_frame import BaseFrame, chain_axes, perpendicular_frame
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.link_parameters import link_geometry, near_parallel, perpendicular_signs
 from jointstiff.solver.geometry.sweeps.axis import Axis
@@ -31,7 +30,7 @@ _VAGUE = {"m": 10e-3, "rad": 10e-3}
 class FlangeConvention:
     """Convention that places the flange frame on the last link, which no axis determines."""
 
-    #: `axes`: it stands in the perpendicular frame of the last axis and the one before (`axis_frame`), at
+    #: `axes`: it stands in the perpendicular frame of the last axis and the one before (`base_frame`), at
     #: model angle zero; `targets`: in the frame of three targets, origin at the first, x towards the
     #: second, y towards the third
     by: Literal["axes", "targets"]
@@ -68,7 +67,18 @@ class FlangeConvention:
         if self.by == "axes":
             _refuse_fewer_than_two(axes)
             return perpendicular_frame(axes[-1], axes[-2]).after(self.frame_from_flange)
-        return _target_frame(targets[list(self.targets)]).after(self.frame_from_flange)
+        points = targets[list(self.targets)]
+        x, side = points[1] - points[0], points[2] - points[0]
+        normal = np.cross(x, side)
+        if np.linalg.norm(normal) <= 1e-3 * float(x @ x):
+            raise MeasurementError(
+                "the three targets lie on a line and do not define a flange frame",
+                where="targets",
+                remedy="choose three targets that form a triangle",
+            )
+        x, z = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
+        frame = RigidTransform(np.column_stack([x, np.cross(z, x), z]), points[0])
+        return frame.after(self.frame_from_flange)
 
 
 @dataclass(frozen=True)
@@ -265,19 +275,6 @@ def _slid(axes: tuple[Axis, ...], nominal: KinematicChain | None) -> tuple[Axis,
     expected, _ = chain_axes(nominal)
     _refuse_other_count(expected, len(axes))
     return tuple(axis.slid_to(other.point) for axis, other in zip(axes, expected, strict=True))
-
-
-def _target_frame(points: FloatArray) -> RigidTransform:
-    x, side = points[1] - points[0], points[2] - points[0]
-    normal = np.cross(x, side)
-    if np.linalg.norm(normal) <= 1e-3 * float(x @ x):
-        raise MeasurementError(
-            "the three targets lie on a line and do not define a flange frame",
-            where="targets",
-            remedy="choose three targets that form a triangle",
-        )
-    x, z = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
-    return RigidTransform(np.column_stack([x, np.cross(z, x), z]), points[0])
 
 
 def _refuse_other_count(axes: Sequence[Axis], n: int) -> None:

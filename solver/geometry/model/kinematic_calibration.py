@@ -19,7 +19,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames.axis_frame import chain_axes
+from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.model.poses import Poses
@@ -142,35 +142,6 @@ def calibrate(
     readings = pose_readings(angles, poses)
     state, linear = fit_poses(readings, first, where="poses")
     held_out_rms = _held_out_rms(nominal, poses, start) if hold_out else None
-    return _evidence(state, linear, poses, readings, held_out_rms)
-
-
-def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform | None) -> float | None:
-    """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
-
-    Readings of one posture stay together.
-    """
-    _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
-    count = int(posture.max()) + 1
-    part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
-    errors = []
-    for fold in range(min(_FOLDS, count)):
-        try:
-            found = calibrate(nominal, poses[part != fold], start=start, hold_out=False)
-        except (MeasurementError, NotObservableError):
-            return None
-        left_out = poses[part == fold]
-        for angles, points, present in zip(
-            left_out.joint_map.model_angles(left_out.angles), left_out.points, left_out.present, strict=True
-        ):
-            _, rotation, shift = posed(found.axes, angles)
-            errors.append((points - found.targets @ rotation.T - shift)[present])
-    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
-
-
-def _evidence(
-    state: PoseState, linear: LinearFit, poses: Poses, readings: PoseReadings, held_out_rms: float | None
-) -> CalibratedAxes:
     coordinates = 3 * int(poses.present.sum())
     if coordinates <= len(linear.scale):
         raise NotObservableError(
@@ -201,6 +172,29 @@ def _evidence(
         held_out_rms=held_out_rms,
         unseen=linear.unseen / linear.scale[:, None],
     )
+
+
+def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform | None) -> float | None:
+    """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
+
+    Readings of one posture stay together.
+    """
+    _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
+    count = int(posture.max()) + 1
+    part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
+    errors = []
+    for fold in range(min(_FOLDS, count)):
+        try:
+            found = calibrate(nominal, poses[part != fold], start=start, hold_out=False)
+        except (MeasurementError, NotObservableError):
+            return None
+        left_out = poses[part == fold]
+        for angles, points, present in zip(
+            left_out.joint_map.model_angles(left_out.angles), left_out.points, left_out.present, strict=True
+        ):
+            _, rotation, shift = posed(found.axes, angles)
+            errors.append((points - found.targets @ rotation.T - shift)[present])
+    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
 def _by_pose(linear: LinearFit, count: int) -> FloatArray:
@@ -287,24 +281,20 @@ def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> tuple[t
     names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
     out = []
-    for combination in _reduced(linear.unseen).T:
+    # Gauss-Jordan with full pivoting: each combination gets an unknown of its own
+    reduced = linear.unseen.copy()
+    taken: list[int] = []
+    for column in range(reduced.shape[1]):
+        candidates = np.abs(reduced[:, column:])
+        candidates[taken] = 0.0
+        row, offset = np.unravel_index(int(np.argmax(candidates)), candidates.shape)
+        reduced[:, [column, column + int(offset)]] = reduced[:, [column + int(offset), column]]
+        reduced[:, column] /= reduced[row, column]
+        for other in range(reduced.shape[1]):
+            if other != column:
+                reduced[:, other] -= reduced[row, other] * reduced[:, column]
+        taken.append(int(row))
+    for combination in reduced.T:
         share = np.abs(combination) / np.abs(combination).max()
         out.append(tuple(name for name, part in zip(names, share, strict=True) if part > _NAMED))
     return tuple(out)
-
-
-def _reduced(unseen: FloatArray) -> FloatArray:
-    """Gauss-Jordan with full pivoting: each combination gets an unknown of its own."""
-    M = unseen.copy()
-    taken: list[int] = []
-    for column in range(M.shape[1]):
-        candidates = np.abs(M[:, column:])
-        candidates[taken] = 0.0
-        row, offset = np.unravel_index(int(np.argmax(candidates)), candidates.shape)
-        M[:, [column, column + int(offset)]] = M[:, [column + int(offset), column]]
-        M[:, column] /= M[row, column]
-        for other in range(M.shape[1]):
-            if other != column:
-                M[:, other] -= M[row, other] * M[:, column]
-        taken.append(int(row))
-    return M

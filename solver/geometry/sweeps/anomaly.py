@@ -104,7 +104,18 @@ def find_anomalies(linear: LinearFit, sweep: Sweep, typical: float = 0.0) -> tup
         normal.reshape(points.shape),
         3 * int(present.sum()) - linear.rank,
     )
-    hypotheses = _hypotheses(present)
+    count, targets = present.shape
+    position, target = np.arange(count)[:, None], np.arange(targets)[None, :]
+    hypotheses = [
+        _Hypothesis("bump", s, None, present & (position >= s)) for s in range(_EDGE, count - _EDGE + 1)
+    ]
+    for k in range(count):
+        if present[k].sum() > 1:
+            hypotheses.append(_Hypothesis("position", k, None, present & (position == k)))
+        hypotheses.extend(
+            _Hypothesis("reading", k, int(t), present & (position == k) & (target == t))
+            for t in np.flatnonzero(present[k])
+        )
     found: list[Anomaly] = []
     while hypotheses and len(found) < MOST_ANOMALIES:
         tests = [_test(h, fit, weight, points, typical) for h in hypotheses]
@@ -115,22 +126,12 @@ def find_anomalies(linear: LinearFit, sweep: Sweep, typical: float = 0.0) -> tup
         h = hypotheses.pop(best)
         displacement = tests[best].displacement
         found.append(Anomaly(h.kind, h.position, h.target, displacement, float(np.exp(log_probability))))
-        fit = fit.with_columns(_projected(h, tests[best], fit, weight, points))
+        # orthonormal columns (K, T, 3, rank) of the hypothesis, normal to the fit's basis
+        test = tests[best]
+        raw = np.zeros((*points.shape, test.directions.shape[1]))
+        raw[h.readings] = _columns(h, weight, points) @ test.directions
+        fit = fit.with_columns(raw - fit.basis @ np.einsum("ktip,ktiq->pq", fit.basis, raw))
     return tuple(found)
-
-
-def _hypotheses(present: BoolArray) -> list[_Hypothesis]:
-    count, targets = present.shape
-    position, target = np.arange(count)[:, None], np.arange(targets)[None, :]
-    out = [_Hypothesis("bump", s, None, present & (position >= s)) for s in range(_EDGE, count - _EDGE + 1)]
-    for k in range(count):
-        if present[k].sum() > 1:
-            out.append(_Hypothesis("position", k, None, present & (position == k)))
-        out.extend(
-            _Hypothesis("reading", k, int(t), present & (position == k) & (target == t))
-            for t in np.flatnonzero(present[k])
-        )
-    return out
 
 
 def _columns(h: _Hypothesis, weight: FloatArray, points: FloatArray) -> FloatArray:
@@ -176,10 +177,3 @@ def _translation(h: _Hypothesis, fit: _Fit, weight: FloatArray, variance: float)
     explained = vectors.T @ np.einsum("mip,mi->p", W, residual)
     clear = explained**2 > _CLEAR**2 * variance * np.maximum(values, 1e-300)
     return np.asarray(vectors[:, clear] @ (explained[clear] / values[clear]))
-
-
-def _projected(h: _Hypothesis, test: _Test, fit: _Fit, weight: FloatArray, points: FloatArray) -> FloatArray:
-    """Orthonormal columns (K, T, 3, rank) of a hypothesis, normal to the fit's basis."""
-    raw = np.zeros((*points.shape, test.directions.shape[1]))
-    raw[h.readings] = _columns(h, weight, points) @ test.directions
-    return np.asarray(raw - fit.basis @ np.einsum("ktip,ktiq->pq", fit.basis, raw))

@@ -58,10 +58,30 @@ def sweep_findings(
         if anomaly.kind != "bump" or float(np.linalg.norm(anomaly.displacement)) >= least
     ]
     if fit.arc < SHORT_ARC:
-        found.append(_short_arc(fit))
+        spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
+        found.append(
+            GeometryFinding(
+                "short_arc",
+                fit.sweep.where,
+                float(np.degrees(fit.arc)),
+                "°",
+                f"an arc of {np.degrees(fit.arc):.3g}° determines the axis only within {length_text(spread)}",
+                "sweep at least 90°",
+            )
+        )
     found += _variance(fit)
     if abs(fit.angle_scale - 1.0) > _SCALE_ALARM:
-        found.append(_scale(fit))
+        found.append(
+            GeometryFinding(
+                "angle_scale_suspect",
+                fit.sweep.where,
+                fit.angle_scale,
+                "",
+                f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
+                "joint map give",
+                "check the joint map, the unit of the angles, and the order of the rows",
+            )
+        )
     return tuple(found)
 
 
@@ -145,18 +165,6 @@ def _anomaly(fit: AxisFit, anomaly: Anomaly, names: tuple[str, ...]) -> Geometry
     )
 
 
-def _short_arc(fit: AxisFit) -> GeometryFinding:
-    spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
-    return GeometryFinding(
-        "short_arc",
-        fit.sweep.where,
-        float(np.degrees(fit.arc)),
-        "°",
-        f"an arc of {np.degrees(fit.arc):.3g}° determines the axis only within {length_text(spread)}",
-        "sweep at least 90°",
-    )
-
-
 def _variance(fit: AxisFit) -> list[GeometryFinding]:
     if not fit.sigma_stated:
         return []
@@ -185,15 +193,3 @@ def _variance(fit: AxisFit) -> list[GeometryFinding]:
             )
         ]
     return []
-
-
-def _scale(fit: AxisFit) -> GeometryFinding:
-    return GeometryFinding(
-        "angle_scale_suspect",
-        fit.sweep.where,
-        fit.angle_scale,
-        "",
-        f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
-        "joint map give",
-        "check the joint map, the unit of the angles, and the order of the rows",
-    )

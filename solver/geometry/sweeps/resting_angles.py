@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
 from jointstiff.solver.geometry.sweeps.findings import uneven
 from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, influence_of_postures
@@ -33,7 +32,11 @@ def resting_angles(swept: SweptAxes, probability: float, *, first: int = 0) -> F
         turned_from_last = sorted(swept.fits, key=lambda fit: -fit.sweep.joint)
         for fit in (fit for fit in turned_from_last if fit.sweep.joint >= first):
             joint = fit.sweep.joint
-            size = _gear_error(fit)
+            # Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise
+            deviation = fit.angle_deviation
+            own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
+            noise = fit.sigma**2 * float(np.sum(own**2))
+            size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
             for group in _rests(swept, joint):
                 turned = np.where(group[:, None], matrix[:, joint], 0.0)
                 columns.append(size * by_posture @ turned.ravel())
@@ -47,14 +50,6 @@ def widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
         covariance=identified.covariance + columns @ columns.T,
         influence=np.hstack([identified.influence, columns / identified.sigma]),
     )
-
-
-def _gear_error(fit: AxisFit) -> float:
-    """Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise."""
-    deviation = fit.angle_deviation
-    own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
-    noise = fit.sigma**2 * float(np.sum(own**2))
-    return float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
 
 
 def _rests(swept: SweptAxes, joint: int) -> list[BoolArray]:

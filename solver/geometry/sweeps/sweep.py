@@ -48,8 +48,38 @@ class Sweep:
 
     def __post_init__(self) -> None:
         self._check_shapes()
-        self._check_positions()
-        self._check_motion()
+        if len(self) < MIN_POSITIONS:
+            raise MeasurementError(
+                f"the sweep has {len(self)} positions; at least {MIN_POSITIONS} are needed",
+                where=self.where,
+                remedy="record more positions; 10 to 20 over a wide arc are good practice",
+            )
+        blind = np.flatnonzero(~self.present.any(axis=1))
+        if len(blind):
+            raise MeasurementError(
+                f"position {blind[0] + 1} has no reading",
+                where=self.where,
+                remedy="omit the position",
+            )
+        turned = float(np.ptp(self.angles[:, self.joint]))
+        moving = np.flatnonzero(np.ptp(self.angles, axis=0) > STILL)
+        if turned <= STILL:
+            others = ", ".join(f"joint {index + 1}" for index in moving)
+            raise MeasurementError(
+                f"the joint did not move: its angle changes by only {np.degrees(turned):.2g}°"
+                + (f", while {others} turned" if others else ""),
+                where=self.where,
+                remedy="name the joint that was turned, or repeat the sweep",
+            )
+        way = self.largest_motion
+        if way < SMALLEST_MOTION:
+            raise MeasurementError(
+                f"the joint did not move: the controller shows {np.degrees(turned):.3g}°, but no target "
+                f"moved by more than {way * 1e3:.3g} mm",
+                where=self.where,
+                remedy="check that readings and angles belong together, that the targets were tracked, and "
+                "units.length",
+            )
         for array in (self.angles, self.points, self.present, self.covariance):
             array.setflags(write=False)
 
@@ -95,42 +125,6 @@ class Sweep:
                 f"joint {self.joint + 1} does not exist: the robot has {self.angles.shape[1]} joints",
                 where=self.where,
                 remedy="name one of the robot's joints",
-            )
-
-    def _check_positions(self) -> None:
-        if len(self) < MIN_POSITIONS:
-            raise MeasurementError(
-                f"the sweep has {len(self)} positions; at least {MIN_POSITIONS} are needed",
-                where=self.where,
-                remedy="record more positions; 10 to 20 over a wide arc are good practice",
-            )
-        blind = np.flatnonzero(~self.present.any(axis=1))
-        if len(blind):
-            raise MeasurementError(
-                f"position {blind[0] + 1} has no reading",
-                where=self.where,
-                remedy="omit the position",
-            )
-
-    def _check_motion(self) -> None:
-        turned = float(np.ptp(self.angles[:, self.joint]))
-        moving = np.flatnonzero(np.ptp(self.angles, axis=0) > STILL)
-        if turned <= STILL:
-            others = ", ".join(f"joint {index + 1}" for index in moving)
-            raise MeasurementError(
-                f"the joint did not move: its angle changes by only {np.degrees(turned):.2g}°"
-                + (f", while {others} turned" if others else ""),
-                where=self.where,
-                remedy="name the joint that was turned, or repeat the sweep",
-            )
-        way = self.largest_motion
-        if way < SMALLEST_MOTION:
-            raise MeasurementError(
-                f"the joint did not move: the controller shows {np.degrees(turned):.3g}°, but no target "
-                f"moved by more than {way * 1e3:.3g} mm",
-                where=self.where,
-                remedy="check that readings and angles belong together, that the targets were tracked, and "
-                "units.length",
             )
 
     @property
@@ -207,7 +201,9 @@ class SweepSet:
         refuse_other_unit(max(sweep.largest_motion for sweep in self.sweeps))
         for sweep in self.sweeps:
             self._check_sweep(sweep)
-        name, count = Counter(self._turning_key(sweep) for sweep in self.sweeps).most_common(1)[0]
+        name, count = Counter(
+            " and ".join(f"model joint {index + 1}" for index in self.turning(sweep)) for sweep in self.sweeps
+        ).most_common(1)[0]
         if count > 1:
             raise MeasurementError(
                 f"{count} sweeps turn {name}",
@@ -231,9 +227,6 @@ class SweepSet:
                 where=sweep.where,
                 remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
             )
-
-    def _turning_key(self, sweep: Sweep) -> str:
-        return " and ".join(f"model joint {index + 1}" for index in self.turning(sweep))
 
     def model_angles(self, sweep: Sweep) -> FloatArray:
         """Angles of the model (K, n) [rad] in a sweep."""

@@ -30,11 +30,10 @@ from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
 from jointstiff.solver.geometry.identification import identify_from_sweeps
 from jointstiff.solver.geometry.identified_geometry import Conventions, IdentifiedGeometry
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
-from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
 from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.findings import angle_probability, geometry_findings
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 

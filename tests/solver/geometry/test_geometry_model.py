@@ -23,16 +23,15 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.geometry.frames.axis_frame import chain_axes
-from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.frames.base_frame import BaseConvention, chain_axes, find_base_frame
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.model.dh_identification import DhTable, dh_table
 from jointstiff.solver.geometry.model.identified_model import (
     FlangeConvention,
     IdentifiedModel,
     identify_model,
     link_table,
 )
+from jointstiff.solver.geometry.model.link_parameters import DhTable, dh_table
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
 from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
 from jointstiff.solver.robot.chain import KinematicChain

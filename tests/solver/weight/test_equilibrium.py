@@ -11,7 +11,7 @@ from support.sagging import LOAD_POINT, POINTS, burden_of, campaign, robot_of
 from jointstiff.simulator import default_arm, random_configurations
 from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sag
 from jointstiff.solver.deflection.own_weight import OwnWeight
-from jointstiff.solver.geometry.frames.axis_frame import chain_axes
+from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseState
