@@ -10,7 +10,7 @@ from benchmarks.campaigns import large_campaign
 from benchmarks.performance.peers import stacked_rows
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.candidates import PackedCandidates
+from jointstiff.solver.design.candidates import Candidates
 from jointstiff.solver.design.criteria import AOptimality, DOptimality
 from jointstiff.solver.design.problem import DesignProblem
 
@@ -50,7 +50,7 @@ class Pool:
 
     def problem(self, name: str, readings: int = READINGS) -> DesignProblem:
         """State a choice, from the rows."""
-        candidates = PackedCandidates.from_rows(self.rows)
+        candidates = Candidates.from_rows(self.rows)
         return DesignProblem(candidates, self.criterion(name), readings, np.zeros((6, 6)))
 
     def criterion(self, name: str) -> DOptimality | AOptimality:

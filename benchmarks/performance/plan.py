@@ -13,10 +13,9 @@ from benchmarks.performance.figaroh_peer import run_figaroh
 from benchmarks.report import Figure, Section, seconds_text, times_table
 from benchmarks.timing import interleaved
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.distinct import Distinct
 from jointstiff.solver.design.exact import exact_design
 from jointstiff.solver.design.optimum import Design, optimise
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.problem import DesignProblem, Distinct
 
 __all__ = ["run", "run_figaroh_section"]
 

@@ -11,10 +11,9 @@ import numpy as np
 from benchmarks.performance.candidate_pool import CRITERIA, Pool
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.timing import interleaved
-from jointstiff.solver.design.distinct import Distinct
 from jointstiff.solver.design.exact import exact_design
 from jointstiff.solver.design.optimum import Design, optimise
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.problem import DesignProblem, Distinct
 
 __all__ = ["run", "run_lists"]
 

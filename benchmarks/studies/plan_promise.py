@@ -16,7 +16,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.design.campaign_plan import plan_campaign
 from jointstiff.solver.design.experiment import Equipment, Loads, drawn_postures
-from jointstiff.solver.design.plan_request import PlanRequest
+from jointstiff.solver.design.pool import PlanRequest
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
 from jointstiff.solver.links.cross_validation import Folds, Plan, chosen_weight, fit_fold

@@ -120,8 +120,17 @@ def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> tuple[
 def _optima(problems: _Scaled) -> tuple[FloatArray, Support]:
     """Optimum and support of well-conditioned problems, by pivoting or else by the exact path."""
     x = snap(_pivoted(problems), problems.lower, problems.upper)
-    for k in np.flatnonzero(~_certified(problems, x)):
-        x[k] = _solve_alone(problems, k)
+    # (K,) whether the conditions of Karush, Kuhn and Tucker hold at x, which keeps its bounds
+    gradient = _gradient(problems, x)
+    wrong = gradient_violation(x, gradient, problems.lower, problems.upper)
+    rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
+    holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
+    for k in np.flatnonzero(~holds):
+        # Solve one problem by `solve_step`, stated by a triangle R with RᵀR = A and z with Rᵀz = b
+        factor = np.linalg.cholesky(problems.A[k])
+        z = np.linalg.solve(factor, problems.b[k])
+        bounds = Bounds(problems.lower[k], problems.upper[k])
+        x[k] = solve_step(IdentificationProblem(factor.T, z, bounds)).compliance
     return x, support_at(x, problems.lower, problems.upper)
 
 
@@ -160,24 +169,3 @@ def _gradient(problems: _Scaled, x: FloatArray) -> FloatArray:
     """(K, n) A x − b, summed without BLAS, whose order of summation may depend on threads."""
     product: FloatArray = (problems.A * x[:, None, :]).sum(axis=2)
     return product - problems.b
-
-
-def _certified(problems: _Scaled, x: FloatArray) -> BoolArray:
-    """(K,) whether the conditions of Karush, Kuhn and Tucker hold at x, which keeps its bounds.
-
-    The gradient must vanish off the bounds, be positive at a lower bound and negative at an upper one. It
-    is known to the rounding of the terms that cancel in it.
-    """
-    gradient = _gradient(problems, x)
-    wrong = gradient_violation(x, gradient, problems.lower, problems.upper)
-    rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
-    holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
-    return holds
-
-
-def _solve_alone(problems: _Scaled, k: np.intp) -> FloatArray:
-    """Solve one problem by `solve_step`, stated by a triangle R with RᵀR = A and z with Rᵀz = b."""
-    factor = np.linalg.cholesky(problems.A[k])
-    z = np.linalg.solve(factor, problems.b[k])
-    bounds = Bounds(problems.lower[k], problems.upper[k])
-    return solve_step(IdentificationProblem(factor.T, z, bounds)).compliance

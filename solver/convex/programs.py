@@ -31,9 +31,9 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.perspective import Block
 from jointstiff.solver.convex.problem import Scaled
-from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
+from jointstiff.solver.convex.semidefinite.cone import to_matrix
+from jointstiff.solver.convex.weighed import Block
 
 if TYPE_CHECKING:
     import cvxpy as cp  # takes a second to import: done where a program is stated
@@ -103,18 +103,13 @@ class Program:
         Returns:
             The point, or None for any status but `Solved`, whatever values it left behind.
         """
-        answer = self._answer(data, tolerance)
+        answer = self.solve_with_duals(data, tolerance)
         return None if answer is None else answer[0]
 
     def solve_with_duals(
         self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE
     ) -> tuple[FloatArray, FloatArray] | None:
         """Solve by Clarabel; the point, and the multipliers of the second-order cones, or None."""
-        return self._answer(data, tolerance)
-
-    def _answer(
-        self, data: Mapping[str, FloatArray], tolerance: float
-    ) -> tuple[FloatArray, FloatArray] | None:
         import clarabel
 
         settings = clarabel.DefaultSettings()

@@ -137,22 +137,18 @@ def _first_certified(
             x = snap(candidate.x, scaled.lower, scaled.upper)
             certificate = certify_scaled(scaled, x, candidate.solved_by)
             if certificate.is_optimal():
-                return _unscaled(problem, scaled, x, certificate)
+                # Solution in rad/(N·m), with the bounds exactly as they were asked for
+                bounds, active = problem.bounds, support_at(x, scaled.lower, scaled.upper)
+                compliance = np.where(
+                    active == FREE, x * scaled.unit, held(active, bounds.lower, bounds.upper)
+                )
+                tight = tight_rows(scaled, x)[-len(scaled.d) :] if len(scaled.d) else None
+                return Solution(np.clip(compliance, bounds.lower, bounds.upper), active, certificate, tight)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
         f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
         remedy="please report this problem, with the data",
     )
-
-
-def _unscaled(
-    problem: IdentificationProblem, scaled: Scaled, x: FloatArray, certificate: Certificate
-) -> Solution:
-    """Return the solution in rad/(N·m), with the bounds exactly as they were asked for."""
-    bounds, active = problem.bounds, support_at(x, scaled.lower, scaled.upper)
-    compliance = np.where(active == FREE, x * scaled.unit, held(active, bounds.lower, bounds.upper))
-    tight = tight_rows(scaled, x)[-len(scaled.d) :] if len(scaled.d) else None
-    return Solution(np.clip(compliance, bounds.lower, bounds.upper), active, certificate, tight)
 
 
 def _from_clarabel(scaled: Scaled) -> list[_Candidate]:

@@ -86,7 +86,15 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         At most two pieces of advice a joint, the better first; none where all joints are well determined
         or no force was applied.
     """
-    joints = _in_need(estimate)
+    # The joints without a number, at zero or of a large uncertainty: the worst, in this order
+    relative = np.zeros(len(estimate.joints))
+    for j, joint in enumerate(estimate.joints):
+        if joint.status == "not_observable" or joint.compliance == 0.0:
+            relative[j] = np.inf
+        elif joint.compliance is not None and joint.standard_uncertainty is not None:
+            relative[j] = joint.standard_uncertainty / abs(joint.compliance)
+    worst = np.argsort(-relative, kind="stable")[:MOST_JOINTS]
+    joints = worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY]
     if not len(joints) or not measurements.force.any():
         return ()
     tools = equipment_of(robot, measurements)
@@ -194,18 +202,6 @@ def precision(information: FloatArray, joint: int) -> FloatArray:
     return np.where(G[-1, -1] > least[-1], G[-1, -1], 0.0)
 
 
-def _in_need(estimate: Estimate) -> IndexArray:
-    """The joints without a number, at zero or of a large uncertainty: the worst, in this order."""
-    relative = np.zeros(len(estimate.joints))
-    for j, joint in enumerate(estimate.joints):
-        if joint.status == "not_observable" or joint.compliance == 0.0:
-            relative[j] = np.inf
-        elif joint.compliance is not None and joint.standard_uncertainty is not None:
-            relative[j] = joint.standard_uncertainty / abs(joint.compliance)
-    worst = np.argsort(-relative, kind="stable")[:MOST_JOINTS]
-    return worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY]
-
-
 class _Search:
     """Compares candidates for one set of readings."""
 
@@ -301,13 +297,10 @@ def _deviation(spectrum: Spectrum, joint: int) -> float | None:
     return float(np.linalg.norm(spectrum.inverse[joint]))
 
 
-def _gains(advice: Advice) -> bool:
-    return advice.uncertainty_ratio is None or advice.uncertainty_ratio <= 1 - LEAST_GAIN
-
-
 def _worth_saying(measured: Advice | None, new: Advice | None, *, weights: bool) -> list[Advice]:
     """Those of the two that gain something, the better first."""
-    useful = [a for a in (measured, new) if a is not None and _gains(a)]
+    found = [a for a in (measured, new) if a is not None]
+    useful = [a for a in found if a.uncertainty_ratio is None or a.uncertainty_ratio <= 1 - LEAST_GAIN]
     if len(useful) < 2 or measured is None or new is None:
         return useful
     easier, other = (new, measured) if weights else (measured, new)

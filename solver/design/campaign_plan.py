@@ -13,7 +13,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import Atoms
-from jointstiff.solver.design.certificate import list_efficiency
 from jointstiff.solver.design.criteria import (
     AOptimality,
     Criterion,
@@ -22,11 +21,9 @@ from jointstiff.solver.design.criteria import (
     GOptimality,
     SmoothCriterion,
 )
-from jointstiff.solver.design.distinct import Distinct
 from jointstiff.solver.design.exact import exact_design
 from jointstiff.solver.design.feasibility import Strikes
 from jointstiff.solver.design.optimum import Design, optimise
-from jointstiff.solver.design.ordering import ordered
 from jointstiff.solver.design.other_plans import (
     OtherPlan,
     drawn_directions,
@@ -35,11 +32,53 @@ from jointstiff.solver.design.other_plans import (
     uncertainty_of,
 )
 from jointstiff.solver.design.parameters import Parameters
-from jointstiff.solver.design.plan_request import PlanRequest
-from jointstiff.solver.design.pool import Pool
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.pool import PlanRequest, Pool
+from jointstiff.solver.design.problem import DesignProblem, Distinct, list_efficiency
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
+
+
+def ordered(joints: FloatArray, group: IndexArray) -> IndexArray:
+    """Order readings group by group, each by the nearest next posture, improved by reversing parts.
+
+    Args:
+        joints: (n, q) [rad].
+        group: (n,) of equal loads.
+
+    Returns:
+        (n,) order. Travel is the greatest change of a joint's angle from one posture to the next.
+    """
+    order: list[int] = []
+    for each in np.unique(group):
+        members = np.flatnonzero(group == each)
+        start = joints[order[-1]] if order else np.zeros(joints.shape[1])
+        places = np.vstack([start, joints[members]])
+        distance = np.abs(places[:, None] - places).max(axis=2)
+        left, path = set(range(1, len(places))), [0]
+        while left:
+            path.append(min(left, key=lambda i: distance[path[-1], i]))
+            left.remove(path[-1])
+        improved = True
+        while improved:
+            improved = False
+            for i in range(1, len(path) - 1):
+                for j in range(i + 1, len(path)):
+                    before = distance[path[i - 1], path[i]]
+                    after = distance[path[i - 1], path[j]]
+                    if j + 1 < len(path):
+                        before += distance[path[j], path[j + 1]]
+                        after += distance[path[i], path[j + 1]]
+                    if after < before - 1e-9:
+                        path[i : j + 1] = path[i : j + 1][::-1]
+                        improved = True
+        order += [int(members[i - 1]) for i in path[1:]]
+    return np.array(order, dtype=np.intp)
+
+
+def travel(joints: FloatArray) -> float:
+    """Return the sum of the greatest joint moves from one posture to the next [rad]."""
+    return float(np.abs(np.diff(joints, axis=0)).max(axis=1).sum())
+
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
 """Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
@@ -87,7 +126,13 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     pool = Pool.of(robot, request)
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
-    _refuse_too_few(request, fitted, pool.parameters)
+    rows = 3 * len(request.equipment.targets) * fitted
+    if fitted < 1 or (request.so_far is None and rows < pool.parameters.interest):
+        raise RequestError(
+            f"{fitted} readings without those held out do not determine {pool.parameters.interest} joints",
+            where="readings",
+            remedy="ask for more readings, or a smaller share for validation",
+        )
     criteria = _criteria(request, pool)
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     distinct = Distinct(pool.joints, request.angle)
@@ -190,13 +235,3 @@ def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, 
             remedy="ask for fewer readings, a smaller angle, or more candidates",
         )
     return pool.candidates.under(np.array(found, dtype=np.intp), drawn_directions(random, count))
-
-
-def _refuse_too_few(request: PlanRequest, fitted: int, parameters: Parameters) -> None:
-    rows = 3 * len(request.equipment.targets) * fitted
-    if fitted < 1 or (request.so_far is None and rows < parameters.interest):
-        raise RequestError(
-            f"{fitted} readings without those held out do not determine {parameters.interest} joints",
-            where="readings",
-            remedy="ask for more readings, or a smaller share for validation",
-        )

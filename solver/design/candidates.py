@@ -7,7 +7,6 @@ in any direction, A_i is linear in the force, ``A_i(F) = Σ_a F_a A_ia``, and so
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -50,64 +49,21 @@ class Atoms:
         return Atoms.of([self, others])
 
 
-class Candidates(ABC):
-    """N candidate readings of p parameters."""
+class Candidates:
+    """N candidate readings of p parameters: the entries of their information on and above the diagonal.
 
-    @property
-    @abstractmethod
-    def parameters(self) -> int:
-        """Return p."""
-
-    @property
-    def free(self) -> bool:
-        """Return whether forces may act in all directions."""
-        return False
-
-    @abstractmethod
-    def __len__(self) -> int:
-        """Return N."""
-
-    @abstractmethod
-    def __getitem__(self, rows: IndexArray | slice) -> Candidates:
-        """Some of them, in the given order."""
-
-    @abstractmethod
-    def prices(self, G: FloatArray) -> FloatArray:
-        """Return the greatest ``⟨G, K_i⟩`` of each candidate over the loads that it may take.
-
-        Args:
-            G: (p, p) symmetric.
-
-        Returns:
-            (N,).
-        """
-
-    @abstractmethod
-    def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
-        """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
-
-    @abstractmethod
-    def under(self, index: IndexArray, force: FloatArray) -> Atoms:
-        """Return some candidates under forces along unit vectors (k, 3), or under loads of their own."""
-
-    @abstractmethod
-    def total(self) -> FloatArray:
-        """Return the sum of all information (p, p), of forces along all three axes where they are free."""
-
-
-class PackedCandidates(Candidates):
-    """Candidates as the entries of their information on and above the diagonal: 168 bytes for six joints.
-
-    Where the force is free there are six such matrices, of all pairs of axes: K(F) = Σ_ab F_a F_b K_ab.
+    That takes 168 bytes for six joints. Where the force is free there are six such matrices, of all pairs of
+    axes: K(F) = Σ_ab F_a F_b K_ab.
     """
 
-    def __init__(self, packed: FloatArray, parameters: int) -> None:
+    def __init__(self, packed: FloatArray, parameters: int, unit: FloatArray | None = None) -> None:
         """Take information that is packed already.
 
         Args:
             packed: (N, 1, p (p + 1) / 2) entries of K_i row by row, or (N, 6, …) of (K_ab + K_ba) / 2 for the
                 pairs of axes xx, xy, xz, yy, yz, zz under the greatest force.
             parameters: p.
+            unit: (p,) by which the columns of the rows are multiplied; 1 if None.
 
         Raises:
             RequestError: there is none, or a number is not finite.
@@ -118,13 +74,15 @@ class PackedCandidates(Candidates):
                 where="candidates",
                 remedy="give at least one posture with a finite load",
             )
+        self.parameters = parameters
+        self.free = packed.shape[1] > 1  #: whether forces may act in all directions
         self._packed = packed
-        self._parameters = parameters
         self._rows, self._columns = np.triu_indices(parameters)
-        self._twice = np.where(self._rows == self._columns, 1.0, 2.0)
+        self._unit = np.ones(parameters) if unit is None else unit
+        self._squares = self._unit[self._rows] * self._unit[self._columns]
 
     @classmethod
-    def from_rows(cls, rows: FloatArray) -> PackedCandidates:
+    def from_rows(cls, rows: FloatArray) -> Candidates:
         """Pack rows, block by block.
 
         Args:
@@ -145,36 +103,31 @@ class PackedCandidates(Candidates):
                 ).T
         return cls(packed, p)
 
-    @property
-    def parameters(self) -> int:
-        """Return p."""
-        return self._parameters
-
-    @property
-    def free(self) -> bool:
-        """Return whether forces may act in all directions."""
-        return bool(self._packed.shape[1] > 1)
+    def scaled(self, unit: FloatArray) -> Candidates:
+        """Return the same candidates of parameters in other units (p,); nothing is copied."""
+        return Candidates(self._packed, self.parameters, self._unit * unit)
 
     def __len__(self) -> int:
         return len(self._packed)
 
-    def __getitem__(self, rows: IndexArray | slice) -> PackedCandidates:
+    def __getitem__(self, rows: IndexArray | slice) -> Candidates:
         """Some of them, in the given order."""
-        return PackedCandidates(self._packed[rows], self._parameters)
+        return Candidates(self._packed[rows], self.parameters, self._unit)
 
     def prices(self, G: FloatArray) -> FloatArray:
-        """Return the greatest ``⟨G, K_i⟩`` (N,) over all directions of the force."""
-        return (
-            greatest_eigenvalue(self._forms(slice(None), G))
-            if self.free
-            else self._products(slice(None), G)[:, 0]
-        )
+        """Return the greatest ``⟨G, K_i⟩`` (N,) of each candidate over the loads that it may take.
+
+        Args:
+            G: (p, p) symmetric.
+        """
+        products = self._products(slice(None), G)
+        return greatest_eigenvalue(_forms(products)) if self.free else products[:, 0]
 
     def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
         """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
         force = np.zeros((len(index), 3))
         if self.free:
-            force = np.linalg.eigh(self._forms(index, G))[1][:, :, -1]
+            force = np.linalg.eigh(_forms(self._products(index, G)))[1][:, :, -1]
         return self.under(index, force)
 
     def under(self, index: IndexArray, force: FloatArray) -> Atoms:
@@ -186,81 +139,32 @@ class PackedCandidates(Candidates):
             entries = np.einsum("ie,ieq->iq", squares, packed)
         else:
             entries = packed[:, 0]
-        information = np.empty((len(index), self._parameters, self._parameters))
-        information[:, self._rows, self._columns] = entries
-        information[:, self._columns, self._rows] = entries
-        return Atoms(index, force, information)
+        return Atoms(index, force, self._unpacked(entries))
 
     def total(self) -> FloatArray:
         """Return the sum of all information (p, p), of forces along all three axes where they are free."""
         axes = [0, 3, 5] if self.free else [0]
-        total = np.empty((self._parameters, self._parameters))
-        sums = np.sum([np.ones(len(self)) @ self._packed[:, axis] for axis in axes], axis=0)
-        total[self._rows, self._columns] = total[self._columns, self._rows] = sums
-        return total
+        return self._unpacked(np.sum([np.ones(len(self)) @ self._packed[:, axis] for axis in axes], axis=0))
+
+    def _unpacked(self, entries: FloatArray) -> FloatArray:
+        """Return symmetric matrices (..., p, p) of entries on and above the diagonal, in the units."""
+        matrices = np.empty((*entries.shape[:-1], self.parameters, self.parameters))
+        matrices[..., self._rows, self._columns] = entries * self._squares
+        matrices[..., self._columns, self._rows] = entries * self._squares
+        return matrices
 
     def _products(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        products: FloatArray = self._packed[index] @ (self._twice * G[self._rows, self._columns])
+        twice = np.where(self._rows == self._columns, 1.0, 2.0)
+        products: FloatArray = self._packed[index] @ (twice * self._squares * G[self._rows, self._columns])
         return products
 
-    def _forms(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        """Return the quadratic forms of the force ⟨G, K_ab⟩ (N, 3, 3)."""
-        a, b = np.triu_indices(3)
-        products = self._products(index, G)
-        forms = np.empty((len(products), 3, 3))
-        forms[:, a, b] = forms[:, b, a] = products
-        return forms
 
-
-class ScaledCandidates(Candidates):
-    """Candidates of parameters measured in other units; nothing is copied."""
-
-    def __init__(self, candidates: Candidates, unit: FloatArray) -> None:
-        """Take candidates.
-
-        Args:
-            candidates: of p parameters.
-            unit: (p,) by which the columns are multiplied.
-        """
-        self._candidates = candidates
-        self._unit = unit
-        self._squares = np.outer(unit, unit)
-
-    @property
-    def parameters(self) -> int:
-        """Return p."""
-        return len(self._unit)
-
-    @property
-    def free(self) -> bool:
-        """Return whether forces may act in all directions."""
-        return self._candidates.free
-
-    def __len__(self) -> int:
-        return len(self._candidates)
-
-    def __getitem__(self, rows: IndexArray | slice) -> ScaledCandidates:
-        """Some of them, in the given order."""
-        return ScaledCandidates(self._candidates[rows], self._unit)
-
-    def prices(self, G: FloatArray) -> FloatArray:
-        """Return the greatest ``⟨G, K_i⟩`` (N,)."""
-        return self._candidates.prices(G * self._squares)
-
-    def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
-        """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
-        atoms = self._candidates.atoms(index, G * self._squares)
-        return Atoms(atoms.index, atoms.force, atoms.information * self._squares)
-
-    def under(self, index: IndexArray, force: FloatArray) -> Atoms:
-        """Return some candidates under forces along unit vectors (k, 3), or under loads of their own."""
-        atoms = self._candidates.under(index, force)
-        return Atoms(atoms.index, atoms.force, atoms.information * self._squares)
-
-    def total(self) -> FloatArray:
-        """Return the sum of all information (p, p)."""
-        total: FloatArray = self._candidates.total() * self._squares
-        return total
+def _forms(products: FloatArray) -> FloatArray:
+    """Return the quadratic forms of the force ⟨G, K_ab⟩ (N, 3, 3), of products (N, 6)."""
+    a, b = np.triu_indices(3)
+    forms = np.empty((len(products), 3, 3))
+    forms[:, a, b] = forms[:, b, a] = products
+    return forms
 
 
 def _upper_products(left: FloatArray, right: FloatArray) -> FloatArray:

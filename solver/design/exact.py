@@ -9,10 +9,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import Atoms, Candidates
-from jointstiff.solver.design.certificate import list_efficiency
-from jointstiff.solver.design.distinct import Distinct
 from jointstiff.solver.design.optimum import Design
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.problem import DesignProblem, Distinct, list_efficiency
 from jointstiff.solver.errors import RequestError
 
 _POOL: Final = 4_000
@@ -158,7 +156,12 @@ class _Search:
             for each in found:
                 free &= ~self._excluded(each, slice(None))
             if not free.any():
-                raise self._too_few(len(found))
+                raise RequestError(
+                    f"only {len(found)} candidates in postures {np.degrees(self._distinct.angle):.3g}° apart "
+                    f"were found, and {self._readings} readings were asked for",
+                    where="distinct_angle",
+                    remedy="ask for fewer readings, a smaller angle, or more candidates",
+                )
             best = int(np.argmax(np.where(free, self._all.prices(G), -np.inf)))
         return self._own(self._all.atoms(np.array([best]), G))
 
@@ -183,11 +186,3 @@ class _Search:
     def _own(self, atom: Atoms) -> Atoms:
         """Return an atom in the problem's own units."""
         return Atoms(atom.index, atom.force, atom.information / self._squares)
-
-    def _too_few(self, count: int) -> RequestError:
-        return RequestError(
-            f"only {count} candidates in postures {np.degrees(self._distinct.angle):.3g}° apart were found, "
-            f"and {self._readings} readings were asked for",
-            where="distinct_angle",
-            remedy="ask for fewer readings, a smaller angle, or more candidates",
-        )

@@ -16,10 +16,9 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.designs import best_for_worst_direction, best_for_worst_place
 from jointstiff.solver.design.candidates import Atoms
-from jointstiff.solver.design.certificate import Bound, bound_of
 from jointstiff.solver.design.criteria import EOptimality, GOptimality, SmoothCriterion
 from jointstiff.solver.design.newton import optimal_weights, worst_place_weights
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.problem import Bound, DesignProblem, bound_of
 from jointstiff.solver.errors import SolverError
 
 GAP: Final = 1e-9

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.distinct import Distinct
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.problem import DesignProblem, Distinct
 
 _RANDOM_PLANS: Final = 20
 

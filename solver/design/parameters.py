@@ -65,7 +65,14 @@ def parameters_of(
     size = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
     excited = size > _NOT_EXCITED * size.max()
     chosen = np.arange(n) if wanted is None else wanted
-    _refuse_not_excited(chosen[~excited[chosen]], names)
+    missing = chosen[~excited[chosen]]
+    if len(missing):
+        joints = ", ".join(names[j] for j in missing)
+        raise RequestError(
+            f"no candidate load twists {joints}, or no target moves when it turns",
+            where="joints",
+            remedy="allow loads in other directions, or name the joints to be determined, without these",
+        )
     known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
     moved = size[known] * nominal[known]
     alike = float(np.median(moved)) if known.any() else 1.0
@@ -92,13 +99,3 @@ def _link_basis(rows: FloatArray, n: int, unit: FloatArray, share: float) -> Flo
     variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
     kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT * variances.sum()
     return np.vstack([np.zeros((n, int(kept.sum()))), deviation[:, None] * directions[:, kept]])
-
-
-def _refuse_not_excited(missing: IndexArray, names: Sequence[str]) -> None:
-    if len(missing):
-        joints = ", ".join(names[j] for j in missing)
-        raise RequestError(
-            f"no candidate load twists {joints}, or no target moves when it turns",
-            where="joints",
-            remedy="allow loads in other directions, or name the joints to be determined, without these",
-        )

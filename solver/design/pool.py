@@ -2,19 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.design.candidates import Candidates, PackedCandidates
+from jointstiff.solver.design.candidates import Candidates
 from jointstiff.solver.design.experiment import Equipment, Motion, drawn_postures, whitened_rows
-from jointstiff.solver.design.feasibility import Strikes, feasible
+from jointstiff.solver.design.feasibility import Cell, Strikes, feasible
 from jointstiff.solver.design.parameters import Parameters, parameters_of
-from jointstiff.solver.design.plan_request import PlanRequest
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
+
+CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """Hold what a plan is made for and by which rules."""
+
+    equipment: Equipment  #: instrument, targets and loads
+    readings: int  #: how many, those for validation included
+    nominal: FloatArray  #: (n,) compliance [rad/(N·m)]; nan where it is not known
+    #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf for none
+    prior: FloatArray
+    cell: Cell = field(default_factory=Cell)  #: surroundings of the robot
+    criterion: CriterionName = "relative_a"  #: what to make least
+    postures: FloatArray | None = None  #: (N, n) to choose from, controller's angles [rad]; drawn if None
+    candidates: int = 5_000  #: how many to draw
+    joints: IndexArray | None = None  #: to be determined; all if None
+    #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None for none
+    work_area: FloatArray | None = None
+    links: bool = False  #: whether elastic links are a nuisance
+    link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading
+    angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad]
+    validation: float = 0.2  #: share of the readings that are held out
+    so_far: Measurements | None = None  #: readings of the campaign at hand; None to begin
+    seed: int = 0  #: of drawn postures, validation and random plans
+
 
 _WITH_LINKS: Final = 600
 """Candidates where elastic links are a nuisance, those in the work area first: each costs fifty times as
@@ -64,7 +91,13 @@ class Pool:
             )
             direction = direction.reshape(loads.choices, -1, 3).transpose(1, 0, 2).reshape(-1, 3)
         kept, strikes = feasible(robot, equipment, request.cell, joints, direction)
-        _refuse_none(kept, strikes)
+        if not kept.any():
+            counts = ", ".join(f"{name} {count}" for name, count in strikes.reasons.items())
+            raise RequestError(
+                f"none of {strikes.considered} readings is feasible: {counts}",
+                where="candidates",
+                remedy="loosen what strikes most of them out, or give other postures or loads",
+            )
         inside = _inside(robot, request, joints, kept)
         if request.links:
             kept = _thinned(kept, inside, _WITH_LINKS)
@@ -115,7 +148,7 @@ def _candidates(
         rows = _rows(robot, request, joints[part], [F[part] for F in forces])
         parts.append(np.stack([parameters.rows(each) for each in rows], axis=1) / request.equipment.sigma)
     stack = np.concatenate(parts)
-    return PackedCandidates.from_rows(stack if len(forces) > 1 else stack[:, 0])
+    return Candidates.from_rows(stack if len(forces) > 1 else stack[:, 0])
 
 
 def _rows(
@@ -192,13 +225,3 @@ def _thinned(kept: BoolArray, first: BoolArray, count: int) -> BoolArray:
         if room > 0:
             thinned[index[:: max(1, -(-len(index) // room))]] = True
     return thinned
-
-
-def _refuse_none(kept: BoolArray, strikes: Strikes) -> None:
-    if not kept.any():
-        counts = ", ".join(f"{name} {count}" for name, count in strikes.reasons.items())
-        raise RequestError(
-            f"none of {strikes.considered} readings is feasible: {counts}",
-            where="candidates",
-            remedy="loosen what strikes most of them out, or give other postures or loads",
-        )

@@ -16,9 +16,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.semidefinite.ends import penalised_range
-from jointstiff.solver.convex.semidefinite.solve import solve_cone
-from jointstiff.solver.convex.semidefinite.symmetric import diagonal, entries, weights
+from jointstiff.solver.convex.semidefinite.cone import diagonal, entries, weights
+from jointstiff.solver.convex.semidefinite.solve import penalised_range, solve_cone
 from jointstiff.solver.links.model import Formulation
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.robot.model import Robot

@@ -18,8 +18,13 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.cone import Cone, LeastSquares, SemidefiniteProgram
-from jointstiff.solver.convex.semidefinite.symmetric import diagonal, entries
+from jointstiff.solver.convex.semidefinite.cone import (
+    Cone,
+    LeastSquares,
+    SemidefiniteProgram,
+    diagonal,
+    entries,
+)
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows

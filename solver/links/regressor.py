@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.symmetric import entries, weights
+from jointstiff.solver.convex.semidefinite.cone import entries, weights
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.compression import Compression
@@ -33,7 +33,7 @@ _BLOCK = 256
 class ElasticColumns:
     """Columns of each compliance among the P columns of the richest model.
 
-    Entries of matrices are vectors as in `jointstiff.solver.convex.semidefinite.symmetric`.
+    Entries of matrices are vectors as in `jointstiff.solver.convex.semidefinite.cone`.
     """
 
     n: int  #: joints

@@ -14,7 +14,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.campaign_plan import CampaignPlan
 from jointstiff.solver.design.experiment import Equipment, Loads, targets_in_flange
 from jointstiff.solver.design.feasibility import Cell
-from jointstiff.solver.design.plan_request import PlanRequest
+from jointstiff.solver.design.pool import PlanRequest
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument

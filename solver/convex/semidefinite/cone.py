@@ -7,13 +7,56 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.semidefinite.symmetric import diagonal, to_matrix, to_vector
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+
+
+@lru_cache(maxsize=64)
+def entries(size: int) -> tuple[IndexArray, IndexArray]:
+    """Rows and columns (size (size + 1) / 2,) of the entries: (0,0), (0,1), (1,1), (0,2), ...
+
+    The order that Clarabel's triangle cone has.
+    """
+    lower_rows, lower_columns = np.tril_indices(size)
+    for indices in (lower_rows, lower_columns):
+        indices.setflags(write=False)
+    return lower_columns, lower_rows
+
+
+@lru_cache(maxsize=64)
+def weights(size: int) -> FloatArray:
+    """1 for diagonal entries and √2 for the others, so that vectors have the matrices' inner product."""
+    rows, columns = entries(size)
+    found: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
+    found.setflags(write=False)
+    return found
+
+
+def diagonal(size: int) -> IndexArray:
+    """(size,) places of the diagonal entries in the vector."""
+    rows, columns = entries(size)
+    return np.flatnonzero(rows == columns)
+
+
+def to_matrix(vector: FloatArray, size: int) -> FloatArray:
+    """(..., size, size) of vectors (..., size (size + 1) / 2)."""
+    rows, columns = entries(size)
+    out = np.empty((*vector.shape[:-1], size, size))
+    out[..., rows, columns] = out[..., columns, rows] = vector / weights(size)
+    return out
+
+
+def to_vector(matrix: FloatArray) -> FloatArray:
+    """(..., size (size + 1) / 2) of symmetric matrices (..., size, size)."""
+    size = matrix.shape[-1]
+    rows, columns = entries(size)
+    vector: FloatArray = matrix[..., rows, columns] * weights(size)
+    return vector
+
 
 _NEAR_LEAST_SQUARES: Final = 1e-6
 """Singular values below this part of the first are left out of the point the program is stated around."""
@@ -69,6 +112,35 @@ def raised(vector: FloatArray, size: int) -> FloatArray:
         raised_vector[diagonal(size)] += lift
         lift *= 2.0
     return raised_vector
+
+
+def feasible_dual(
+    cone: Cone, penalised: BoolArray, rows: FloatArray, dual: FloatArray, penalty: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """Move multipliers ν of the residuals so that the slack ``p + Aᵀν`` is near the dual cone.
+
+    The free scalars' slacks are not negative then; shrunk by ``λ / (λ + outside)`` those of the blocks are
+    not either, which a penalty λ > 0 allows.
+
+    Args:
+        cone: of the parameters.
+        penalised: (nonnegative,) which of the scalars have a penalty; the others are free.
+        rows: A (m, p).
+        dual: (m,) ν, near a feasible one.
+        penalty: p (p,).
+
+    Returns:
+        ν (m,), ``Aᵀν`` (p,), and how far the least penalised slack is below zero.
+    """
+    free = rows[:, np.flatnonzero(~penalised)].T
+    short = np.maximum(-(free @ dual), 0.0)
+    if short.any():
+        dual = dual + np.linalg.lstsq(free, short, rcond=None)[0]
+    pull = rows.T @ dual
+    slack = pull + penalty
+    least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
+    least += slack[: cone.nonnegative][penalised].tolist()
+    return dual, pull, max(0.0, -min(least, default=0.0))
 
 
 @dataclass(frozen=True, eq=False)

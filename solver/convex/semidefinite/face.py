@@ -16,8 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram
-from jointstiff.solver.convex.semidefinite.symmetric import to_matrix, to_vector
+from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram, to_matrix, to_vector
 
 _SMALL = 1e-3
 """Compliance, in the program's units, that is negligible for explaining the readings."""

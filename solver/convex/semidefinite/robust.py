@@ -19,8 +19,8 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.certificate import Certificate
-from jointstiff.solver.convex.semidefinite.cone import Cone, trace_penalty
-from jointstiff.solver.convex.semidefinite.solve import ConeSolution, outside_of, refuse_gap
+from jointstiff.solver.convex.semidefinite.cone import Cone, feasible_dual, trace_penalty
+from jointstiff.solver.convex.semidefinite.solve import ConeSolution, refuse_gap
 
 _LADDER: Final = (1e-7, 1e-8, 1e-9, 1e-10)
 """Tolerances of Clarabel, tried in this order."""
@@ -103,13 +103,8 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     """
     loss, h = program.loss, program.threshold
     A = loss.A.reshape(-1, len(x))
+    nu, pull, outside = feasible_dual(loss.cone, loss.penalised, A, dual.ravel(), program.penalty)
     free = np.flatnonzero(~loss.penalised)
-    nu = dual.ravel()
-    short = np.maximum(-(A[:, free].T @ nu), 0.0)
-    if short.any():
-        nu = nu + np.linalg.lstsq(A[:, free].T, short, rcond=None)[0]
-    pull = A.T @ nu
-    outside = outside_of(loss.cone, loss.penalised, pull + program.penalty)
     longest = float(np.linalg.norm(nu.reshape(-1, 3), axis=1).max(initial=0.0))
     shrink = min(program.weight / (program.weight + outside), 1.0 / max(longest, 1.0))
     nu, slack = shrink * nu.reshape(-1, 3), program.penalty + shrink * pull

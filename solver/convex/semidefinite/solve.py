@@ -17,12 +17,11 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.certificate import Certificate
-from jointstiff.solver.convex.semidefinite.cone import Cone, SemidefiniteProgram
+from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram, feasible_dual
 from jointstiff.solver.convex.semidefinite.face import polished
-from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 from jointstiff.solver.errors import SolverError
 
 _LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
@@ -108,13 +107,8 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     """
     fit, cone, penalty = program.fit, program.cone, program.penalty
     residual = fit.R @ x - fit.z
-    dual = 2.0 * residual
+    dual, pull, outside = feasible_dual(cone, program.penalised, fit.R, 2.0 * residual, penalty)
     free = np.flatnonzero(~program.penalised)
-    short = np.maximum(-(fit.R[:, free].T @ dual), 0.0)
-    if short.any():
-        dual = dual + np.linalg.lstsq(fit.R[:, free].T, short, rcond=None)[0]
-    pull = fit.R.T @ dual
-    outside = outside_of(cone, program.penalised, pull + penalty)
     shrink = program.weight / (program.weight + outside)
     slack = penalty + shrink * pull
     # A scalar's slack just below zero is rounding, whose share of the gap is its product with the scalar.
@@ -131,17 +125,6 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     )
 
 
-def outside_of(cone: Cone, penalised: BoolArray, slack: FloatArray) -> float:
-    """Return how far the least penalised slack is below zero; 0 if none is."""
-    scalars = slack[: cone.nonnegative][penalised]
-    least = [float(_eigenvalues(slack[place], size).min()) for size, place in cone.blocks()]
-    return max(0.0, -min([*least, *scalars.tolist()], default=0.0))
-
-
-def _eigenvalues(vector: FloatArray, size: int) -> FloatArray:
-    return np.asarray(np.linalg.eigvalsh(to_matrix(vector, size)))
-
-
 def _clarabel(program: SemidefiniteProgram, tolerance: float, unit: float) -> FloatArray | None:
     """Solve in y = (x − near) / unit, so that the objective does not drown in ‖z‖²; None if Clarabel fails.
 
@@ -153,3 +136,39 @@ def _clarabel(program: SemidefiniteProgram, tolerance: float, unit: float) -> Fl
     data = {"T": T, "z": (readings - T @ near) / unit, "p": program.penalty / unit, "near": near / unit}
     moved = stated.solve(data, tolerance)
     return None if moved is None else near + unit * moved
+
+
+_END_LADDER: Final = (1e-8, 1e-7, 1e-6)
+"""Tolerances of Clarabel, tried in this order: relative to the estimate, no end needs more than the last."""
+
+
+def penalised_range(
+    program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
+) -> FloatArray:
+    """Return the least and the greatest value of linear functions where the objective is near its optimum.
+
+    ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
+
+    Args:
+        program: the program.
+        x: (p,) its optimum.
+        rise: of the objective, positive.
+        functions: (K, p) a.
+
+    Returns:
+        (K, 2); NaN where an end is not found.
+    """
+    T, z = program.fit.compressed
+    limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
+    cone = program.cone
+    stated = programs.penalised_end(T, z, program.penalty, limit, cone.nonnegative, cone.sizes)
+    ends = np.full((len(functions), 2), np.nan)
+    for number, a in enumerate(functions):
+        size = float(np.linalg.norm(a))
+        for side, sign in enumerate((1.0, -1.0)):
+            for tolerance in _END_LADDER if size > 0.0 else ():
+                point = stated.solve({"a": sign * a / size}, tolerance)
+                if point is not None:
+                    ends[number, side] = a @ point
+                    break
+    return ends

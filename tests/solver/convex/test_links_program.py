@@ -13,12 +13,18 @@ from scipy.optimize import nnls
 from support.examples import examples
 
 from jointstiff.solver.convex.semidefinite import solve as semidefinite
-from jointstiff.solver.convex.semidefinite.cone import Cone, LeastSquares, SemidefiniteProgram, raised
-from jointstiff.solver.convex.semidefinite.ends import penalised_range
+from jointstiff.solver.convex.semidefinite.cone import (
+    Cone,
+    LeastSquares,
+    SemidefiniteProgram,
+    diagonal,
+    raised,
+    to_matrix,
+    to_vector,
+)
 from jointstiff.solver.convex.semidefinite.face import effective_freedom
 from jointstiff.solver.convex.semidefinite.robust import NormSum, RobustProgram, certify_robust, solve_robust
-from jointstiff.solver.convex.semidefinite.solve import certify_cone, solve_cone
-from jointstiff.solver.convex.semidefinite.symmetric import diagonal, to_matrix, to_vector
+from jointstiff.solver.convex.semidefinite.solve import certify_cone, penalised_range, solve_cone
 from jointstiff.solver.errors import SolverError
 
 GAP = 1e-6

@@ -12,12 +12,10 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.campaign_plan import plan_campaign
+from jointstiff.solver.design.campaign_plan import ordered, plan_campaign, travel
 from jointstiff.solver.design.experiment import Equipment, Loads
 from jointstiff.solver.design.feasibility import Cell, feasible, segment_distance
-from jointstiff.solver.design.ordering import ordered, travel
-from jointstiff.solver.design.plan_request import PlanRequest
-from jointstiff.solver.design.pool import Pool
+from jointstiff.solver.design.pool import PlanRequest, Pool
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import identify
 from jointstiff.solver.readings.measurements import Measurements

@@ -7,12 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from jointstiff.solver.design.candidates import PackedCandidates
+from jointstiff.solver.design.candidates import Candidates
 from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
-from jointstiff.solver.design.distinct import Distinct
 from jointstiff.solver.design.exact import exact_design
 from jointstiff.solver.design.optimum import optimise
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.problem import DesignProblem, Distinct
 from jointstiff.solver.errors import RequestError
 
 P = 4
@@ -38,7 +37,7 @@ def information(rows: np.ndarray) -> np.ndarray:
 
 def problem_of(rows: np.ndarray, criterion, n: int = 6, *, base=None, once=False) -> DesignProblem:
     base = np.zeros((rows.shape[-1],) * 2) if base is None else base
-    return DesignProblem(PackedCandidates.from_rows(rows), criterion, n, base, once)
+    return DesignProblem(Candidates.from_rows(rows), criterion, n, base, once)
 
 
 class TestCriteria:
@@ -153,7 +152,7 @@ class TestInvariance:
 class TestFreeForces:
     def test_the_price_is_the_greatest_over_all_directions(self):
         rows = np.random.default_rng(3).standard_normal((20, 3, 6, P))
-        candidates = PackedCandidates.from_rows(rows)
+        candidates = Candidates.from_rows(rows)
         X = np.random.default_rng(4).standard_normal((6, P))
         G = X.T @ X
         prices = candidates.prices(G)
@@ -169,7 +168,7 @@ class TestFreeForces:
     def test_the_bound_holds_for_directions_that_nobody_tried(self):
         rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
         criterion, n = AOptimality(np.eye(P)), 8
-        problem = DesignProblem(PackedCandidates.from_rows(rows), criterion, n, np.zeros((P, P)))
+        problem = DesignProblem(Candidates.from_rows(rows), criterion, n, np.zeros((P, P)))
         design = optimise(problem)
         exact = exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
         assert design.bound.efficiency > 1 - 1e-5
@@ -217,7 +216,7 @@ class TestRefusals:
     @pytest.mark.parametrize("rows", [np.zeros((0, 2, P)), np.full((5, 2, P), np.nan)])
     def test_no_candidate_or_one_that_is_not_finite(self, rows):
         with pytest.raises(RequestError, match="no candidate, or a number"):
-            PackedCandidates.from_rows(rows)
+            Candidates.from_rows(rows)
 
 
 def weights(design, count: int) -> np.ndarray:

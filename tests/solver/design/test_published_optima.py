@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jointstiff.solver.design.candidates import PackedCandidates
+from jointstiff.solver.design.candidates import Candidates
 from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
 from jointstiff.solver.design.optimum import optimise
 from jointstiff.solver.design.problem import DesignProblem
@@ -31,9 +31,7 @@ class TestPolynomialsOnAnInterval:
     )
     def test_d_optimal(self, degree, places):
         x, rows = polynomials(degree)
-        problem = DesignProblem(
-            PackedCandidates.from_rows(rows), DOptimality(), 1, np.zeros((degree + 1,) * 2)
-        )
+        problem = DesignProblem(Candidates.from_rows(rows), DOptimality(), 1, np.zeros((degree + 1,) * 2))
         design = optimise(problem)
         assert weights_near(x, design, places) == pytest.approx([1 / (degree + 1)] * (degree + 1), abs=1e-3)
         assert design.bound.efficiency > 1 - 1e-9
@@ -41,14 +39,14 @@ class TestPolynomialsOnAnInterval:
     def test_a_optimal_of_a_parabola(self):
         x, rows = polynomials(2)
         design = optimise(
-            DesignProblem(PackedCandidates.from_rows(rows), AOptimality(np.eye(3)), 1, np.zeros((3, 3)))
+            DesignProblem(Candidates.from_rows(rows), AOptimality(np.eye(3)), 1, np.zeros((3, 3)))
         )
         assert weights_near(x, design, [-1.0, 0.0, 1.0]) == pytest.approx([0.25, 0.5, 0.25], abs=1e-6)
 
     def test_e_optimal_of_a_parabola(self):
         x, rows = polynomials(2)
         design = optimise(
-            DesignProblem(PackedCandidates.from_rows(rows), EOptimality(np.ones(3)), 1, np.zeros((3, 3)))
+            DesignProblem(Candidates.from_rows(rows), EOptimality(np.ones(3)), 1, np.zeros((3, 3)))
         )
         assert weights_near(x, design, [-1.0, 0.0, 1.0]) == pytest.approx([0.2, 0.6, 0.2], abs=1e-3)
         assert design.bound.efficiency > 1 - 1e-6
@@ -58,9 +56,7 @@ class TestPolynomialsOnAnInterval:
         """Kiefer & Wolfowitz 1960: the worst variance of the best design is the number of parameters."""
         x, rows = polynomials(2, 101)
         places = np.einsum("rmi,rmj->rij", rows, rows)
-        design = optimise(
-            DesignProblem(PackedCandidates.from_rows(rows), GOptimality(places), 1, np.zeros((3, 3)))
-        )
+        design = optimise(DesignProblem(Candidates.from_rows(rows), GOptimality(places), 1, np.zeros((3, 3))))
         assert weights_near(x, design, [-1.0, 0.0, 1.0]) == pytest.approx([1 / 3] * 3, abs=2e-3)
         assert GOptimality(places).variances(design.matrix).max() == pytest.approx(3.0, rel=1e-5)
 
@@ -69,9 +65,7 @@ def test_quadratic_on_a_grid_of_nine():
     """Box & Draper 1971: corners 0.1458, middles of edges 0.0802, centre 0.0962."""
     levels = (-1.0, 0.0, 1.0)
     X = np.array([[1, a, b, a * a, b * b, a * b] for a in levels for b in levels], dtype=float)
-    design = optimise(
-        DesignProblem(PackedCandidates.from_rows(X[:, None]), DOptimality(), 1, np.zeros((6, 6)))
-    )
+    design = optimise(DesignProblem(Candidates.from_rows(X[:, None]), DOptimality(), 1, np.zeros((6, 6))))
     found = np.zeros(9)
     found[design.atoms.index] = design.weights
     corner, edge, centre = 0.14579, 0.08016, 0.09619
@@ -94,7 +88,7 @@ def test_one_combination_only():
     c = np.arange(1.0, 6.0)
     rows = np.array(A, dtype=float)
     design = optimise(
-        DesignProblem(PackedCandidates.from_rows(rows), AOptimality(np.outer(c, c)), 1, np.zeros((5, 5)))
+        DesignProblem(Candidates.from_rows(rows), AOptimality(np.outer(c, c)), 1, np.zeros((5, 5)))
     )
     assert dict(zip(design.atoms.index.tolist(), design.weights.round(3).tolist(), strict=True)) == {
         4: 0.128,
