@@ -10,8 +10,7 @@ from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
-from jointstiff.solver.integrity.thresholds import FALSE_ALARM, MODEL_ALLOWANCE
-from jointstiff.solver.integrity.view import View
+from jointstiff.solver.integrity.view import FALSE_ALARM, MODEL_ALLOWANCE, View
 
 LEAST_ROWS: Final = 8
 SMALLEST_DRIFT: Final = 1e-4

@@ -68,14 +68,10 @@ def inspect_places(view: View) -> Places:
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
     place = _median(seen)
     apart = _apart(seen, place)
-    if apart.max() > LARGEST_MODEL_ERROR:
-        return _explained(view, rows, seen)
-    findings = [*_outliers(rows, seen - place), *_loaded_under_other_names(view, rows, place)]
-    return Places(tuple(findings), good, sound=True)
-
-
-def _explained(view: View, rows: Rows, seen: FloatArray) -> Places:
-    """Some targets are far from where the others say: find the mistake that explains it."""
+    if apart.max() <= LARGEST_MODEL_ERROR:
+        findings = [*_outliers(rows, seen - place), *_loaded_under_other_names(view, rows, place)]
+        return Places(tuple(findings), good, sound=True)
+    # Some targets are far from where the others say: find the mistake that explains it.
     as_posted = _consensus(seen)
     sample = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))]
     hypotheses = [*unit_hypotheses(view.measurements.joints[sample])]
@@ -84,24 +80,19 @@ def _explained(view: View, rows: Rows, seen: FloatArray) -> Places:
     best, found = max(judged, key=lambda pair: (pair[1].count, -float(np.median(pair[1].apart))))
     posted_share = as_posted.count / len(rows)
     if found.count >= EXPLAINED * len(sample) and found.count / len(sample) > posted_share + 0.1:
-        return Places(
-            (_of_the_set(best, found, as_posted, len(rows)),), np.zeros(len(view.measured), bool), sound=False
+        mistake = Finding(
+            best.code,
+            None,
+            f"as posted, the targets keep one position on the flange in {as_posted.count} of {len(rows)} "
+            f"observations; with {best.figure}, in {found.count} of {len(found.agree)}, within "
+            f"{length_text(float(found.apart[found.agree].max()))}",
+            best.remedy,
+            "error",
         )
+        return Places((mistake,), np.zeros(len(view.measured), bool), sound=False)
     if best.code == "observations_out_of_order" and found.count / len(sample) > posted_share:
         as_posted = _against(seen, found.place)
     return _row_by_row(view, rows, seen, as_posted)
-
-
-def _of_the_set(best: Hypothesis, found: _Consensus, as_posted: _Consensus, count: int) -> Finding:
-    return Finding(
-        best.code,
-        None,
-        f"as posted, the targets keep one position on the flange in {as_posted.count} of {count} "
-        f"observations; with {best.figure}, in {found.count} of {len(found.agree)}, within "
-        f"{length_text(float(found.apart[found.agree].max()))}",
-        best.remedy,
-        "error",
-    )
 
 
 def _row_by_row(view: View, rows: Rows, seen: FloatArray, consensus: _Consensus) -> Places:
@@ -119,7 +110,19 @@ def _row_by_row(view: View, rows: Rows, seen: FloatArray, consensus: _Consensus)
         elif len(elsewhere) < _SEARCHED and (j := _posture_of(view, i, consensus.place)) is not None:
             elsewhere[i] = j
         else:
-            findings.append(_off_model(view, i, seen[b], consensus.place))
+            apart = np.nan_to_num(np.linalg.norm(seen[b] - consensus.place, axis=1))
+            t = int(apart.argmax())
+            findings.append(
+                Finding(
+                    "target_off_model",
+                    i,
+                    f"target '{view.targets[t]}' is {length_text(apart[t])} away from its median position on "
+                    "the flange",
+                    "check that positions are in R0 and in `units.length`, the angles and their order, the "
+                    "joint map, and the robot's model",
+                    "error",
+                )
+            )
     findings += _out_of_order(elsewhere)
     return Places(tuple(findings), good, sound=consensus.count >= max(2, len(rows) // 2))
 
@@ -158,19 +161,6 @@ def _exchanged(view: View, i: int, order: Rows) -> Finding:
         i,
         f"the targets are at each other's positions on the flange: the target named {pairs}",
         "exchange their names in this observation",
-        "error",
-    )
-
-
-def _off_model(view: View, i: int, seen: FloatArray, place: FloatArray) -> Finding:
-    apart = np.nan_to_num(np.linalg.norm(seen - place, axis=1))
-    t = int(apart.argmax())
-    return Finding(
-        "target_off_model",
-        i,
-        f"target '{view.targets[t]}' is {length_text(apart[t])} away from its median position on the flange",
-        "check that positions are in R0 and in `units.length`, the angles and their order, the "
-        "joint map, and the robot's model",
         "error",
     )
 

@@ -10,8 +10,7 @@ from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
-from jointstiff.solver.integrity.thresholds import FALSE_ALARM
-from jointstiff.solver.integrity.view import View
+from jointstiff.solver.integrity.view import FALSE_ALARM, View
 
 Rows = IndexArray
 

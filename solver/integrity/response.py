@@ -14,10 +14,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
-from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses
+from jointstiff.solver.integrity.hypotheses import angle_hypotheses
 from jointstiff.solver.integrity.springs import Shift, SpringModel, Springs, exchanged_pair, find_shift
-from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
-from jointstiff.solver.integrity.view import View
+from jointstiff.solver.integrity.view import MODEL_ALLOWANCE, View, vector_quantile, vector_scale
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 
@@ -62,7 +61,10 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     if of_the_set is not None:
         yield of_the_set
         return
-    against = _against_force(springs, noise)
+    # (M,) observations that are explained much better with the load reversed
+    predicted, residual = _norms(springs.predicted), _norms(springs.residual)
+    turned = _norms(springs.residual + 2.0 * springs.predicted)
+    against = np.asarray((turned < FLIPPED * residual) & (predicted > noise))
     yield from (_turned(int(rows[k]), part, springs, int(k)) for k in np.flatnonzero(against))
     yield from _outliers(view, rows, part, springs, ~against)
 
@@ -77,20 +79,16 @@ def _of_the_set(
         if mistake is not None or shifted is not None:
             return mistake or (_shifted(rows, shifted) if shifted else None)
     if springs.unexplained > UNEXPLAINED:
-        return _unexplained(part, springs)
+        deflection = np.linalg.norm(part.deflection, axis=2)[part.present]
+        return Finding(
+            "deflections_unexplained",
+            None,
+            "joint compliances do not explain the deflections: of "
+            f"{length_text(float(np.median(deflection)))} (median), {100.0 * springs.unexplained:.3g} "
+            "% remain",
+            "check the frame and signs of the forces, the joint map, and the order of angles and rows",
+        )
     return _force_sign(part, springs) if springs.work < 0.0 else None
-
-
-def _unexplained(part: Measurements, springs: Springs) -> Finding:
-    deflection = np.linalg.norm(part.deflection, axis=2)[part.present]
-    return Finding(
-        "deflections_unexplained",
-        None,
-        "joint compliances do not explain the deflections: of "
-        f"{length_text(float(np.median(deflection)))} (median), {100.0 * springs.unexplained:.3g} "
-        "% remain",
-        "check the frame and signs of the forces, the joint map, and the order of angles and rows",
-    )
 
 
 def _force_sign(part: Measurements, springs: Springs) -> Finding:
@@ -103,13 +101,6 @@ def _force_sign(part: Measurements, springs: Springs) -> Finding:
         "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
         "error",
     )
-
-
-def _against_force(springs: Springs, noise: float) -> BoolArray:
-    """(M,) observations that are explained much better with the load reversed."""
-    predicted, residual = _norms(springs.predicted), _norms(springs.residual)
-    turned = _norms(springs.residual + 2.0 * springs.predicted)
-    return np.asarray((turned < FLIPPED * residual) & (predicted > noise))
 
 
 def _turned(i: int, part: Measurements, springs: Springs, k: int) -> Finding:
@@ -148,7 +139,15 @@ def _outliers(
         t = int(np.where(judged[k], norm[k], 0.0).argmax())
         pair = exchanged_pair(part.deflection[k], springs.predicted[k], part.present[k])
         if pair is not None:
-            yield _exchanged(int(rows[k]), view.targets[pair[0]], view.targets[pair[1]])
+            one, other = (view.targets[t] for t in pair)
+            yield Finding(
+                "targets_swapped",
+                int(rows[k]),
+                f"with the deflections of '{one}' and '{other}' exchanged, joint compliances explain them "
+                "twice as well",
+                "exchange their names in this observation",
+                "error",
+            )
             continue
         yield Finding(
             "residual_outlier",
@@ -157,17 +156,6 @@ def _outliers(
             f"the fit to all observations; typical is {length_text(scale)}",
             "check this reading and its load; repeat it, or identify with loss huber",
         )
-
-
-def _exchanged(i: int, one: str, other: str) -> Finding:
-    return Finding(
-        "targets_swapped",
-        i,
-        f"with the deflections of '{one}' and '{other}' exchanged, joint compliances explain them "
-        "twice as well",
-        "exchange their names in this observation",
-        "error",
-    )
 
 
 def _shift(model: SpringModel, springs: Springs) -> Shift | None:
@@ -215,10 +203,6 @@ def _mistake(view: View, part: Measurements, springs: Springs) -> Finding | None
     left, best = min(judged, key=lambda pair: pair[0])
     if left >= BETTER * springs.unexplained or left > UNEXPLAINED:
         return None
-    return _corrected(best, left, springs)
-
-
-def _corrected(best: Hypothesis, left: float, springs: Springs) -> Finding:
     return Finding(
         best.code,
         None,

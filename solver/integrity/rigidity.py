@@ -11,14 +11,14 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.repeats import SAME_ANGLE
-from jointstiff.solver.integrity.thresholds import (
+from jointstiff.solver.integrity.view import (
     MODEL_ALLOWANCE,
+    View,
     length_scale,
     normal_quantile,
     vector_quantile,
     vector_scale,
 )
-from jointstiff.solver.integrity.view import View
 
 LEAST_SIGMA: Final = 1e-6
 """Standard uncertainty of a reading [m] that is assumed where none is stated and the distances show less."""
@@ -84,7 +84,15 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     places = np.where(measured[..., None], view.places, np.nan)
     step = find_step(places, view.measurements.joints, allowance=_ORDERED if view.in_order else 1.0)
     if step is not None:
-        yield _moved(view, step)
+        yield Finding(
+            "target_moved",
+            step.row,
+            f"from here on, '{view.targets[step.target]}' is displaced by {length_text(step.size)} on "
+            f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
+            "check that the target is attached firmly; treat it as another target from here on "
+            "(another name), or repeat",
+            "error",
+        )
     edges = _edges(view, measured, step)
     if edges is None:
         return
@@ -93,18 +101,6 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     worst = np.abs(edges.change).max(axis=0)
     for i in np.flatnonzero((worst > limits).any(axis=1)):
         yield _not_rigid(view, edges, int(i), limits[i])
-
-
-def _moved(view: View, step: Step) -> Finding:
-    return Finding(
-        "target_moved",
-        step.row,
-        f"from here on, '{view.targets[step.target]}' is displaced by {length_text(step.size)} on "
-        f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
-        "check that the target is attached firmly; treat it as another target from here on "
-        "(another name), or repeat",
-        "error",
-    )
 
 
 def _edges(view: View, measured: BoolArray, step: Step | None) -> _Edges | None:
@@ -155,7 +151,12 @@ def _not_rigid(view: View, edges: _Edges, i: int, limits: FloatArray) -> Finding
     change = np.abs(edges.change[:, i]).max(axis=0)
     p = int((change / np.where(limits > 0.0, limits, np.inf)).argmax())
     state = "loaded" if abs(edges.change[1, i, p]) > abs(edges.change[0, i, p]) else "unloaded"
-    suspects = _suspects(edges, i)
+    # The target that leaves the least change to the others, and those that do nearly as well
+    squares = (edges.change[:, i] ** 2).sum(axis=0)
+    present = np.unique(np.concatenate([edges.first[edges.both[i]], edges.second[edges.both[i]]]))
+    left = np.array([squares[(edges.first != t) & (edges.second != t)].sum() for t in present])
+    least = left.min() + (edges.scatter + 1e-9) ** 2
+    suspects = [int(t) for t in present[left <= _CLEARER * least]]
     who = " or ".join(f"'{view.targets[t]}'" for t in suspects)
     return Finding(
         "targets_not_rigid",
@@ -167,15 +168,6 @@ def _not_rigid(view: View, edges: _Edges, i: int, limits: FloatArray) -> Finding
         "reading",
         "error",
     )
-
-
-def _suspects(edges: _Edges, i: int) -> list[int]:
-    """The target that leaves the least change to the others, and those that do nearly as well."""
-    squares = (edges.change[:, i] ** 2).sum(axis=0)
-    present = np.unique(np.concatenate([edges.first[edges.both[i]], edges.second[edges.both[i]]]))
-    left = np.array([squares[(edges.first != t) & (edges.second != t)].sum() for t in present])
-    least = left.min() + (edges.scatter + 1e-9) ** 2
-    return [int(t) for t in present[left <= _CLEARER * least]]
 
 
 def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) -> Step | None:

@@ -51,7 +51,13 @@ class SpringModel:
     @classmethod
     def of(cls, configurations: Configurations, measurements: Measurements) -> SpringModel:
         """Compute the regressor."""
-        return cls(*_regressor(configurations, measurements), measurements.deflection)
+        load = configurations.jacobian_at(configurations.to_base(measurements.load_point[:, None]))[:, 0]
+        torque = configurations.joint_torque(load, measurements.force, measurements.moment)
+        points = measurements.position
+        if measurements.in_flange.any():
+            points = np.where(measurements.in_flange[..., None], configurations.to_base(points), points)
+        A: FloatArray = configurations.jacobian_at(points) * torque[:, None, None]
+        return cls(A * measurements.present[..., None, None], torque, measurements.deflection)
 
     def fit(self, rows: slice = _ALL, shift: int = 0) -> Springs:
         """Fit compliances of either sign, by sums of distances rather than of squares.
@@ -82,17 +88,6 @@ class SpringModel:
             parameters=int(np.count_nonzero(compliance)),
             unexplained=left / moved if moved else 0.0,
         )
-
-
-def _regressor(at: Configurations, m: Measurements) -> tuple[FloatArray, FloatArray]:
-    """A (N, T, 3, n) and the torques (N, n), as method.md §2."""
-    load = at.jacobian_at(at.to_base(m.load_point[:, None]))[:, 0]
-    torque = at.joint_torque(load, m.force, m.moment)
-    points = m.position
-    if m.in_flange.any():
-        points = np.where(m.in_flange[..., None], at.to_base(points), points)
-    A: FloatArray = at.jacobian_at(points) * torque[:, None, None]
-    return A * m.present[..., None, None], torque
 
 
 def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:

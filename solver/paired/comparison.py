@@ -27,12 +27,13 @@ from jointstiff.solver.paired.avoided import (
     measured_share,
     predicted_deflection,
 )
-from jointstiff.solver.paired.ordered_intervals import ordered_constraints, ordered_intervals
 from jointstiff.solver.paired.ordered_pair import (
     OrderedFit,
     OrderedJoint,
     WhitenedCampaign,
     fit_ordered,
+    ordered_constraints,
+    ordered_intervals,
     ordered_joints,
 )
 from jointstiff.solver.paired.ratio import (
@@ -117,7 +118,12 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     refuse_other_joints(first.robot, second.robot)
     sides = first, second
     for side in sides:
-        _refuse_prior(side)
+        if side.settings.prior is not None:
+            raise RequestError(
+                "the same prior enters both sets, so their estimates are not independent",
+                where="priors",
+                remedy="omit `priors`",
+            )
     estimates = [identify(side.robot, side.measurements, side.settings) for side in sides]
     free = _free(first), _free(second)
     positive = all(bool((side.settings.bounds.lower >= 0).all()) for side in sides)
@@ -142,15 +148,6 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     )
 
 
-def _refuse_prior(side: PairSide) -> None:
-    if side.settings.prior is not None:
-        raise RequestError(
-            "the same prior enters both sets, so their estimates are not independent",
-            where="priors",
-            remedy="omit `priors`",
-        )
-
-
 def _free(side: PairSide) -> Estimate:
     """The estimate without constraints, which is Gaussian."""
     unconstrained = Bounds.unconstrained(side.robot.n)
@@ -161,37 +158,30 @@ def _together(first: PairSide, second: PairSide, free: _Both) -> OrderedFit:
     campaigns = []
     ordered_constraints((first.settings, second.settings))  # refuses contradictions before any work is done
     for side, estimate in zip((first, second), free, strict=True):
-        _refuse_unordered(side, estimate)
+        # one convex problem of both sets cannot take everything in
+        arm = side.robot.n - WRIST_JOINTS
+        decoupled = side.settings.method == "decoupled_partial_pose"
+        faults = {
+            "loss `huber`": side.settings.loss == "huber",
+            "an order between arm and wrist, which are fitted separately": (
+                decoupled and any((i < arm) != (j < arm) for i, j in side.settings.order)
+            ),
+        }
+        for fault in (name for name, present in faults.items() if present):
+            raise RequestError(
+                f"the joint problem of both sets does not support {fault}",
+                where="ordered",
+                remedy="omit it, or set `ordered` to false",
+            )
+        if not estimate.sigma:
+            raise RequestError(
+                "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
+                where="noise",
+                remedy="state `noise.sigma`, or add observations",
+            )
         blocks = gram_blocks(side.robot, side.measurements, replace(side.settings, order=()))
         campaigns.append(WhitenedCampaign(blocks, estimate.sigma or 1.0, side.settings))
     return fit_ordered(*campaigns)
-
-
-def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
-    """Refuse what one convex problem of both sets cannot take in."""
-    faults = {
-        "loss `huber`": side.settings.loss == "huber",
-        "an order between arm and wrist, which are fitted separately": _order_across(side),
-    }
-    for fault in (name for name, found in faults.items() if found):
-        raise RequestError(
-            f"the joint problem of both sets does not support {fault}",
-            where="ordered",
-            remedy="omit it, or set `ordered` to false",
-        )
-    if not estimate.sigma:
-        raise RequestError(
-            "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
-            where="noise",
-            remedy="state `noise.sigma`, or add observations",
-        )
-
-
-def _order_across(side: PairSide) -> bool:
-    """Return whether the decoupled method has an order between joints of its two stages."""
-    arm = side.robot.n - WRIST_JOINTS
-    decoupled = side.settings.method == "decoupled_partial_pose"
-    return decoupled and any((i < arm) != (j < arm) for i, j in side.settings.order)
 
 
 def _ratio(j: int, name: str, free: _Both, confidence: float, *, positive: bool) -> JointRatio:

@@ -12,13 +12,18 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
+from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
 from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.inference.verdict import stiffness_of
 from jointstiff.solver.observability.identifiability import Spectrum
 from jointstiff.solver.regression.compression import Compression
@@ -148,7 +153,7 @@ def fit_ordered(first: WhitenedCampaign, second: WhitenedCampaign) -> OrderedFit
         increase -= sum(_least_squares(side) for side in sides)
         c += stage
         certificates.append(certificate)
-    seen = np.stack([_seen(side, n) for side in (first, second)])
+    seen = np.stack([np.isin(np.arange(n), side.blocks.visible) for side in (first, second)])
     equal = seen.all(axis=0) & (c[0] == c[1])
     one, two = np.where(seen, c, np.nan)
     return OrderedFit(one, two, equal, max(0.0, increase), tuple(certificates))
@@ -161,10 +166,6 @@ def _stages(side: WhitenedCampaign, n: int) -> tuple[BoolArray, ...]:
         return (everything,)
     arm = np.arange(n) < n - WRIST_JOINTS
     return arm, ~arm
-
-
-def _seen(side: WhitenedCampaign, n: int) -> BoolArray:
-    return np.isin(np.arange(n), side.blocks.visible)
 
 
 def _rows(side: WhitenedCampaign, joints: BoolArray, known: FloatArray) -> _Rows:
@@ -200,32 +201,24 @@ def _solve_together(one: _Rows, two: _Rows) -> tuple[FloatArray, Certificate]:
     kept = np.flatnonzero(np.concatenate([two.visible, one.visible]))
     L1 = np.hstack([both, eye])[:, kept]
     L2 = np.hstack([eye, np.zeros((n, n))])[:, kept]
-    problem = IdentificationProblem(
-        np.vstack([one.R @ L1, two.R @ L2]),
-        np.concatenate([one.z, two.z]),
-        _bounds(one, two, kept),
-        _inequalities([*_limits(one, two, L1), *_orders(one, L1), *_orders(two, L2)]),
-    )
-    solution = solve(problem)
-    return np.stack([L1 @ solution.compliance, L2 @ solution.compliance]), solution.certificate
-
-
-def _bounds(one: _Rows, two: _Rows, kept: IndexArray) -> Bounds:
-    """Return the bounds of v: the second's, then zero for the differences, or the first's."""
+    # Bounds of v: the second's, then zero for the differences, or the first's
     lower = np.concatenate([two.bounds.lower, np.where(two.visible, 0.0, one.bounds.lower)])
     upper = np.concatenate([two.bounds.upper, np.where(two.visible, np.inf, one.bounds.upper)])
-    return Bounds(lower[kept], upper[kept])
-
-
-def _limits(one: _Rows, two: _Rows, L1: FloatArray) -> list[tuple[FloatArray, float]]:
-    """The first's bounds that those of v do not imply."""
+    # The first's bounds that those of v do not imply
     limits = []
     for j in np.flatnonzero(one.visible & two.visible):
         if one.bounds.lower[j] > two.bounds.lower[j]:
             limits.append((L1[j], float(one.bounds.lower[j])))
         if np.isfinite(one.bounds.upper[j]):
             limits.append((-L1[j], -float(one.bounds.upper[j])))
-    return limits
+    problem = IdentificationProblem(
+        np.vstack([one.R @ L1, two.R @ L2]),
+        np.concatenate([one.z, two.z]),
+        Bounds(lower[kept], upper[kept]),
+        _inequalities([*limits, *_orders(one, L1), *_orders(two, L2)]),
+    )
+    solution = solve(problem)
+    return np.stack([L1 @ solution.compliance, L2 @ solution.compliance]), solution.certificate
 
 
 def _orders(side: _Rows, L: FloatArray) -> list[tuple[FloatArray, float]]:
@@ -252,3 +245,72 @@ def _least_squares(side: _Rows) -> float:
     inequalities = _inequalities(_orders(side, L))
     problem = IdentificationProblem(side.R[:, joints], side.z, side.bounds.select(joints), inequalities)
     return _squares(side, L @ solve_step(problem).compliance)
+
+
+Order = tuple[tuple[int, int], ...]
+
+
+def ordered_intervals(
+    estimates: tuple[Estimate, Estimate],
+    settings: tuple[Settings, Settings],
+    together: OrderedFit,
+    quantile: float,
+) -> FloatArray:
+    """Intervals under both campaigns' constraints and ``c_second ≤ c_first``.
+
+    Both estimates are Gaussian and independent, so their likelihood is that of 2 n compliances with a
+    covariance of two blocks. Joints of which a campaign says nothing are left out: they neither get an
+    interval nor bound another. The intervals are widened to contain the estimate: that of a method that is
+    not maximum likelihood, such as the decoupled one, may lie outside its own interval under constraints.
+
+    Args:
+        estimates: of the first and the second, without constraints; their uncertainties are known.
+        settings: their bounds and orders.
+        together: the estimate of both.
+        quantile: t, so that an interval without active constraints is ĉ ± t u(ĉ).
+
+    Returns:
+        (2, n, 2) lower and upper ends of the first's and the second's compliances [rad/(N·m)]; NaN for
+        joints of which the campaign says nothing.
+
+    Raises:
+        RequestError: the constraints contradict each other.
+        SolverError: an end could not be certified.
+    """
+    known = [
+        np.flatnonzero([joint.compliance is not None for joint in estimate.joints]) for estimate in estimates
+    ]
+    n = len(estimates[0].joints)
+    ends = np.full((2 * n, 2), np.nan)
+    places = np.concatenate([known[0], n + known[1]])
+    if not len(places):
+        return ends.reshape(2, n, 2)
+    covariances = [
+        np.zeros((n, n)) if estimate.covariance is None else estimate.covariance for estimate in estimates
+    ]
+    likelihood = Likelihood(
+        joints=places,
+        centre=np.concatenate([estimate.compliance for estimate in estimates])[places],
+        covariance=block_diag(*covariances)[np.ix_(places, places)],
+    )
+    constraints = ordered_constraints(settings).select(places)
+    ends[places] = profile_ends(likelihood, constraints, np.arange(len(places)), np.array([quantile]))[0]
+    estimate = np.concatenate([together.first, together.second])[places]
+    ends[places, 0] = np.minimum(ends[places, 0], estimate)
+    ends[places, 1] = np.maximum(ends[places, 1], estimate)
+    return ends.reshape(2, n, 2)
+
+
+def ordered_constraints(settings: tuple[Settings, Settings]) -> Constraints:
+    """On the 2 n compliances of the first campaign and the second.
+
+    Raises:
+        RequestError: they contradict each other.
+    """
+    lower = np.concatenate([side.bounds.lower for side in settings])
+    upper = np.concatenate([side.bounds.upper for side in settings])
+    # Pairs (i, j) with c_i ≤ c_j among the 2 n: the second's each below the first's, and their own
+    n = len(settings[0].bounds.lower)
+    between = [(n + j, j) for j in range(n)]
+    own = [(i + k * n, j + k * n) for k, side in enumerate(settings) for i, j in side.order]
+    return Constraints(Bounds(lower, upper), (*between, *own))

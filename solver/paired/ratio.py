@@ -89,13 +89,10 @@ def ratio_interval(
     if angle > _QUARTER or angle <= -_QUARTER:  # a ratio does not change when both signs do
         angle -= pi if angle > 0 else -pi
     half_width = asin(t / r)
+    low, high = angle - half_width, angle + half_width
     if positive:
-        return _positive_part(angle - half_width, angle + half_width, scale)
-    return _any_sign(angle - half_width, angle + half_width, scale)
-
-
-def _any_sign(low: float, high: float, scale: float) -> RatioInterval:
-    """The arc [low, high], repeated every half turn, as ratios."""
+        return _positive_part(low, high, scale)
+    # The arc [low, high], repeated every half turn, as ratios
     if low > -_QUARTER and high < _QUARTER:
         return RatioInterval(scale * tan(low), scale * tan(high))
     through = low + pi if low <= -_QUARTER else low
