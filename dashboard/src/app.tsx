@@ -1,7 +1,8 @@
 /** The frame of the page: header, the view of the address, messages. */
 import { useEffect, useRef } from "preact/hooks";
 import { Tip } from "./charts/tip";
-import { Busy, Choice, Empty, Select, Title } from "./components/basics";
+import { Busy, Choice, Empty, Title } from "./components/basics";
+import { Select } from "./components/fields";
 import { Boundary } from "./components/boundary";
 import { lazy } from "./components/lazy";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";

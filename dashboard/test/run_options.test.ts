@@ -1,8 +1,8 @@
 import { describe, expect, it } from "vitest";
-import type { Problem } from "../src/api/types";
+import type { Problem, RunOptions } from "../src/api/types";
 import { elsewhere, faultsAt } from "../src/lib/faults";
 import { NOISE_AS_READ, noiseOf, statesNoise } from "../src/lib/noise";
-import { initialOptions, requestOf } from "../src/lib/run_options";
+import { initialOptions, optionsOf, requestOf } from "../src/lib/run_options";
 
 describe("request of a run", () => {
   it("does not send defaults that were left alone", () => {
@@ -47,6 +47,48 @@ describe("request of a run", () => {
       links: ["joint_2"],
       cross_validation: { folds: 4 },
     });
+  });
+});
+
+describe("run of a campaign file", () => {
+  // every field of the message, or tsc refuses it
+  const run: Required<RunOptions> = {
+    method: "complete_pose",
+    weighting: "characteristic_length",
+    characteristic_length: 0.75,
+    positive: false,
+    stiffness_bounds: { joint_2: [1.5e6, null] },
+    loss: "huber",
+    huber_threshold: 2.5,
+    complementary_stiffness: "neglected",
+    priors: { joint_5: { stiffness: 4e5, standard_uncertainty: 3.3e4 } },
+    stiffness_order: [["joint_2", "joint_4"]],
+    elasticity: "joints_and_links",
+    links: ["joint_2", "joint_3"],
+    link_penalty: 0.03,
+    cross_validation: { folds: 4, draws: 2, seed: 7, rule: "one_standard_error" },
+    resampling: { size: 8, repetitions: 300, seed: 3, replacement: true },
+    confidence: 0.9,
+    weight: { bodies: "as stored" } as unknown as RunOptions["weight"],
+  };
+
+  it("goes into the request whole, in any unit of the page", () => {
+    for (const unit of [1, 1e6, 60 / (Math.PI / 180)]) {
+      expect(requestOf("s", optionsOf(run, unit), unit)).toEqual({ measurement_set_id: "s", ...run });
+    }
+  });
+
+  it("sends what differs from the defaults", () => {
+    expect(requestOf("s", optionsOf({ loss: "automatic", method: "partial_pose", positive: true }))).toEqual({
+      measurement_set_id: "s",
+    });
+  });
+
+  it("sends what it cannot show as it stands, for the service to judge", () => {
+    const odd = { stiffness_order: 5, priors: { joint_1: null }, colour: "red" } as unknown as RunOptions;
+    expect(requestOf("s", optionsOf(odd))).toEqual({ measurement_set_id: "s", ...odd });
+    expect(requestOf("s", optionsOf({ links: ["joint_2"] }))).toEqual({ measurement_set_id: "s", links: ["joint_2"] });
+    expect(requestOf("s", optionsOf({ loss: "absolute" }))).toEqual({ measurement_set_id: "s", loss: "absolute" });
   });
 });
 

@@ -96,6 +96,23 @@ def test_three_taps_from_a_file_to_its_result(visit):
     expect(page.get_by_text("6 of 6 joints have a number")).to_be_visible()
 
 
+def test_the_options_in_a_file_are_taken_and_shown(visit, api):
+    visited = visit("phone")
+    visited.go("#/")
+    page = visited.page
+    expect(page.get_by_label("Robot", exact=True)).to_have_count(0)  # nothing is asked before a file
+    document = campaign(load="pull", seed=32)
+    document["run"] = {"positive": False, "stiffness_order": [["joint_2", "joint_4"]], "confidence": 0.9}
+    page.locator("input[type=file]").set_input_files(file_of(document))
+    expect(page.locator("summary", has_text="Advanced")).to_contain_text(
+        "positive: false, stiffness order, confidence: 0.9"
+    )
+    page.get_by_role("button", name="Identify").click()
+    page.wait_for_url("**/#/runs/*")
+    request = api.get(f"/v1/runs/{page.url.rsplit('/', 1)[1]}").json()["request"]
+    assert {name: request[name] for name in document["run"]} == document["run"]
+
+
 def test_by_keyboard_only(visit, stored):
     """From the list of sets to a result in 3D, without a pointer."""
     visited = visit("tablet")
@@ -110,8 +127,10 @@ def test_by_keyboard_only(visit, stored):
             page.keyboard.press("Tab")
         pytest.fail(f"{locator} cannot be reached")
 
-    tab_to(page.locator("input[value=partial_pose]"))
-    page.keyboard.press("ArrowDown")
+    tab_to(page.locator("summary", has_text="Advanced"))
+    page.keyboard.press("Enter")
+    tab_to(page.get_by_label("Method", exact=True))
+    page.keyboard.press("d")  # decoupled
     tab_to(page.get_by_role("button", name="Identify"))
     page.keyboard.press("Enter")
     expect(page.get_by_text("Decoupled partial pose, constrained")).to_be_visible()
@@ -149,7 +168,7 @@ def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
     visited = visit("phone")
     visited.go(f"#/?set={large}")
     page = visited.page
-    page.get_by_text("More options").click()
+    page.get_by_text("Advanced").click()
     page.get_by_label("Repeat on random draws").check()
     page.get_by_label("Draws", exact=True).fill("100000")
     page.route("**/events", lambda route: route.abort())

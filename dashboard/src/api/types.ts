@@ -16,7 +16,7 @@ export type ComparisonSummary = Schemas["ComparisonSummary"];
 export type DhModel = Schemas["DhModel-Output"];
 /** Columns of a DH table that every row has. */
 export type DhColumn = Exclude<keyof DhRow, "lower" | "upper">;
-export type DhRow = Schemas["DhRow-Output"];
+type DhRow = Schemas["DhRow-Output"];
 export type Geometry = Schemas["Geometry"];
 export type GeometryResult = Schemas["GeometryResult"];
 export type GeometrySummary = Schemas["GeometrySummary"];
@@ -28,7 +28,6 @@ export type JointResult = Schemas["JointResult"];
 export type Kinematics = Schemas["Kinematics"];
 export type Map = Schemas["Map"];
 export type MapRequest = Schemas["MapRequest-Output"];
-export type MapResult = Schemas["MapResult"];
 export type MapSummary = Schemas["MapSummary"];
 export type ProgramSummary = Schemas["ProgramSummary"];
 export type MeasurementSet = Schemas["MeasurementSet"];

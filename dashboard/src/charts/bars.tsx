@@ -6,7 +6,7 @@ import { LeftAxis, Names } from "./axis";
 import { Chart } from "./figure";
 import { tip } from "./tip";
 
-export interface Series {
+interface Series {
   mark: string;
   label: string;
   values: (number | null)[];

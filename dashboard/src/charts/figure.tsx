@@ -7,7 +7,7 @@ import { csv, fileName } from "../lib/csv";
 import { useWidth } from "../state/size";
 import { text } from "../i18n";
 
-export interface LegendItem {
+interface LegendItem {
   label: string;
   /** Class of the mark, see the style sheet. */
   mark: string;

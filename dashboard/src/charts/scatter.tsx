@@ -4,7 +4,7 @@ import { LeftAxis, Names } from "./axis";
 import { axisFormat, Columns, type Opening } from "./bars";
 import { Chart } from "./figure";
 
-export interface Dot {
+interface Dot {
   column: number;
   value: number;
   mark: string;

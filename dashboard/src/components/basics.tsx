@@ -242,35 +242,6 @@ export function Toggle({
   );
 }
 
-export function Select({
-  label,
-  value,
-  change,
-  options,
-  hint,
-}: {
-  label: string;
-  value: string;
-  change: (value: string) => void;
-  options: { value: string; label: string }[];
-  hint?: string;
-}) {
-  const id = useId();
-  return (
-    <div class="field">
-      <label for={id}>{label}</label>
-      <select id={id} value={value} onChange={(event) => change(event.currentTarget.value)}>
-        {options.map((option) => (
-          <option value={option.value} selected={option.value === value}>
-            {option.label}
-          </option>
-        ))}
-      </select>
-      {hint !== undefined && <small>{hint}</small>}
-    </div>
-  );
-}
-
 /** Links between the parts of a view. */
 export function Tabs({
   label,

@@ -4,7 +4,7 @@ import { useId } from "preact/hooks";
 import { numberIn, vectorIn } from "../lib/entered";
 import { Prose } from "./basics";
 
-export interface Hints {
+interface Hints {
   help?: string | undefined;
   faults?: string[] | undefined;
 }
@@ -109,6 +109,30 @@ export function TextField({
           />
         )
       }
+    </Field>
+  );
+}
+
+/** One of several, in a list that opens. */
+export function Select({
+  label,
+  value,
+  change,
+  options,
+  help,
+  faults,
+}: Typed & { options: { value: string; label: string; disabled?: boolean }[] }) {
+  return (
+    <Field {...{ label, help, faults }}>
+      {(control) => (
+        <select {...control} value={value} onChange={(event) => change(event.currentTarget.value)}>
+          {options.map((option) => (
+            <option value={option.value} selected={option.value === value} disabled={option.disabled ?? false}>
+              {option.label}
+            </option>
+          ))}
+        </select>
+      )}
     </Field>
   );
 }

@@ -26,7 +26,7 @@ export interface Job {
 }
 
 /** What the head of a page says of its job. */
-export interface Head {
+interface Head {
   /** Plain: in the browser's tab, and after the job was deleted. */
   name: string;
   /** The title, where it is more than the name. */

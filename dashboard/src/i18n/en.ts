@@ -276,8 +276,6 @@ export const en = {
     pick: "Choose a robot",
     needRobot: "This file names no robot. Choose the one that was measured.",
     addRobot: "Add a robot",
-    method: "Method",
-    more: "More options",
     go: "Identify",
     going: "Identifying…",
     notReady: "Choose a file first",
@@ -320,11 +318,12 @@ export const en = {
     constrained: "constrained",
     unconstrained: "unconstrained",
   },
-  /** The rest of what a run can be told: words of the glossary, one sentence each. */
+  /** What a run can be told: words of the glossary, one sentence each. */
   settings: {
-    title: "More settings",
+    title: "Advanced",
+    defaults: "Every default is the best answer that is known",
     chosen: "chosen by the service",
-    fit: "Weights of the readings",
+    fit: "Model and fit",
     weighting: "Weighting",
     weightingHelp: {
       covariance: "Rows are weighted by the uncertainty of the readings. The default.",
@@ -359,6 +358,8 @@ export const en = {
     penaltyHelp: "Large: links stay stiff unless the readings insist; default: by cross-validation.",
     folds: "Folds of the cross-validation",
     foldsHelp: "Parts of the postures, each omitted once from the fit and predicted.",
+    foldDraws: "Draws of the folds",
+    foldDrawsHelp: "How often the postures are dealt into folds anew.",
     foldSeed: "Seed of the folds",
     rule: "Penalty chosen",
     rules: { best: "Least held-out residual", one_standard_error: "Largest within one standard error" },
@@ -428,6 +429,7 @@ export const en = {
   },
   run: {
     kind: "Identification",
+    method: "Method",
     views: {
       result: "Stiffness",
       deflection: "Deflection",

@@ -135,7 +135,7 @@ function isRead(observation: unknown): observation is Fields {
 const POSITION = /^(unloaded|loaded|deflection)$/;
 
 /** How sure a joint is, beside what the plan promises for its end; relative to the compliance. */
-export interface Sureness {
+interface Sureness {
   name: string;
   now: number | null;
   promised: number | null;

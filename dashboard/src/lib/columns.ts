@@ -4,7 +4,7 @@ import type { ImportAnswer, ImportOptions } from "../api/types";
 export type FilePreview = ImportAnswer["preview"]["files"][number];
 export type ColumnMeaning = FilePreview["columns"][number];
 export type ImportFault = ImportAnswer["faults"][number];
-export type Dimension = keyof typeof UNITS;
+type Dimension = keyof typeof UNITS;
 
 export const UNITS = {
   length: ["mm", "m", "in"],
@@ -14,7 +14,7 @@ export const UNITS = {
 } as const;
 
 export const UNKNOWN = "unknown";
-export const IGNORED = "ignored";
+const IGNORED = "ignored";
 const AXES = ["x", "y", "z"];
 const LEAST_JOINTS = 6;
 

@@ -3,7 +3,7 @@ import type { MapRequest } from "../api/types";
 import type { Vector } from "./vector";
 
 /** Why a place has no numbers, or that it has. */
-export type PlaceStatus = "reached" | "out_of_reach" | "joint_limits" | "unseen_joint" | "overloaded";
+type PlaceStatus = "reached" | "out_of_reach" | "joint_limits" | "unseen_joint" | "overloaded";
 
 export interface MapPlace {
   status: PlaceStatus;

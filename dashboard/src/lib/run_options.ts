@@ -1,5 +1,5 @@
 /** How to identify: what the form of a run holds, and the request that comes of it. Defaults left alone are not sent. */
-import type { Elasticity, Loss, Method, Weighting } from "../api/types";
+import type { Elasticity, Loss, Method, RunOptions, Weighting } from "../api/types";
 import { posted } from "./entered";
 
 /** Two fields of one joint, as typed: least and greatest stiffness, or stiffness and its standard uncertainty. */
@@ -13,9 +13,6 @@ export interface Options {
   positive: boolean;
   loss: Loss | "";
   complementary: boolean;
-  resample: boolean;
-  repetitions: number;
-  size: number;
   confidence: string;
   elasticity: Elasticity;
   weighting: Weighting;
@@ -29,20 +26,25 @@ export interface Options {
   links: string[];
   linkPenalty: string;
   folds: string;
+  foldDraws: string;
   foldSeed: string;
   rule: "best" | "one_standard_error";
+  resample: boolean;
+  repetitions: string;
+  size: string;
   seed: string;
   replacement: boolean;
+  /** Fields of a file that the form does not show: sent as they stand. */
+  given: Fields;
 }
+
+type Fields = Record<string, unknown>;
 
 export const initialOptions: Options = {
   method: "partial_pose",
   positive: true,
   loss: "",
   complementary: true,
-  resample: false,
-  repetitions: 1000,
-  size: 10,
   confidence: "0.95",
   elasticity: "automatic",
   weighting: "covariance",
@@ -54,10 +56,15 @@ export const initialOptions: Options = {
   links: [],
   linkPenalty: "",
   folds: "",
+  foldDraws: "",
   foldSeed: "",
   rule: "best",
+  resample: false,
+  repetitions: "1000",
+  size: "10",
   seed: "1",
   replacement: false,
+  given: {},
 };
 
 /** Losses that go with an elasticity, besides the default. */
@@ -74,16 +81,21 @@ export const hasLinks = (elasticity: Elasticity): boolean => !["joints", "couple
  * `stiffness`: the factor from the page's unit of stiffness to N·m/rad. Fields that the chosen method, loss or elasticity
  * has no use for are not sent, so that what was typed before another choice does not get in its way.
  */
-export function requestOf(set: string, options: Options, stiffness = 1): Record<string, unknown> {
+export function requestOf(set: string, options: Options, stiffness = 1): Fields {
+  const usual = fieldsOf(initialOptions, stiffness);
+  const changed = Object.entries(fieldsOf(options, stiffness)).filter(([name, value]) => value !== usual[name]);
+  return { measurement_set_id: set, ...without(Object.fromEntries(changed)), ...options.given };
+}
+
+function fieldsOf(options: Options, stiffness: number): Fields {
   const loss = lossesOf(options.elasticity).includes(options.loss as Loss) ? options.loss : "";
   const elastic = options.elasticity !== "joints";
   const byLength = options.weighting === "characteristic_length";
-  return without({
-    measurement_set_id: set,
-    method: unless(options.method, "partial_pose"),
-    weighting: unless(options.weighting, "covariance"),
+  return {
+    method: options.method,
+    weighting: options.weighting,
     characteristic_length: byLength ? posted(options.characteristicLength, 1e-3) : null,
-    positive: unless(options.positive, true),
+    positive: options.positive,
     stiffness_bounds: filled(options.bounds, ([least, greatest]) => [
       posted(least, stiffness),
       posted(greatest, stiffness),
@@ -93,28 +105,87 @@ export function requestOf(set: string, options: Options, stiffness = 1): Record<
       standard_uncertainty: posted(uncertainty, stiffness),
     })),
     stiffness_order: options.orders.filter(([first, second]) => first !== "" || second !== ""),
-    loss,
+    loss: loss || "automatic",
     huber_threshold: loss === "huber" ? posted(options.huberThreshold) : null,
-    complementary_stiffness: options.complementary ? null : "neglected",
-    elasticity: unless(options.elasticity, "automatic"),
+    complementary_stiffness: options.complementary ? "included" : "neglected",
+    elasticity: options.elasticity,
     links: hasLinks(options.elasticity) ? options.links : [],
     link_penalty: elastic && options.elasticity !== "automatic" ? posted(options.linkPenalty) : null,
     cross_validation: elastic
-      ? without({ folds: posted(options.folds), seed: posted(options.foldSeed), rule: unless(options.rule, "best") })
+      ? without({
+          folds: posted(options.folds),
+          draws: posted(options.foldDraws),
+          seed: posted(options.foldSeed),
+          rule: options.rule === "best" ? null : options.rule,
+        })
       : {},
     resampling: options.resample
       ? without({
-          size: options.size,
-          repetitions: options.repetitions,
+          size: posted(options.size),
+          repetitions: posted(options.repetitions),
           seed: posted(options.seed),
-          replacement: unless(options.replacement, false),
+          replacement: options.replacement || null,
         })
       : {},
-    confidence: unless(Number(options.confidence), 0.95),
-  });
+    confidence: Number(options.confidence),
+  };
 }
 
-const unless = <Value>(value: Value, standard: Value): Value | null => (value === standard ? null : value);
+/** The form as the `run` of a campaign file fills it; what it cannot show is kept and sent as it stands. */
+export function optionsOf(run: Partial<RunOptions>, stiffness = 1): Options {
+  try {
+    const options = shownOf(run, stiffness);
+    const shown = fieldsOf(options, stiffness);
+    const unseen = ([name, value]: [string, unknown]) =>
+      isEmpty(shown[name]) || (typeof value === "string" && value !== shown[name]);
+    return { ...options, given: without(Object.fromEntries(Object.entries(run).filter(unseen))) };
+  } catch {
+    return { ...initialOptions, given: run }; // of another shape: the service says what is wrong
+  }
+}
+
+function shownOf(run: Partial<RunOptions>, stiffness: number): Options {
+  const { cross_validation: validation, resampling } = run;
+  const typed = (value: unknown, factor = 1): string =>
+    value === null || value === undefined ? "" : typeof value === "number" ? String(value / factor) : String(value);
+  const twos = <Value>(values: Record<string, Value> | undefined, two: (value: Value) => unknown[]) =>
+    Object.fromEntries(
+      Object.entries(values ?? {}).map(([joint, value]) => {
+        const [first, second] = two(value);
+        return [joint, [typed(first, stiffness), typed(second, stiffness)] as Two];
+      }),
+    );
+  return {
+    ...initialOptions,
+    method: run.method ?? initialOptions.method,
+    positive: run.positive ?? initialOptions.positive,
+    loss: run.loss === undefined || run.loss === "automatic" ? "" : run.loss,
+    complementary: run.complementary_stiffness !== "neglected",
+    confidence: typed(run.confidence) || initialOptions.confidence,
+    elasticity: run.elasticity ?? initialOptions.elasticity,
+    weighting: run.weighting ?? initialOptions.weighting,
+    characteristicLength: typed(run.characteristic_length, 1e-3),
+    huberThreshold: typed(run.huber_threshold),
+    bounds: twos(run.stiffness_bounds, (bounds) => bounds),
+    priors: twos(run.priors, (prior) => [prior.stiffness, prior.standard_uncertainty]),
+    orders: (run.stiffness_order ?? []).flatMap((chain) =>
+      chain.slice(1).map((softer, i): Order => [chain[i] ?? "", softer]),
+    ),
+    links: run.links ?? [],
+    linkPenalty: typed(run.link_penalty),
+    folds: typed(validation?.folds),
+    foldDraws: typed(validation?.draws),
+    foldSeed: typed(validation?.seed),
+    rule: validation?.rule ?? "best",
+    ...(resampling && {
+      resample: true,
+      size: typed(resampling.size),
+      repetitions: typed(resampling.repetitions),
+      seed: typed(resampling.seed),
+      replacement: resampling.replacement ?? false,
+    }),
+  };
+}
 
 /** Joints where something was typed. */
 function filled<Sent>(typed: Record<string, Two>, sent: (two: Two) => Sent): Record<string, Sent> {
@@ -123,9 +194,12 @@ function filled<Sent>(typed: Record<string, Two>, sent: (two: Two) => Sent): Rec
 }
 
 /** The fields that say something. */
-function without(fields: Record<string, unknown>): Record<string, unknown> {
+function without(fields: Fields): Fields {
   return Object.fromEntries(Object.entries(fields).filter(([, value]) => !isEmpty(value)));
 }
 
 const isEmpty = (value: unknown): boolean =>
-  value === null || value === "" || (typeof value === "object" && Object.keys(value).length === 0);
+  value === null ||
+  value === undefined ||
+  value === "" ||
+  (typeof value === "object" && Object.keys(value).length === 0);

@@ -3,7 +3,7 @@ import type { ImportOptions } from "../api/types";
 import { posted, vectorIn } from "./entered";
 
 /** m/s², standard gravity. */
-export const GRAVITY = 9.80665;
+const GRAVITY = 9.80665;
 
 export interface Stated {
   name: string;

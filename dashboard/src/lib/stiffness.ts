@@ -4,7 +4,7 @@ import { decimalsFor, fixed, significant } from "./format";
 import { changeIn, inUnit, intervalIn, STIFFNESS_UNITS, type StiffnessUnit } from "./units";
 import { lowerLimit, stiffnessUncertainty } from "./verdict";
 
-export interface ShownStiffness {
+interface ShownStiffness {
   /** The value, or null where there is none. */
   value: string | null;
   /** Standard uncertainty, with two significant digits. */
@@ -37,5 +37,5 @@ export function axisStiffness(unit: StiffnessUnit): (stiffness: number) => strin
   return (stiffness) => axisNumber(inUnit(stiffness, unit));
 }
 
-export const axisNumber = (value: number): string =>
+const axisNumber = (value: number): string =>
   value >= 1e4 ? significant(value, 2).replace(/\.0$/, "") : String(Number(value.toPrecision(2)));

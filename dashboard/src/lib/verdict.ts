@@ -4,11 +4,11 @@ import type { JointResult, Usability } from "../api/types";
 export type Verdict = "firm" | "fair" | "rough" | "unrated" | "vague" | "lower_limit" | "negative" | "unobservable";
 
 /** Relative half width of the interval below which a stiffness is called firm, fair. */
-export const FIRM = 0.05;
-export const FAIR = 0.2;
+const FIRM = 0.05;
+const FAIR = 0.2;
 
 /** Standard uncertainty over compliance above which a value without interval says hardly anything. */
-export const VAGUE = 0.5;
+const VAGUE = 0.5;
 
 export function verdictOf(joint: JointResult): Verdict {
   if (joint.status === "not_observable" || joint.compliance === null) return "unobservable";

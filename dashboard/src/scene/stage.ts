@@ -24,7 +24,7 @@ import { Orbit } from "./orbit";
 import { ScaleBar } from "./scale_bar";
 import type { Show } from "./show";
 
-export const FRAME = "jointstiff.frame";
+const FRAME = "jointstiff.frame";
 const KEPT_FRAMES = 500;
 
 /** Seconds: down, held, and up again. */
@@ -47,6 +47,7 @@ export class Stage {
   #mapRamp: Ramp = [new Color(), new Color(), new Color()];
   #bendStart: number | null = null;
   readonly #observer: ResizeObserver;
+  readonly #dark = matchMedia("(prefers-color-scheme: dark)");
   #grid: GridHelper | null = null;
   #reach = 1;
   #show: Show | null = null;
@@ -71,7 +72,7 @@ export class Stage {
     this.#observer = new ResizeObserver(() => this.#resize());
     this.#observer.observe(canvas);
     addEventListener("themechange", this.#paint);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this.#paint);
+    this.#dark.addEventListener("change", this.#paint);
     this.#paint();
   }
 
@@ -112,12 +113,14 @@ export class Stage {
     cancelAnimationFrame(this.#waiting);
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
-    matchMedia("(prefers-color-scheme: dark)").removeEventListener("change", this.#paint);
+    this.#dark.removeEventListener("change", this.#paint);
     for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, ...this.#triad])
       part.dispose();
     this.#labels.dispose();
     this.#bar.dispose();
+    this.#grid?.dispose();
     this.#renderer.dispose();
+    this.#renderer.forceContextLoss(); // browsers keep few contexts, and drop them late
   }
 
   readonly #draw = (): void => {

@@ -8,7 +8,7 @@ import { Sketch } from "./sketch";
 import type { Show } from "./show";
 import type { Stage } from "./stage";
 
-export interface ArmViewProps {
+interface ArmViewProps {
   show: Show;
   /** What the view must hold, all the time. */
   room: Vector[];

@@ -5,7 +5,7 @@ import { type Action, useAction } from "./action";
 import { go } from "./router";
 import { toast } from "./toasts";
 
-export interface Deletable {
+interface Deletable {
   remove: () => Promise<unknown>;
   restore: () => Promise<unknown>;
   /** Address of the list that it stands in, where one goes afterwards. */

@@ -17,7 +17,7 @@ export type Opened =
   | { kind: "fault"; name: string; fault: FileFault };
 
 /** What was said of tables so far. */
-export interface Draft {
+interface Draft {
   options: ImportOptions;
   stated: Stated;
   frame: StatedFrame;

@@ -1,7 +1,7 @@
 /** Short messages at the edge of the page, some with something to do, such as undo. */
 import { useEffect, useState } from "preact/hooks";
 
-export interface Toast {
+interface Toast {
   id: number;
   message: string;
   action?: { label: string; run: () => void };

@@ -3,7 +3,8 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { MeasurementSet, Problem, RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { Busy, ProblemNote, Select } from "../components/basics";
+import { Busy, ProblemNote } from "../components/basics";
+import { Select } from "../components/fields";
 import { Findings } from "../components/findings";
 import { Preview } from "../components/preview";
 import { type Campaign, factsOf } from "../lib/campaign";
@@ -18,7 +19,7 @@ import { storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { FileDrop, Refused } from "./file_drop";
 import { GoBar } from "./go_bar";
-import { MethodStep, useRunForm } from "./method_step";
+import { Advanced, useRunForm } from "./advanced";
 import { withNoise } from "./variants";
 
 const FROM_FILE = "file";
@@ -43,9 +44,8 @@ export function CampaignFlow({
   const before = choice.robot === FROM_FILE ? "" : choice.robot;
   const robot = choice.of === campaign ? choice.robot : campaign?.robot ? FROM_FILE : (campaign?.robotId ?? before);
   const setRobot = (chosen: string) => setChoice({ of: campaign, robot: chosen });
-  const method = campaign?.run?.method;
   useEffect(() => {
-    if (method) form.setOptions((options) => ({ ...options, method }));
+    if (campaign?.run) form.take(campaign.run);
   }, [campaign]);
   const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
   const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
@@ -108,46 +108,46 @@ export function CampaignFlow({
         {set && campaign && <p class="soft">{text.start.readFindings}</p>}
       </section>
 
-      <section class="card" aria-labelledby="step-robot">
-        <h2 id="step-robot">
-          <span class="step">2</span>
-          {text.start.robot}
-        </h2>
-        {!storedId && (
-          <div class="row">
-            <Select
-              label={text.start.robot}
-              value={chosenRobot}
-              change={setRobot}
-              {...(campaign && !chosenRobot ? { hint: text.start.needRobot } : {})}
-              options={[
-                { value: "", label: text.start.pick },
-                ...(campaign?.robot
-                  ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
-                  : []),
-                ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
-              ]}
-            />
-            <a class="button" href="#/robots/new">
-              {text.start.addRobot}
-            </a>
-          </div>
-        )}
-        {source ? (
-          <Arm source={source} start={facts?.firstJoints ?? null} />
-        ) : (
-          <p class="stage blank">{text.start.armHere}</p>
-        )}
-      </section>
-
       {facts && (
-        <MethodStep
-          step={3}
-          form={form}
-          facts={facts}
-          joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
-          problem={identify.problem}
-        />
+        <>
+          <section class="card" aria-labelledby="step-robot">
+            <h2 id="step-robot">
+              <span class="step">2</span>
+              {text.start.robot}
+            </h2>
+            {!storedId && (
+              <div class="row">
+                <Select
+                  label={text.start.robot}
+                  value={chosenRobot}
+                  change={setRobot}
+                  {...(campaign && !chosenRobot ? { help: text.start.needRobot } : {})}
+                  options={[
+                    { value: "", label: text.start.pick },
+                    ...(campaign?.robot
+                      ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
+                      : []),
+                    ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
+                  ]}
+                />
+                <a class="button" href="#/robots/new">
+                  {text.start.addRobot}
+                </a>
+              </div>
+            )}
+            {source ? (
+              <Arm source={source} start={facts?.firstJoints ?? null} />
+            ) : (
+              <p class="stage blank">{text.start.armHere}</p>
+            )}
+          </section>
+          <Advanced
+            form={form}
+            facts={facts}
+            joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
+            problem={identify.problem}
+          />
+        </>
       )}
       <GoBar
         action={identify}

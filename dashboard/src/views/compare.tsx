@@ -2,7 +2,8 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RunSummary } from "../api/types";
-import { Empty, Name, ProblemNote, Select, Show, Tabs, Title, Toggle, timeText } from "../components/basics";
+import { Empty, Name, ProblemNote, Show, Tabs, Title, Toggle, timeText } from "../components/basics";
+import { Select } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
@@ -118,8 +119,8 @@ function StartPair({ names }: { names: Names }) {
       <section class="card form">
         <p>{words.pairsIntro}</p>
         <div class="row">
-          <Select label={words.first} hint={words.firstHint} value={first} change={setFirst} options={options} />
-          <Select label={words.second} hint={words.secondHint} value={second} change={setSecond} options={options} />
+          <Select label={words.first} help={words.firstHint} value={first} change={setFirst} options={options} />
+          <Select label={words.second} help={words.secondHint} value={second} change={setSecond} options={options} />
         </div>
         <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
         {start.problem && <ProblemNote problem={start.problem} />}

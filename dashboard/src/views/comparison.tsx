@@ -212,7 +212,7 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
       legend={chosen.map((fit, i) => ({ label: entryName(fit), mark: `method-${i}` }))}
       tools={
         <Choice
-          label={text.start.method}
+          label={text.run.method}
           value={constraint}
           change={setConstraint}
           options={[

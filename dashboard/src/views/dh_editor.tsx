@@ -1,6 +1,7 @@
 /** A Denavit-Hartenberg table to fill in, and the joint map for coupled axes. */
 import type { DhModel, JointMap as Map, RobotDocument } from "../api/types";
-import { Choice, Select } from "../components/basics";
+import { Choice } from "../components/basics";
+import { Select } from "../components/fields";
 import { Scroll } from "../components/table";
 import { degrees, radians } from "../lib/units";
 import { text } from "../i18n";
@@ -243,7 +244,7 @@ function Presets({ table, change }: { table: DhTable; change: (part: Partial<DhT
         if (chosen) change({ matrix: rows(chosen.joint_map), offset: chosen.joint_map.offset.map(typed) });
       }}
       options={[{ value: "", label: words.presetNone }, ...fitting.map(({ id, name }) => ({ value: id, label: name }))]}
-      {...(current ? { hint: current.note } : {})}
+      {...(current ? { help: current.note } : {})}
     />
   );
 }

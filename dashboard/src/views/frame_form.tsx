@@ -1,8 +1,8 @@
 /** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
 import { api } from "../api/client";
 import type { Problem } from "../api/types";
-import { Choice, Select } from "../components/basics";
-import { Faults, VectorField } from "../components/fields";
+import { Choice } from "../components/basics";
+import { Faults, VectorField, Select } from "../components/fields";
 import { faultsAt } from "../lib/faults";
 import type { StatedFrame } from "../lib/frame";
 import { useLoad, valueOf } from "../state/load";
@@ -37,7 +37,7 @@ export function FrameForm({
     <div class="import-form">
       <Select
         label={words.positions}
-        hint={words.help}
+        help={words.help}
         value={frame.of}
         change={(of) => set({ of })}
         options={[

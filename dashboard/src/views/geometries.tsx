@@ -3,7 +3,8 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { Busy, Facts, Name, ProblemNote, Select, Title } from "../components/basics";
+import { Busy, Facts, Name, ProblemNote, Title } from "../components/basics";
+import { Select } from "../components/fields";
 import { DropZone } from "../components/drop";
 import { RobotTabs } from "../components/robot_tabs";
 import { DataTable } from "../components/table";
@@ -123,7 +124,7 @@ function Start({ readings }: { readings: Readings }) {
         label={words.nominal}
         value={chosen}
         change={setChosen}
-        hint={words.nominalHint}
+        help={words.nominalHint}
         options={[
           { value: "", label: needed ? words.pickNominal : words.noNominal },
           ...(readings.robot

@@ -4,7 +4,7 @@ import { ProblemNote } from "../components/basics";
 import { elsewhere } from "../lib/faults";
 import type { Action } from "../state/action";
 import { text } from "../i18n";
-import { SETTINGS_FIELDS } from "./more_settings";
+import { SETTINGS_FIELDS } from "./advanced";
 
 export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boolean; why: string | null }) {
   return (

@@ -29,7 +29,7 @@ import { FrameForm } from "./frame_form";
 import { GoBar } from "./go_bar";
 import { ImportContent } from "./import_content";
 import { ImportForm } from "./import_form";
-import { MethodStep, useRunForm } from "./method_step";
+import { Advanced, useRunForm } from "./advanced";
 import { RobotChoice } from "./robot_choice";
 
 const words = text.imports;
@@ -141,8 +141,7 @@ export function ImportFlow({
         )}
       </section>
 
-      <MethodStep
-        step={4}
+      <Advanced
         form={form}
         facts={facts}
         joints={robots.find(({ id }) => id === robot)?.joints.map((joint) => joint.name) ?? []}

@@ -1,7 +1,7 @@
 /** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */
 import type { ImportOptions } from "../api/types";
-import { Choice, Select, Toggle } from "../components/basics";
-import { Field } from "../components/fields";
+import { Choice, Toggle } from "../components/basics";
+import { Field, Select } from "../components/fields";
 import type { ImportFault } from "../lib/columns";
 import { widthOf } from "../lib/lines";
 import { entriesOf } from "../lib/entries";

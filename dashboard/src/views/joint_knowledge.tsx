@@ -6,7 +6,7 @@ import type { Order, Two } from "../lib/run_options";
 import { formUnit } from "../lib/units";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
-import type { SettingsProps } from "./more_settings";
+import type { SettingsProps } from "./advanced";
 
 const words = text.settings;
 

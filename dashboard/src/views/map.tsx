@@ -3,7 +3,8 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { goesOn } from "../api/events";
 import type { Map as WorkMap, Posture } from "../api/types";
-import { Choice, Facts, Name, ProblemNote, Select } from "../components/basics";
+import { Choice, Facts, Name, ProblemNote } from "../components/basics";
+import { Select } from "../components/fields";
 import { Going } from "../components/going";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share, SliceChart } from "../components/slice";
@@ -349,7 +350,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
     <>
       <Select
         label={words.beside}
-        hint={words.besideHint}
+        help={words.besideHint}
         value={other?.run.id ?? ""}
         change={make.run}
         options={[{ value: "", label: words.besideNone }, ...options]}

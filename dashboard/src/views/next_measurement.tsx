@@ -14,7 +14,7 @@ import { text } from "../i18n";
 
 const words = text.next;
 
-export interface Piece {
+interface Piece {
   advice: Advice;
   /** Null while it is on its way. */
   posture: Posture | null;

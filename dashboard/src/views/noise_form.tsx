@@ -1,7 +1,7 @@
 /** Noise of the readings and of the load, where it is to be other than what the readings say. */
 import type { Problem } from "../api/types";
-import { Select } from "../components/basics";
-import { NumberField, VectorField } from "../components/fields";
+
+import { NumberField, VectorField, Select } from "../components/fields";
 import { entriesOf } from "../lib/entries";
 import { faultsAt } from "../lib/faults";
 import type { StatedNoise } from "../lib/noise";

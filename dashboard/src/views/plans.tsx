@@ -1,8 +1,8 @@
 /** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { Empty, Name, ProblemNote, Select, Show, Title, Toggle } from "../components/basics";
-import { TextField } from "../components/fields";
+import { Empty, Name, ProblemNote, Show, Title, Toggle } from "../components/basics";
+import { TextField, Select } from "../components/fields";
 import { type Asked, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";

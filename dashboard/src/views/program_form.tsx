@@ -1,9 +1,9 @@
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { ProblemNote, Select } from "../components/basics";
+import { ProblemNote } from "../components/basics";
 import { DropZone } from "../components/drop";
-import { TextField } from "../components/fields";
+import { TextField, Select } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { numbersIn } from "../lib/program";
 import { useAction } from "../state/action";

@@ -1,7 +1,8 @@
 /** The robot that was measured: the newest few in view, the others in a list, or a new one. */
 import { useState } from "preact/hooks";
 import type { RobotSummary } from "../api/types";
-import { Choice, Select } from "../components/basics";
+import { Choice } from "../components/basics";
+import { Select } from "../components/fields";
 import { text } from "../i18n";
 
 /** As many are in view. */

@@ -2,7 +2,8 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { Page, Problem, RunState, RunSummary } from "../api/types";
-import { Busy, Choice, Empty, Name, ProblemNote, Select, Title, Toggle } from "../components/basics";
+import { Busy, Choice, Empty, Name, ProblemNote, Title, Toggle } from "../components/basics";
+import { Select } from "../components/fields";
 import { type Names, useNames } from "../state/names";
 import { valueOf } from "../state/load";
 import { go, link } from "../state/router";

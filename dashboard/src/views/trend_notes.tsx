@@ -2,8 +2,8 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
-import { Name, ProblemNote, Select, When } from "../components/basics";
-import { TextField } from "../components/fields";
+import { Name, ProblemNote, When } from "../components/basics";
+import { TextField, Select } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
 import { link } from "../state/router";

@@ -1,6 +1,7 @@
+import { Select } from "../components/fields";
 /** A URDF pasted or uploaded, and which of its links are base and flange. */
 import { useMemo } from "preact/hooks";
-import { Select } from "../components/basics";
+
 import { DropZone } from "../components/drop";
 import { text } from "../i18n";
 
@@ -17,7 +18,7 @@ interface Links {
 }
 
 /** The links of a document; null where it is no XML. The service vets it, this only fills two lists. */
-export function linksOf(urdf: string): Links | null {
+function linksOf(urdf: string): Links | null {
   const document = new DOMParser().parseFromString(urdf, "text/xml");
   if (document.querySelector("parsererror")) return null;
   const names = (selector: string, attribute: string) =>

@@ -58,10 +58,7 @@ async function stored(document: unknown): Promise<MeasurementSet> {
   return added;
 }
 
-export type Bare = Omit<
-  MeasurementSet,
-  "id" | "warnings" | "archived" | "content_hash" | "created_at" | "resolved_frame"
->;
+type Bare = Omit<MeasurementSet, "id" | "warnings" | "archived" | "content_hash" | "created_at" | "resolved_frame">;
 
 /** A set as it was posted. */
 function bare({

@@ -1,24 +1,15 @@
 // @vitest-environment happy-dom
-import { useState } from "preact/hooks";
 import { describe, expect, it } from "vitest";
 import type { Problem } from "../../src/api/types";
-import { initialOptions, type Options, requestOf } from "../../src/lib/run_options";
-import { MoreSettings } from "../../src/views/more_settings";
+import { Advanced, useRunForm } from "../../src/views/advanced";
 import { drawn, press, settled } from "./drawn";
 
 let request: Record<string, unknown> = {};
 
 function Form({ problem = null }: { problem?: Problem | null }) {
-  const [options, set] = useState<Options>(initialOptions);
-  request = requestOf("s", options, 1e6);
-  return (
-    <MoreSettings
-      options={options}
-      change={(part) => set((before) => ({ ...before, ...part }))}
-      joints={["joint_1", "joint_2"]}
-      problem={problem}
-    />
-  );
+  const form = useRunForm();
+  request = form.request("s");
+  return <Advanced form={form} facts={null} joints={["joint_1", "joint_2"]} problem={problem} />;
 }
 
 const typed = (root: HTMLElement, label: string, value: string) =>
@@ -29,7 +20,7 @@ const typed = (root: HTMLElement, label: string, value: string) =>
     box.dispatchEvent(new Event(box.tagName === "SELECT" ? "change" : "input", { bubbles: true }));
   });
 
-describe("more settings", () => {
+describe("advanced settings", () => {
   it("collects bounds and orders by joint", async () => {
     const root = await drawn(<Form />);
     await typed(root, "Least, joint_2", "1.5");
@@ -41,6 +32,7 @@ describe("more settings", () => {
       stiffness_bounds: { joint_2: [1.5e6, null] },
       stiffness_order: [["joint_1", "joint_2"]],
     });
+    expect(root.querySelector("summary")?.textContent).toBe("Advanced stiffness bounds, stiffness order");
   });
 
   it("opens where the service found a fault, and says it at its field", async () => {
