@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from math import floor, log10
 from typing import Final
 
+from jointstiff.service.tables.numbers import NO_NUMBER
+from jointstiff.service.tables.numbers import rounded as to_digits
+
 NOT_STATED: Final = "not stated"
-NO_NUMBER: Final = "—"
 VERDICTS: Final = {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
 
 
@@ -23,8 +24,7 @@ def rounded(value: float | None, uncertainty: float | None = None) -> str:
     if uncertainty is None or not uncertainty > 0.0:
         plain = 1e-3 <= abs(value) < 1e6 or value == 0.0
         return f"{float(f'{value:.3g}'):g}" if plain else powers(value)
-    decimals = min(1 - floor(log10(uncertainty)), 9)
-    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return to_digits(value, uncertainty)
 
 
 def powers(value: float) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import floor, log10, radians
+from math import radians
 from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.service.tables.table import NO_NUMBER, Line
+from jointstiff.service.tables.numbers import NO_NUMBER, concise, rounded
+from jointstiff.service.tables.table import Line
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
@@ -71,12 +72,7 @@ class StiffnessUnit:
         value = None if joint.compliance is None else self.value(joint.compliance)
         if value is None:
             return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
-        uncertainty = self.uncertainty(joint)
-        text = rounded(value, uncertainty)
-        if uncertainty:
-            shown = rounded(uncertainty, uncertainty)
-            text += f"({shown.lstrip('0.') if float(shown) < 1 else shown})"
-        return Line(text, "bad" if value < 0 else "")
+        return Line(concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
 
     def bare(self, compliance: float | None) -> str:
         """Format a compliance [rad/(N·m)] of which no uncertainty is known."""
@@ -107,11 +103,3 @@ UNITS: Final[Mapping[str, StiffnessUnit]] = MappingProxyType(
 )
 """Units by the names of the terminal; the page has the same."""
 DEFAULT_UNIT: Final = "MNm/rad"
-
-
-def rounded(value: float, uncertainty: float | None) -> str:
-    """Format a value to two digits of its uncertainty, both in one unit."""
-    if not uncertainty:
-        return f"{value:.4g}"
-    decimals = min(1 - floor(log10(uncertainty)), 9)
-    return f"{round(value, decimals):.{max(decimals, 0)}f}"

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-NO_NUMBER = "—"
-"""Shown where there is no number."""
+from jointstiff.service.tables.numbers import NO_NUMBER
 
 Style = Literal["", "title", "good", "care", "bad", "dim", "verdict_use", "verdict_care", "verdict_not"]
 Value = str | float | int | None

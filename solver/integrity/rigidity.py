@@ -208,16 +208,18 @@ def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) ->
     best: Step | None = None
     for t, rows, y in series:
         k, shift = _split(y)
-        if min(_postures(joints[rows[:k]]), _postures(joints[rows[k:]])) < 2:
-            continue
         sides = np.concatenate([y[:k] - y[:k].mean(axis=0), y[k:] - y[k:].mean(axis=0)])
         within = max(scale, vector_scale(np.linalg.norm(sides, axis=1)), 1e-9)
         size = float(np.linalg.norm(shift))
         ratio = size / (limit * within * np.sqrt(1.0 / k + 1.0 / (len(y) - k)))
+        if not ratio > (best.ratio if best else 1.0):
+            continue
+        if min(_postures(joints[rows[:k]]), _postures(joints[rows[k:]])) < 2:
+            continue
         lengths = np.linalg.norm(np.delete(places[rows], t, axis=1) - places[rows, t, None], axis=2)
         lengths = lengths[:, ~np.isnan(lengths).any(axis=0)]
         change = np.abs(np.median(lengths[k:], axis=0) - np.median(lengths[:k], axis=0))
-        if ratio > (best.ratio if best else 1.0) and change.max(initial=0.0) > SMALLEST_STEP:
+        if change.max(initial=0.0) > SMALLEST_STEP:
             best = Step(t, int(rows[k]), size, ratio)
     return best
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from math import floor, log10
 from typing import Any, Final
 
 from jointstiff.schemas.comparison import ComparedFit, Comparison, ComparisonResult
 from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.run.resampling_table import moments
+from jointstiff.service.tables.numbers import percent, rounded
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value, as_line, number
 from jointstiff.service.tables.terminal import METHOD_NAMES
@@ -132,10 +132,10 @@ def _drawn_cell(unit: StiffnessUnit, entry: ComparedFit, j: int) -> Line:
     mean, deviation = (None, None) if drawn is None else moments(drawn, unit)
     if mean is None:
         return Line("rigid" if drawn and drawn.share_infinite else "—", "dim")
-    text = _two_digits(mean, deviation)
-    return Line(
-        text if deviation is None else f"{text} & {_two_digits(deviation)}", "bad" if mean < 0 else ""
-    )
+    text = rounded(mean, deviation, ".2g")
+    if deviation is not None:
+        text += f" & {rounded(deviation, deviation)}"
+    return Line(text, "bad" if mean < 0 else "")
 
 
 def _shares(entry: ComparedFit, j: int) -> Line:
@@ -150,18 +150,11 @@ def _joint(entry: ComparedFit, j: int) -> ResampledJoint | None:
     return entry.resampling.joints[j] if entry.resampling else None
 
 
-def _two_digits(value: float, deviation: float | None = None) -> str:
-    """Format to two significant digits, or as many as its deviation has decimals."""
-    sizes = [abs(size) for size in (value, deviation) if size]
-    decimals = max((1 - floor(log10(size)) for size in sizes), default=0)
-    return f"{value:.{min(max(decimals, 0), 9)}f}"
-
-
 def _fits_table(entries: Sequence[ComparedFit]) -> Table:
     """Return what each fit as a whole is worth."""
     columns = [
         Column("fit", [_label(entry) for entry in entries], text=True, widest=_LONGEST_NAME),
-        Column("explained", [_percent(entry.compensation) for entry in entries]),
+        Column("explained", [percent(entry.compensation) for entry in entries]),
         Column("rms", [entry.rms_residual for entry in entries], number(".0f", 1e6), "µm"),
         Column("condition", [entry.condition_number for entry in entries], number(".3g")),
     ]
@@ -177,11 +170,7 @@ def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
         return "", ""
     found = resampling.compensation
     spread = "" if found.deviation is None else f" & {100 * found.deviation:.2g}"
-    return _percent(found.mean) + spread, _percent(resampling.share_any_negative)
-
-
-def _percent(share: float | None) -> str:
-    return "—" if share is None else f"{100 * share:.1f} %"
+    return percent(found.mean) + spread, percent(resampling.share_any_negative)
 
 
 def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Line:

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.tables.files import csv_text
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, Value, number
+from jointstiff.service.tables.numbers import NO_NUMBER
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value, number
 from jointstiff.service.tables.verdict import judged, verdict_lines
 from jointstiff.solver.errors import RequestError
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees, floor, isfinite, log10, sqrt
+from math import degrees, sqrt
 
 from jointstiff.schemas.geometry.message import Geometry
 from jointstiff.schemas.geometry.result import (
@@ -14,7 +14,8 @@ from jointstiff.schemas.geometry.result import (
     SweepEvidence,
     WristResult,
 )
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Table, number, numbers
+from jointstiff.service.tables.numbers import NO_NUMBER, concise
+from jointstiff.service.tables.table import Column, Line, Part, Table, number, numbers
 from jointstiff.service.tables.view import Report, View
 
 _MILLI, _MICRO = 1e3, 1e6
@@ -120,13 +121,7 @@ def _frame(frame: BaseFrameResult) -> Table:
 
 
 def _targets(result: GeometryResult) -> Table:
-    rows = []
-    for target in result.targets:
-        C = target.covariance
-        spread = [None if C is None else sqrt(C[i][i]) for i in range(3)]
-        rows.append(
-            [_concise(_MILLI * p, u and _MILLI * u) for p, u in zip(target.position, spread, strict=True)]
-        )
+    rows = [_place(target.position, target.covariance) for target in result.targets]
     return Table(
         [
             Column("target", [target.name for target in result.targets], text=True),
@@ -137,12 +132,15 @@ def _targets(result: GeometryResult) -> Table:
     )
 
 
+def _place(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
+    """Return the coordinates in mm, with the standard uncertainty of their last digits."""
+    spread = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
+    return [concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
+
+
 def _wrist(wrist: WristResult) -> list[Part]:
     centres = [(e.way, e, f"{e.weight:.2f}") for e in wrist.estimates] + [("combined", wrist.combined, "")]
-    rows = []
-    for _, centre, _ in centres:
-        spread = [sqrt(centre.base_covariance[i][i]) for i in range(3)]
-        rows.append([_concise(_MILLI * p, _MILLI * u) for p, u in zip(centre.base, spread, strict=True)])
+    rows = [_place(centre.base, centre.base_covariance) for _, centre, _ in centres]
     table = Table(
         [
             Column("by", [way for way, _, _ in centres], text=True),
@@ -188,7 +186,7 @@ def _identified(link: LinkComparison) -> str:
 
 def _difference(link: LinkComparison) -> str:
     u = link.standard_uncertainty
-    return NO_NUMBER if u is None else _concise(_MILLI * link.difference, u and _MILLI * u)
+    return NO_NUMBER if u is None else concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
 
 
 def _drift(drift: Drift) -> Line:
@@ -230,11 +228,3 @@ def _chance(probability: float) -> str:
     return f"noise alone fits no better with probability {max(probability, _LEAST_PROBABILITY):.1g}" + (
         " or less" if probability < _LEAST_PROBABILITY else ""
     )
-
-
-def _concise(value: float, uncertainty: float | None) -> str:
-    """With the standard uncertainty in units of the last digits (GUM, 7.2.2)."""
-    if not uncertainty or not isfinite(uncertainty):
-        return f"{value:.4f}"
-    decimals = max(0, 1 - floor(log10(uncertainty)))
-    return f"{value:.{decimals}f}({round(uncertainty * 10**decimals)})"

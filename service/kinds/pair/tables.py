@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import floor, log10
 from typing import Final
 
 from jointstiff.schemas.pair import (
@@ -13,8 +12,9 @@ from jointstiff.schemas.pair import (
     PairResult,
 )
 from jointstiff.schemas.run.joints import JointResult
+from jointstiff.service.tables.numbers import NO_NUMBER, percent, rounded
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, Value
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value
 from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.service.tables.verdict import joint_reason_lines
 from jointstiff.service.tables.view import Report, View
@@ -29,13 +29,12 @@ def report(job: Pair, result: PairResult, view: View) -> Report:
     if result.ordered is not None:
         parts.append(_ordered_table(result.ordered, view.unit))
     avoided = result.avoided
-    predicted = "—" if avoided.predicted is None else f"{100 * avoided.predicted:.1f} %"
     measured = "no observation is common to both sides"
     if avoided.measured is not None and avoided.measured.value is not None:
         measured = f"measured {_percent(avoided.measured)} in {avoided.matching} observations on both sides"
-    return Report(
-        [*parts, Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")]
-    )
+    predicted = percent(avoided.predicted)
+    line = f"  deflection avoided by the second side: {measured}; predicted {predicted} in all"
+    return Report([*parts, Line(line)])
 
 
 def _joints_table(pair: Pair, result: PairResult, unit: StiffnessUnit) -> Table:
@@ -67,17 +66,10 @@ def _title(pair: Pair) -> str:
     return f"Two sides, {METHOD_NAMES[request.options.method]}"
 
 
-def _ratio(joint: PairedJoint) -> str:
-    return NO_NUMBER if joint.ratio is None else _number(joint.ratio, joint)
-
-
 def _number(ratio: float, joint: PairedJoint) -> str:
     """To two digits of the interval's half width."""
-    ends = joint.ratio_interval
-    if ends is None or ends[0] is None or ends[1] is None or ends[1] <= ends[0]:
-        return f"{ratio:.3g}"
-    decimals = 1 - floor(log10((ends[1] - ends[0]) / 2))
-    return f"{ratio:.{min(max(decimals, 0), 9)}f}"
+    low, high = joint.ratio_interval or (None, None)
+    return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
 
 
 def _interval(joint: PairedJoint) -> str:
@@ -113,10 +105,8 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
 
 
 def _percent(share: DeflectionShare) -> str:
-    if share.value is None:
-        return "—"
-    if not share.standard_uncertainty:
-        return f"{100 * share.value:.1f} %"
+    if share.value is None or not share.standard_uncertainty:
+        return percent(share.value)
     return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.schemas.run.links import LinkCompliance, LinksResult, ModelSelection, ScoredModel
+from jointstiff.service.tables.numbers import percent
 from jointstiff.service.tables.table import Column, Line, Part, Table, number
 
 _MODEL_NAMES = {
@@ -42,11 +43,11 @@ def links_line(links: LinksResult, selection: ModelSelection | None) -> Line:
         losses = {**selection.losses, links.model: links.loss}
         scores = {e.model: e.compensation for e in selection.models if e.loss == losses[e.model]}
     if selection is None or not {"joints", links.model} <= set(scores):
-        return Line(f"  {_MODEL_NAMES[links.model]}: {_percent(1.0 - links.unexplained)} of the deflection")
+        return Line(f"  {_MODEL_NAMES[links.model]}: {percent(1.0 - links.unexplained)} of the deflection")
     chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
     return Line(
-        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {_percent(scores[links.model])} of "
-        f"postures left out, joints alone {_percent(scores['joints'])}"
+        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {percent(scores[links.model])} of "
+        f"postures left out, joints alone {percent(scores['joints'])}"
         f"{'' if selection.simplest == links.model else chosen}"
     )
 
@@ -61,9 +62,9 @@ def _elements_table(links: LinksResult) -> Table:
     return Table(
         [
             Column("element", [*names, "unexplained"], text=True),
-            Column("overall", [*(each.share for each in elements), links.unexplained], _percent),
-            Column("least", [*least, None], _percent),
-            Column("greatest", [*greatest, None], _percent),
+            Column("overall", [*(each.share for each in elements), links.unexplained], percent),
+            Column("least", [*least, None], percent),
+            Column("greatest", [*greatest, None], percent),
         ],
         title="Share of the measured deflection",
     )
@@ -96,8 +97,8 @@ def selection_table(selection: ModelSelection) -> Table:
         [
             Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
             Column("loss", [each.loss for each in models], text=True),
-            Column("compensation", [each.compensation for each in models], _percent),
-            Column("std. error", [each.standard_error for each in models], _percent),
+            Column("compensation", [each.compensation for each in models], percent),
+            Column("std. error", [each.standard_error for each in models], percent),
             Column("penalty", [each.penalty for each in models], number(".2g")),
             Column("", [_mark(each, selection) for each in models], text=True),
         ],
@@ -115,7 +116,3 @@ def _mark(scored: ScoredModel, selection: ModelSelection) -> str:
         marks += ["simplest within one standard error"] * (scored.model == selection.simplest)
         marks += ["best"] * (scored.model == selection.best)
     return ", ".join(marks)
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.tables.stiffness import StiffnessUnit, rounded
-from jointstiff.service.tables.table import NO_NUMBER, Column, Table
+from jointstiff.service.tables.numbers import NO_NUMBER, percent, rounded
+from jointstiff.service.tables.stiffness import StiffnessUnit
+from jointstiff.service.tables.table import Column, Table
 
 
 def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:
@@ -19,7 +20,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
         names.append("compensation")
 
     def column(name: str, values: list[str], last: float | None) -> Column:
-        whole = [] if len(names) == len(values) else [NO_NUMBER if last is None else f"{100 * last:.1f} %"]
+        whole = [] if len(names) == len(values) else [percent(last)]
         return Column(name, [*values, *whole])
 
     return Table(
