@@ -19,12 +19,13 @@ from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.deflection.models import to_forward_model
-from jointstiff.service.kinds.program.points import Corrections
+from jointstiff.service.kinds.program.points import Corrections, points_sheet
 from jointstiff.service.kinds.program.rewriting import certified, rewritten
 from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
 from jointstiff.service.library import in_process
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.formats import read_program
+from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
@@ -179,7 +180,7 @@ def timing(robot: Robot, run: Run, count: int) -> list[tuple[str, float]]:
     lap("write and read again")
     points = certified(made, written, found, work._model, work._inverse, 2.0)
     lap("certify")
-    points.table("use")
+    csv_text(points_sheet(points.table()))
     lap("table")
     return took
 

@@ -1,24 +1,29 @@
-/** Points of a compensated program: a table with quoted names, thinned paths, numbers typed by people. */
+/** Points of a compensated program: its table, thinned paths, numbers typed by people. */
 import { describe, expect, it } from "vitest";
-import { numbersIn, parsePoints, thinned } from "../src/lib/program";
+import { numbersIn, pointsOf, thinned } from "../src/lib/program";
 
-const HEAD =
+const HEADS =
   "point,name,file,line,place x [m],place y [m],place z [m]," +
   "J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],deflection [mm],residual [mm],remark";
+const ROWS = [
+  [1, 'a,"b"', "c.src", 7, 1.5, -2, 0.25, 90, 0, 0, 0, 0, -180, 1.25, 0.0001, ""],
+  [2, "", "c.src", 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, null, null, "no load"],
+];
 
 describe("points", () => {
-  it("are read with quoted names and empty cells", () => {
-    const [one, two] = parsePoints(
-      `${HEAD}\n1,"a,""b""",c.src,7,1.5,-2,0.25,90,0,0,0,0,-180,1.25,0.0001,\n2,,c.src,8,0,0,0,0,0,0,0,0,0,,,no load\n`,
-    );
-    expect(one?.name).toBe('a,"b"');
-    expect(one?.line).toBe(7);
+  it("are read by the heads of their columns", () => {
+    const columns = HEADS.split(",").map((head, i) => {
+      const [name = "", unit = ""] = head.replace("]", "").split(" [");
+      return { name, unit, values: ROWS.map((row) => row[i] ?? null) };
+    });
+    const [one, two] = pointsOf({ columns });
+    expect([one?.number, one?.name, one?.line]).toEqual([1, 'a,"b"', 7]);
     expect(one?.place).toEqual([1.5, -2, 0.25]);
     expect(one?.joints[0]).toBeCloseTo(Math.PI / 2);
     expect(one?.joints[5]).toBeCloseTo(-Math.PI);
     expect(one?.deflection).toBe(1.25);
+    expect([two?.number, two?.name]).toEqual([2, ""]);
     expect(two?.deflection).toBeNaN();
-    expect(parsePoints(`${HEAD}\n,x,c.src,9,1,2,3,0,0,0,0,0,0,,,\n`)[0]?.line).toBe(9);
   });
 
   it("are thinned with both ends", () => {

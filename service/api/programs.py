@@ -28,9 +28,6 @@ _EXAMPLE: Final = PROGRAM.examples["milling"]
 _FILES: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The file.", "content": {"application/octet-stream": {}}}
 }
-_TABLE: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "The table as CSV (RFC 4180).", "content": {"text/csv": {}}}
-}
 
 _Files = Annotated[
     list[UploadFile],
@@ -122,21 +119,6 @@ def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) 
         unpacked(found),
         media_type="application/octet-stream",
         headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"},
-    )
-
-
-@router.get(
-    "/{program_id}/points.csv",
-    dependencies=[VIEWER],
-    response_class=Response,
-    responses=_TABLE | problems(404, 409, 422),
-)
-def get_program_points(parts: PartsOf, program_id: JobId) -> Response:
-    """Get all points as a table: deflection, correction, interval, residual, and what was left alone."""
-    return Response(
-        unpacked(_result(parts, program_id).table),
-        media_type="text/csv",
-        headers={"Content-Disposition": f'attachment; filename="program-{program_id}.csv"'},
     )
 
 

@@ -64,7 +64,7 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> None:  
     for each in job.result.files:
         write_bytes(outputs[each.name], unpacked(each))
     if values["report"] is not None:
-        write_bytes(values["report"], unpacked(job.result.table))
+        write_bytes(values["report"], job.table("csv"))
 
 
 EXTRAS: Final[Mapping[str, Extra]] = {

@@ -80,11 +80,12 @@ def command_of(name: str) -> Callable[..., None]:
     kind, extra = kind_of(name), EXTRAS.get(name, Extra())
     sources = {key: one for source in kind.sources for key, one in _ARGUMENTS[source].items()}
     fields = dict(_field_options(kind.options))
+    tabled = _is_tabled(kind, extra)
 
     def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
         given = [values[key] for key in sources]
         stated = {key: values[key] for key in fields if values[key] not in (None, [])}
-        if _has_tables(kind):
+        if tabled:
             _refuse_other_endings(kind, values["output"])
         for path in [values.get("output"), *extra.written(values, given)]:
             if path is not None:
@@ -94,7 +95,7 @@ def command_of(name: str) -> Callable[..., None]:
         job = _done(kind, given, gathered | passed, values)
         if job.result is not None:
             extra.finish(job, values, given)
-            if _has_tables(kind) and values["output"] is not None:
+            if tabled and values["output"] is not None:
                 write_bytes(values["output"], _table(job, values["output"]))
         _show(kind, job, values)
 
@@ -121,8 +122,9 @@ def _refuse_other_endings(kind: AnyKind, output: Path | None) -> None:
         raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
 
 
-def _has_tables(kind: AnyKind) -> bool:
-    return any(file.suffix == "csv" for file in kind.files)
+def _is_tabled(kind: AnyKind, extra: Extra) -> bool:
+    """Return whether the output of a command is the table of its kind."""
+    return "output" not in extra.options and any(file.suffix == "csv" for file in kind.files)
 
 
 def _common(kind: AnyKind, extra: Extra) -> dict[str, tuple[Any, Any]]:
@@ -131,7 +133,7 @@ def _common(kind: AnyKind, extra: Extra) -> dict[str, tuple[Any, Any]]:
     if "run" in kind.sources:
         options["run"] = (RunFile, None)
     options |= extra.options
-    if _has_tables(kind):
+    if _is_tabled(kind, extra):
         options |= {"output": (_Output, None), "as_csv": (_AsCsv, False)}
     if "output" in options:
         options["overwrite"] = (Overwrite, False)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 _MOST_BLANKS: Final = 32
 """Blanks before a number that a column is kept with."""
@@ -36,7 +37,7 @@ class Numerals:
         while begin < len(text):
             end = text.find("\n", begin + _BLOCK) + 1 or len(text)
             pieces = split(text[begin:end])
-            values.append(np.array([_value(piece) for piece in pieces[1::2]]))
+            values.append(_values(pieces[1::2]))
             ends = begin + np.cumsum(np.fromiter(map(len, pieces), dtype=np.intp, count=len(pieces)))
             spans.append(ends[:-1].reshape(-1, 2))
             rest.append("\0".join(pieces[::2]))
@@ -58,12 +59,18 @@ class Numerals:
         return [rest[begin:stop] for begin, stop in zip(begins, stops, strict=True)], first
 
 
-def _value(piece: str) -> float:
-    return float(int(piece[2:-1], 2)) if piece[0] == "'" else float(piece)
+def _values(numbers: Sequence[str]) -> FloatArray:
+    try:
+        return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
+    except ValueError:  # KUKA's 'B010'
+        plain = [float(int(each[2:-1], 2)) if each[0] == "'" else float(each) for each in numbers]
+        return np.array(plain, dtype=np.float64)
 
 
-def written(text: str, spans: IndexArray, new: FloatArray, old: FloatArray, digits: IndexArray) -> list[str]:
-    """Return numbers as text: the text before, where the new number is the old one to its digits.
+def written(
+    text: str, spans: IndexArray, new: FloatArray, old: FloatArray, digits: IndexArray
+) -> tuple[list[str], BoolArray]:
+    """Return numbers as text, and (m,) which of them differ from the old ones to their digits.
 
     Args:
         text: that the old numbers stand in.
@@ -72,31 +79,32 @@ def written(text: str, spans: IndexArray, new: FloatArray, old: FloatArray, digi
         old: (m,) numbers as they were read.
         digits: (m,) behind the point, that they get at least.
     """
-    before = [text[start:end] for start, end in spans.tolist()]
-    digits = np.maximum(digits, _decimals(before))
-    texts = np.empty(len(new), dtype=object)
+    signs = np.frombuffer(text.encode("latin-1"), dtype=np.uint8)
+    digits = np.maximum(digits, _decimals(signs, spans))
+    texts, differ = np.empty(len(new), dtype=object), np.ones(len(new), dtype=np.bool_)
     for count in np.unique(digits):
         rows = np.flatnonzero(digits == count)
         texts[rows] = ("\n".join([f"%.{count}f"] * len(rows)) % tuple(new[rows].tolist())).split("\n")
-    least = 2.0 * 10.0**-digits
-    for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < least).tolist():
+    numbers: list[str] = texts.tolist()
+    for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < 2.0 * 10.0**-digits).tolist():
         usual = f"{old[i]:.{digits[i]}f}"
-        if texts[i] == usual or float(texts[i]) == float(usual) == 0.0:
-            texts[i] = before[i]
-        elif texts[i][0] == "-" and float(texts[i]) == 0.0:
-            texts[i] = texts[i][1:]
-    listed: list[str] = texts.tolist()
-    for i, number in enumerate(before):
-        if number[0] == "+" and listed[i][0] not in "+-":
-            listed[i] = f"+{listed[i]}"
-    return listed
+        differ[i] = numbers[i] != usual and not float(numbers[i]) == float(usual) == 0.0
+        if numbers[i][0] == "-" and float(numbers[i]) == 0.0:
+            numbers[i] = numbers[i][1:]
+    for i in np.flatnonzero(signs[spans[:, 0]] == ord("+")).tolist():
+        numbers[i] = numbers[i] if numbers[i][0] == "-" else f"+{numbers[i]}"
+    return numbers, differ
 
 
-def _decimals(numbers: Sequence[str]) -> IndexArray:
-    """Return how many digits stand behind the points of numbers (m,)."""
-    tails = [number.partition(".")[2] for number in numbers]
-    counts = [len(tail) if tail.isdigit() or not tail else len(re.split("[eE]", tail)[0]) for tail in tails]
-    return np.array(counts, dtype=np.intp)
+def _decimals(signs: npt.NDArray[np.uint8], spans: IndexArray) -> IndexArray:
+    """Return how many digits stand behind the points of numbers (m,) at spans of a text."""
+    starts, ends = spans.T
+    powers, points = np.flatnonzero((signs | 32) == ord("e")), np.flatnonzero(signs == ord("."))
+    for places in (powers, points):
+        first = np.append(places, len(signs))[np.searchsorted(places, starts)]
+        ends, before = np.minimum(first, ends), ends
+    decimals: IndexArray = np.maximum(before - ends - 1, 0)
+    return decimals
 
 
 def padded(text: str, start: int, end: int, number: str) -> Edit:
@@ -109,22 +117,33 @@ def padded(text: str, start: int, end: int, number: str) -> Edit:
     return start, end, " " * -longer + number if blanks else number
 
 
-def edited(text: str, changes: Sequence[Edit], spans: IndexArray) -> tuple[str, IndexArray]:
-    """Carry out edits, and return the text with the spans (..., 2) of numbers where they stand then."""
-    edits = sorted(changes)
-    if not edits:
+def edited(
+    text: str, places: IndexArray, numbers: Sequence[str], spans: IndexArray
+) -> tuple[str, IndexArray]:
+    """Put other characters in place of some, and return the text with the spans of its numbers.
+
+    Args:
+        text: as it is.
+        places: (m, 2) first and last + 1 character of what is replaced.
+        numbers: m texts in their place, blanks before numbers.
+        spans: (..., 2) of numbers in the text as it is.
+    """
+    if not len(places):
         return text, spans
-    starts, ends = (np.array([edit[i] for edit in edits], dtype=np.intp) for i in (0, 1))
-    numbers = [number for _, _, number in edits]
-    between = zip([0, *ends.tolist()], [*starts.tolist(), len(text)], strict=True)
-    pieces = [""] * (2 * len(edits) + 1)
-    pieces[::2] = [text[begin:end] for begin, end in between]
-    pieces[1::2] = numbers
-    shift = np.concatenate([[0], np.cumsum([len(number) for number in numbers] + starts - ends)])
+    order = np.argsort(places[:, 0], kind="stable")
+    starts, ends = places[order].T
+    pieces = [""] * (2 * len(order) + 1)
+    begins, stops = [0, *ends.tolist()], [*starts.tolist(), len(text)]
+    pieces[::2] = [text[begin:stop] for begin, stop in zip(begins, stops, strict=True)]
+    pieces[1::2] = [numbers[i] for i in order.tolist()]
+    whole, bare = (
+        np.fromiter(map(len, each), dtype=np.intp, count=len(order))
+        for each in (pieces[1::2], map(str.lstrip, pieces[1::2]))
+    )
+    shift = np.concatenate([[0], np.cumsum(whole + starts - ends)])
     before = np.searchsorted(ends, spans[..., 1], side="right")
     last = np.maximum(before - 1, 0)
-    bare = np.array([len(number.lstrip(" ")) for number in numbers], dtype=np.intp)
     is_edited = (before > 0) & (ends[last] == spans[..., 1])
     length = np.where(is_edited, bare[last], spans[..., 1] - spans[..., 0])
-    stops = spans[..., 1] + shift[before]
-    return "".join(pieces), np.stack([stops - length, stops], axis=-1)
+    after = spans[..., 1] + shift[before]
+    return "".join(pieces), np.stack([after - length, after], axis=-1)

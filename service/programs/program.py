@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from itertools import compress
 from typing import Final, overload
 
 import numpy as np
@@ -293,18 +294,18 @@ class Program:
             target = rows[own][row]
             old, places = read[target, column], spans[target, column]
             least = digits[targets.notation[target], column]
-            numbers = written(source.text, places, values[own][row, column], old, least)
-            changes = [
-                (start, end, number)
-                for (start, end), number in zip(places.tolist(), numbers, strict=True)
-                if number != source.text[start:end]
-            ]
-            read[target, column] = list(map(float, numbers))
+            texts, differ = written(source.text, places, values[own][row, column], old, least)
+            texts, places = list(compress(texts, differ)), places[differ]
+            read[target[differ], column[differ]] = list(map(float, texts))
             if aligned:
-                changes = [padded(source.text, *change) for change in changes]
-            changes += [edit for i, edit in words if targets.source[i] == index]
+                spaced = [padded(source.text, *edit) for edit in zip(*places.T.tolist(), texts, strict=True)]
+                places = np.array([edit[:2] for edit in spaced], dtype=np.intp).reshape(-1, 2)
+                texts = [edit[2] for edit in spaced]
+            said = [edit for i, edit in words if targets.source[i] == index]
+            places = np.vstack([places, np.array([edit[:2] for edit in said], dtype=np.intp).reshape(-1, 2)])
+            texts += [edit[2] for edit in said]
             of_source = targets.source == index
-            text, spans[of_source] = edited(source.text, changes, spans[of_source])
+            text, spans[of_source] = edited(source.text, places, texts, spans[of_source])
             sources.append(Source.of(source.name, text.encode("latin-1")))
         columns = replace(targets, values=read, spans=spans)
         return Program(self.format, tuple(sources), columns, self.moves, self.left_alone)

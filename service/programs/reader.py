@@ -51,7 +51,9 @@ _NO_AXIS: Final = 8e9
 """Value of an external axis that is none, and more."""
 _MAX_AXES: Final = 10
 """Most external axes that are looked at."""
-_MOTIONS: Final = list(Motion)
+_MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
+_WIDTH: Final = 7
+"""Columns of a target."""
 Frames = tuple[FrameName, FrameName]
 """Base and tool."""
 
@@ -114,9 +116,9 @@ class Reader:
         self._literals: dict[Literal, int] = {}
         self._seen: dict[int, tuple[int, Literal]] = {}  # literals by identity, with their places
         self._frames: dict[int, tuple[int, FrameName]] = {}  # by identity, with their places
-        self._targets = [array("q") for _ in range(7)]  # the columns of `_columns`
+        self._targets = array("q")  # rows of the columns of `_columns`
         self._target_names: list[str] = []
-        self.moves = array("q"), array("q"), array("q")  # line, motion, count of visits up to the end
+        self.moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")
 
     def refuse(self, line: int | None, reason: str, remedy: str = "", source: int = 0) -> None:
@@ -172,17 +174,17 @@ class Reader:
             return None
         if id(literal) not in self._seen:
             self._seen[id(literal)] = self._literals.setdefault(literal, len(self._literals)), literal
-        known = self._seen[id(literal)][0]
-        base, tool = [self._frames.setdefault(id(each), (len(self._frames), each))[0] for each in frames]
-        row = place.source, place.line, place.first, used, known, base, tool
-        for column, value in zip(self._targets, row, strict=True):
-            column.append(value)
+        for frame in frames:
+            if id(frame) not in self._frames:
+                self._frames[id(frame)] = len(self._frames), frame
+        known, base, tool = self._seen[id(literal)][0], *(self._frames[id(frame)][0] for frame in frames)
+        self._targets.extend((place.source, place.line, place.first, used, known, base, tool))
         self._target_names.append(name)
         return index
 
     def _again(self, name: str, line: int, frames: Frames) -> int | None:
         index, known = self._names[name], list(self._frames.values())
-        stated = [known[self._targets[column][index]][1] for column in (5, 6)]
+        stated = [known[self._targets[_WIDTH * index + column]][1] for column in (5, 6)]
         if all(one.same(other) for one, other in zip(stated, frames, strict=True)):
             return index
         self.refuse(
@@ -198,10 +200,7 @@ class Reader:
             self.refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
         elif None not in targets:
             self._visits.extend(targets)  # type: ignore[arg-type]
-            for column, value in zip(
-                self.moves, (line, _MOTIONS.index(motion), len(self._visits)), strict=True
-            ):
-                column.append(value)
+            self.moves.extend((line, _MOTIONS[motion], len(self._visits)))
 
     def program(self) -> Program:
         """Return the program.
@@ -214,12 +213,12 @@ class Reader:
             self.refuse(None, "no target was found", "send a program with moves to targets given by numbers")
         if self.faults:
             raise ProgramError(tuple(self.faults), self._count)
-        moves = Moves(*map(_as_array, (*self.moves, self._visits)))
+        moves = Moves(*_as_columns(self.moves, 3), *_as_columns(self._visits, 1))
         return Program(self.format, self.sources, targets, moves, tuple(self._remarks))
 
     def _columns(self) -> Targets:
         """Return the targets; refuse those whose numbers are none of a target, or that move external axes."""
-        source, line, first, used, known, base, tool = map(_as_array, self._targets)
+        source, line, first, used, known, base, tool = _as_columns(self._targets, _WIDTH)
         literals = list(self._literals)
         begins = np.cumsum([0, *(len(each.values) for each in self.numerals)])
         read = np.concatenate([*(each.values for each in self.numerals), [np.nan]])
@@ -260,8 +259,8 @@ class Reader:
         return targets
 
 
-def _as_array(column: array[int]) -> IndexArray:
-    return np.array(column, dtype=np.intp)
+def _as_columns(rows: array[int], width: int) -> IndexArray:
+    return np.array(rows, dtype=np.intp).reshape(-1, width).T.copy()
 
 
 @dataclass

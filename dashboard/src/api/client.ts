@@ -1,6 +1,6 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../i18n";
-import type { Columns } from "../lib/map";
+import type { Columns } from "../lib/sheet";
 import type {
   Authorisation,
   AuthorisationList,
@@ -106,8 +106,6 @@ async function call<Answer>(method: string, path: string, asked: Call = {}): Pro
   }
 }
 
-const textOf = async (path: string): Promise<string> => (await answerOf("GET", path)).text();
-
 function isProblem(answer: unknown): answer is Problem {
   return typeof answer === "object" && answer !== null && "detail" in answer && "title" in answer;
 }
@@ -196,7 +194,7 @@ export const api = {
   mapTable: (map: string) => call<Columns>("GET", maps.file(map, "map.json")),
   programs,
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
-  programPoints: (program: string) => textOf(programs.file(program, "points.csv")),
+  programPoints: (program: string) => call<Columns>("GET", programs.file(program, "points.json")),
   programFile: (program: string, file: string) => programs.file(program, `program${query({ file })}`),
 };
 

@@ -1,5 +1,6 @@
 /** The places of a map as its table has them, and what of them is drawn. */
 import type { MapRequest } from "../api/types";
+import { type Columns, numeric, readerOf } from "./sheet";
 import type { Vector } from "./vector";
 
 /** Why a place has no numbers, or that it has. */
@@ -23,18 +24,12 @@ export interface MapPlace {
 
 export type Quantity = "deflection" | "upper" | "along" | "across";
 
-/** `map.json`: a table by columns, null where there is no number. */
-export interface Columns {
-  columns: { name: string; unit: string; values: (number | string | null)[] }[];
-}
-
 /** The places of a map's table; angles of joints are its columns in radians. */
-export function placesOf({ columns }: Columns): MapPlace[] {
-  const byHead = new Map(columns.map(({ name, unit, values }) => [unit ? `${name} [${unit}]` : name, values]));
-  const angles = columns.filter(({ unit }) => unit === "rad");
-  const numeric = (value: unknown): number => (typeof value === "number" ? value : Number.NaN);
-  return (byHead.get("status") ?? []).map((status, i) => {
-    const at = (head: string): number => numeric(byHead.get(head)?.[i]);
+export function placesOf(table: Columns): MapPlace[] {
+  const { column, numbers } = readerOf(table);
+  const angles = table.columns.filter(({ unit }) => unit === "rad");
+  return column("status").map((status, i) => {
+    const at = (head: string): number => numbers(head, i);
     const joints = angles.map(({ values }) => numeric(values[i]));
     return {
       status: status as PlaceStatus,

@@ -1,4 +1,5 @@
-/** Points of a compensated program, as points.csv has them. */
+/** Points of a compensated program, as its table has them. */
+import { type Columns, numeric, readerOf } from "./sheet";
 import type { Vector } from "./vector";
 
 export interface PathPoint {
@@ -16,33 +17,22 @@ export interface PathPoint {
 
 const DEGREE = Math.PI / 180;
 
-/** Read the table. Names with commas stand in quotes. */
-export function parsePoints(csv: string): PathPoint[] {
-  const [head = "", ...rows] = csv.split("\n");
-  const columns = cells(head);
-  const at = (row: string[], name: string): number => {
-    const cell = row[columns.indexOf(name)];
-    return cell === undefined || cell === "" ? Number.NaN : Number(cell);
-  };
-  return rows.filter(Boolean).map((text) => {
-    const row = cells(text);
+/** The points of a program's table, in the order of the path. */
+export function pointsOf(table: Columns): PathPoint[] {
+  const { column, numbers } = readerOf(table);
+  const names = column("name");
+  return column("point").map((number, i) => {
+    const at = (head: string): number => numbers(head, i);
     return {
-      number: at(row, "point"),
-      name: row[1] ?? "",
-      line: at(row, "line"),
-      place: [at(row, "place x [m]"), at(row, "place y [m]"), at(row, "place z [m]")],
-      joints: [1, 2, 3, 4, 5, 6].map((j) => at(row, `J${j} [deg]`) * DEGREE),
-      deflection: at(row, "deflection [mm]"),
-      residual: at(row, "residual [mm]"),
+      number: numeric(number),
+      name: String(names[i] ?? ""),
+      line: at("line"),
+      place: [at("place x [m]"), at("place y [m]"), at("place z [m]")],
+      joints: [1, 2, 3, 4, 5, 6].map((j) => at(`J${j} [deg]`) * DEGREE),
+      deflection: at("deflection [mm]"),
+      residual: at("residual [mm]"),
     };
   });
-}
-
-function cells(row: string): string[] {
-  // With a comma before each cell no match is empty, so that an empty first cell is one.
-  return [...`,${row}`.matchAll(/,(?:"((?:[^"]|"")*)"|([^,]*))/g)].map(
-    ([, quoted, plain]) => quoted?.replaceAll('""', '"') ?? plain ?? "",
-  );
 }
 
 /** At most `most` of a path's points, evenly, its ends among them. */

@@ -7,7 +7,7 @@ import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
 import { DataTable } from "../components/table";
 import { significant } from "../lib/format";
-import { parsePoints, type PathPoint, thinned } from "../lib/program";
+import { type PathPoint, pointsOf, thinned } from "../lib/program";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import type { Arrow } from "../scene/arrows";
 import type { Vector } from "../lib/vector";
@@ -28,7 +28,7 @@ interface Loaded extends RunContext {
 
 async function load(id: string, signal: AbortSignal): Promise<Loaded> {
   const job = await api.programs.one(id, signal);
-  const points = job.result ? parsePoints(await api.programPoints(id)) : [];
+  const points = job.result ? pointsOf(await api.programPoints(id)) : [];
   return { job, points, ...(await contextOfEnded(job.request.run_id)) };
 }
 

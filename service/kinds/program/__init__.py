@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from jointstiff.schemas.program import Program, ProgramOptions, ProgramRequest, ProgramSummary
-from jointstiff.service.kinds.kind import Kind
+from jointstiff.service.kinds.kind import File, Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "milling": {
@@ -38,6 +38,25 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     max_bytes=16 * 1024 * 1024,
     is_form=True,
     hidden="without_contents",
+    files=(
+        File(
+            name="points.csv",
+            operation="get_program_points",
+            description="Get all points as a table: deflection, correction, interval, residual, and what was "
+            "left alone.",
+            content="One row a point (RFC 4180), in the order of the path.",
+            media_type="text/csv",
+            made_of="result",
+        ),
+        File(
+            name="points.json",
+            operation="get_program_columns",
+            description="Get the same as JSON, column by column, with units.",
+            content="`columns`, each with `name`, `unit` and `values`.",
+            media_type="application/json",
+            made_of="result",
+        ),
+    ),
     filters={"robot_id": "robot"},
     examples=_EXAMPLES,
     description="""Correct the targets of a robot program, so that the loaded tool is where they say.

@@ -1,24 +1,22 @@
-"""Points of a compensated program as arrays, as a table, and summed up."""
+"""Points of a compensated program: as arrays, summed up, and as a table."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Verdict
 from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
 from jointstiff.service.kinds.program.path import ProgramPath
-from jointstiff.service.tables.files import guarded
-from jointstiff.service.tables.verdict import OVERALL
+from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.compensation import Compensation
 from jointstiff.solver.deflection.model_error import ModelErrorBound
 
-_SPECIAL: Final = frozenset('",\r\n')
 _MM: Final = 1e3
 _MRAD: Final = 1e3
 
@@ -118,37 +116,15 @@ class WrittenPoints:
             capped=bool(found.capped[k]),
         )
 
-    def table(self, verdict: Verdict) -> str:
-        """Return all points as CSV, in the order of the path, with the verdict on the run."""
-        place, program = self.place, self.path.program
-        angles = np.degrees(self.path.cases.joints)
-        rows = np.full(len(self.path.targets), -1)
-        rows[self.corrections.points] = np.arange(len(self.corrections.points))
-        numbers, names = self._numbers(), [_cell(source.name) for source in program.sources]
-        lines = [",".join(map(_cell, _HEADER))]
-        for point, (index, row, where, reason) in enumerate(
-            zip(
-                self.path.targets.tolist(),
-                rows.tolist(),
-                np.hstack([place, angles]).tolist(),
-                self._reasons(),
-                strict=True,
-            )
-        ):
-            target = program.targets[index]
-            name = _cell(target.name) if target.name else ""
-            found = numbers[row] if row >= 0 else _NOTHING
-            head = f"{point + 1},{name},{names[target.source]},{target.line}"
-            lines.append(f"{head},{_WHERE % tuple(where)},{found},{reason},{verdict}")
-        return "\n".join([*lines, ""])
-
-    def _numbers(self) -> list[str]:
-        found = self.corrections
-        deflection = _size(found.uncorrected[:, :3])
-        columns = np.column_stack(
+    def table(self) -> bytes:
+        """Return all points in the order of the path, as `points_sheet` reads them."""
+        found, path = self.corrections, self.path
+        numbers = np.full((len(path.targets), len(_POSTURE) + len(_LOADED)), np.nan, dtype=np.float32)
+        numbers[:, :3], numbers[:, 3 : len(_POSTURE)] = self.place, np.degrees(path.cases.joints)
+        numbers[found.points, len(_POSTURE) :] = np.column_stack(
             [
                 _MM * found.uncorrected[:, :3],
-                _MM * deflection,
+                _MM * _size(found.uncorrected[:, :3]),
                 _MRAD * _size(found.uncorrected[:, 3:]),
                 _MM * found.correction[:, :3],
                 _MM * _size(found.correction[:, :3]),
@@ -162,24 +138,39 @@ class WrittenPoints:
                 found.share,
             ]
         )
-        form = ",".join(["%.6g"] * columns.shape[1])
-        return [(form % tuple(row)).replace("nan", "") for row in columns.tolist()]
+        remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
+        remark[found.points] = _REMARKS.index("")
+        remark[found.points[found.capped]] = _REMARKS.index("capped")
+        remark[found.points[found.uncertain]] = _REMARKS.index("uncertain: left alone")
+        targets = path.program.targets
+        names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
+        files = np.array([source.name for source in path.program.sources])
+        places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
+        content = io.BytesIO()
+        for array in (numbers, remark, *places, files, np.frombuffer(names, dtype=np.uint8)):
+            np.save(content, array, allow_pickle=False)
+        return content.getvalue()
 
-    def _reasons(self) -> list[str]:
-        reasons = np.full(len(self.path.targets), "no load", dtype=object)
-        reasons[self.corrections.points] = ""
-        reasons[self.corrections.points[self.corrections.capped]] = "capped"
-        reasons[self.corrections.points[self.corrections.uncertain]] = "uncertain: left alone"
-        return list(reasons)
+
+def points_sheet(content: bytes) -> Sheet:
+    """Return the points that `WrittenPoints.table` wrote; NaN, an empty cell, where there is no number."""
+    stored = io.BytesIO(content)
+    numbers, remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(6))
+    columns: dict[str, Any] = {
+        "point": np.arange(1, len(numbers) + 1),
+        "name": names.tobytes().decode("latin-1").split("\n"),
+        "file": files[source],
+        "line": line,
+    }
+    columns |= {
+        header: _rounded(column) for header, column in zip(_POSTURE + _LOADED, numbers.T, strict=True)
+    }
+    columns["remark"] = np.array(_REMARKS)[remark]
+    return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=f".{_DIGITS}g")
 
 
-_HEADER: Final = (
-    "point",
-    "name",
-    "file",
-    "line",
-    *(f"place {axis} [m]" for axis in "xyz"),
-    *(f"J{j} [deg]" for j in range(1, 7)),
+_POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
+_LOADED: Final = (
     *(f"deflection {axis} [mm]" for axis in "xyz"),
     "deflection [mm]",
     "deflection rotation [mrad]",
@@ -196,21 +187,23 @@ _HEADER: Final = (
     "residual rotation [mrad]",
     "rounding [mm]",
     "share [1]",
-    "remark",
-    OVERALL,
 )
-_WHERE: Final = ",".join(["%.6f"] * 3 + ["%.4f"] * 6)
-_NOTHING: Final = "," * (len(_HEADER) - 16)
+_REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
+_DIGITS: Final = 7
+"""Digits of a number in the table."""
+
+
+def _rounded(values: FloatArray) -> FloatArray:
+    """Return single precision numbers as the decimal ones that they stand for."""
+    sizes = np.abs(values.astype(np.float64))
+    digits = _DIGITS - 1 - np.floor(np.log10(np.where(sizes > 0.0, sizes, 1.0)))
+    scale = 10.0 ** np.clip(np.nan_to_num(digits), 0, 22)
+    rounded: FloatArray = np.round(values * scale) / scale
+    return rounded
 
 
 def _size(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
-
-
-def _cell(text: str) -> str:
-    """Return a cell that no spreadsheet takes for a formula, in quotes where it needs them."""
-    text = str(guarded(text))
-    return '"' + text.replace('"', '""') + '"' if _SPECIAL & set(text) else text
 
 
 def _printable(text: str) -> str:

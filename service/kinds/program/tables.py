@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from jointstiff.schemas.program import Program, ProgramPoint, ProgramResult
-from jointstiff.service.tables.table import Column, Line, Part, Table, ends, number
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number
 from jointstiff.service.tables.view import Report, View
 
 _SHOWN = 8
@@ -66,3 +68,16 @@ def _worst(result: ProgramResult) -> Table:
 
 def _residual(point: ProgramPoint) -> str:
     return f"{1e3 * point.residual:.4f}{' (capped)' if point.capped else ''}"
+
+
+def _points(job: Program) -> Sheet:
+    """Return all points: place, posture, deflection, correction, intervals, residual, what was left alone."""
+    from jointstiff.service.kinds.program.points import points_sheet  # reports do without the solver
+    from jointstiff.service.kinds.program.work import unpacked
+
+    if job.result is None:
+        raise ValueError("the program has no result")
+    return points_sheet(unpacked(job.result.table))
+
+
+SHEETS: Final = {"points": _points}

@@ -199,7 +199,7 @@ class ProgramWork(SteppedWork[Corrections]):
             worst=points.worst(),
             remarks=self._remarks(found),
             files=files,
-            table=packed("points.csv", points.table(self._assessment.verdict).encode()),
+            table=packed("points", points.table()),
         )
 
     def _remarks(self, found: Corrections) -> list[str]:

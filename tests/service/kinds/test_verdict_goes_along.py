@@ -125,7 +125,6 @@ class TestEveryKind:
     def test_has_it_in_its_tables(self, made, client):
         kind, job = made
         names = [file.name for file in kind.files if file.suffix == "csv"]
-        names += ["points.csv"] if kind.name == "program" else []
         names += ["model.csv?accept_verdict=do_not_use"] if kind.name == "run" else []
         assert names
         for name in names:

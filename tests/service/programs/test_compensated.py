@@ -19,10 +19,12 @@ from support.programs import (
     work_of,
 )
 
+from jointstiff.service.kinds.program.points import points_sheet
 from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
+from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError
 
@@ -160,7 +162,7 @@ def test_the_table_has_a_row_a_point():
     text = program_text("krl", tool_poses(path(6)), 4)
     segments = [{"first_line": 7, "last_line": 9, "force": FORCE}]
     result = compensated("krl", text, load=None, segments=segments, limits={"displacement": 1.0})
-    rows = list(csv.DictReader(io.StringIO(unpacked(result.table).decode())))
+    rows = list(csv.DictReader(io.StringIO(csv_text(points_sheet(unpacked(result.table))))))
     assert [row["remark"] for row in rows] == ["capped"] * 3 + ["no load"] * 3
     assert result.capped == 3
     assert all(float(row["correction [mm]"]) < 1.02 for row in rows[:3])
