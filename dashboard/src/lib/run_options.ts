@@ -69,7 +69,9 @@ export const initialOptions: Options = {
 
 /** Losses that go with an elasticity, besides the default. */
 export function lossesOf(elasticity: Elasticity): Loss[] {
-  return elasticity === "joints" || elasticity === "automatic" ? ["squared", "huber"] : ["squared", "huber", "absolute"];
+  return elasticity === "joints" || elasticity === "automatic"
+    ? ["squared", "huber"]
+    : ["squared", "huber", "absolute"];
 }
 
 /** Whether links are elastic, so that they can be chosen. */

@@ -9,12 +9,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-from support.campaigns import METHODS, prepare
+from support.campaigns import METHODS, prepare, settings_of
 from support.encoders import with_encoders
 from support.shared_data import shared
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.campaign import TARGETS, deflections, linear_deflections
@@ -38,7 +36,7 @@ def side(document, **options):
         measurements,
         labels=tuple(o["label"] for o in observations),
         targets=tuple(dict.fromkeys(r["target"] for o in observations for r in o["readings"])),
-        settings=to_settings(RunOptions(**options), robot),
+        settings=settings_of(robot, **options),
     )
 
 
@@ -353,20 +351,20 @@ def test_stiffness_bounds_hold_on_both_sides():
     first, second = simulated()
     stiffest = 3.0e6  # joint 2 is at 3.1e6 with the motors' encoders, at 5.7e6 with secondary ones
     tight = [
-        replace(s, settings=to_settings(RunOptions(stiffness_bounds={"joint_2": (4e6, 5e6)}), s.robot))
+        replace(s, settings=settings_of(s.robot, stiffness_bounds={"joint_2": (4e6, 5e6)}))
         for s in (first, second)
     ]
     ordered = pair_of(*tight, ordered=True).ordered
     assert ordered.first[1] == pytest.approx(1 / 4e6)
     assert ordered.second[1] == pytest.approx(1 / 5e6)
-    loose = [replace(s, settings=to_settings(RunOptions(), s.robot)) for s in (first, second)]
+    loose = [replace(s, settings=settings_of(s.robot)) for s in (first, second)]
     assert 1 / pair_of(*loose, ordered=True).ordered.first[1] == pytest.approx(stiffest, rel=0.1)
 
 
 def test_an_order_of_the_joints_holds_within_each_side():
     first, second = simulated()
-    chain = RunOptions(stiffness_order=[["joint_3", "joint_2"]])
-    sides = [replace(s, settings=to_settings(chain, s.robot)) for s in (first, second)]
+    chain = [["joint_3", "joint_2"]]
+    sides = [replace(s, settings=settings_of(s.robot, stiffness_order=chain)) for s in (first, second)]
     pair = pair_of(*sides, ordered=True)
     for c in (pair.ordered.first, pair.ordered.second):
         assert c[2] <= c[1] * (1 + 1e-12)
