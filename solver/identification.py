@@ -72,8 +72,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         largest_shift=_in_standard_uncertainties(shift, estimate),
         shift=shift,
     )
-    whole = settings.complementary_stiffness and len(measurements) == len(last.first_block.measurements)
-    return replace(estimate, complementary_stiffness=size, block=last.first_block if whole else None)
+    return replace(estimate, complementary_stiffness=size)
 
 
 def _assembled(

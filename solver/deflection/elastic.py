@@ -16,7 +16,6 @@ from scipy.linalg import solve_triangular
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.semidefinite.cone import diagonal
-from jointstiff.solver.deflection.balance import rotation_vector
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases
@@ -27,10 +26,10 @@ from jointstiff.solver.links.estimate import Companion, ElasticEstimate
 from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import rotation_vector, skew
 
 _SHARE_OF_TRACE: Final = 0.5
 """Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held

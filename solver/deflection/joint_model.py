@@ -11,7 +11,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.deflection.balance import Balance, balance, rotation_vector
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases
@@ -21,10 +20,10 @@ from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
 from jointstiff.solver.observability.identifiability import Spectrum
-from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
-from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.balance import Balance, balance, wrench_stiffness
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import rotation_vector, skew
 
 _UNSEEN: Final = 1e-9
 """Share of a row in what the readings do not determine, below which it is rounding."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
+from jointstiff.solver.regression.balance import wrench_stiffness
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 

@@ -27,7 +27,6 @@ from jointstiff.solver.observability.identifiability import (
 )
 from jointstiff.solver.regression.complementary_stiffness import ComplementaryStiffness
 from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.regressor import RegressorBlock
 
 _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m], the unit of common errors where the readings are exact."""
@@ -62,8 +61,6 @@ class Estimate:
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
-    #: regressors of all observations with K_c, where that is included and they are few; None otherwise
-    block: RegressorBlock | None = None
 
     @property
     def estimated(self) -> BoolArray:

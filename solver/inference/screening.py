@@ -19,10 +19,10 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks, whitener
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import skew
 
 LoadMistakeKind = Literal["load_point", "constant_force"]
 
@@ -113,7 +113,7 @@ class Screening:
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
     """Screen what an identification of joints alone leaves; see `screen`."""
-    return screen(robot, measurements, estimate.compliance, estimate.observability.null, estimate.block)
+    return screen(robot, measurements, estimate.compliance, estimate.observability.null)
 
 
 def screen(
@@ -121,7 +121,6 @@ def screen(
     measurements: Measurements,
     compliance: FloatArray,
     null: BoolArray,
-    block: RegressorBlock | None = None,
 ) -> Screening:
     """Test what joints alone leave unexplained.
 
@@ -130,15 +129,13 @@ def screen(
         measurements: N observations; encoders take no part.
         compliance: (n,) estimated [rad/(N·m)].
         null: (n,) joints that the readings do not see.
-        block: regressors of all observations with K_c at that compliance, if they are at hand.
 
     Returns:
         The tests; without a balance under the load, or without residual freedom, none is significant.
     """
     part, compliance = _sample(measurements), np.maximum(compliance, 0.0)
     try:
-        if block is None or part is not measurements:
-            block = next(regressor_blocks(robot, part, compliance))
+        block = next(regressor_blocks(robot, part, compliance))
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, None)
     columns = _Columns.of(robot, block, compliance, null)

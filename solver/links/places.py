@@ -10,9 +10,9 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.semidefinite.cone import to_matrix
 from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks, products
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import skew
 
 
 @dataclass(frozen=True, eq=False)

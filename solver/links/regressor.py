@@ -17,10 +17,10 @@ from jointstiff.solver.convex.semidefinite.cone import entries, weights
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks, whitener
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import skew
 
 MOST_JOINTS = 12
 """Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""

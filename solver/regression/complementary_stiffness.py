@@ -14,9 +14,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.balance import wrench_stiffness
 from jointstiff.solver.regression.regressor import RegressorBlock
-from jointstiff.solver.robot.configuration import Configurations
 
 
 @dataclass(frozen=True)
@@ -48,29 +47,6 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     """
     part = block.measurements
     return wrench_stiffness(block.configurations, block.load_jacobian, part.force, part.moment)
-
-
-def wrench_stiffness(
-    configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
-) -> FloatArray:
-    """Return ``∂τ_j/∂θ_k`` of wrenches; see `complementary_stiffness`.
-
-    Args:
-        configurations: B configurations.
-        load_jacobian: (B, 3, n) J_v at the load points [m/rad].
-        force: (B, 3) on the robot, axes of R0 [N].
-        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
-
-    Returns:
-        (B, n, n) [N·m/rad].
-    """
-    axes = configurations.angular_jacobian
-    by_force = (skew(force) @ axes).transpose(0, 2, 1) @ load_jacobian
-    below = np.tri(axes.shape[2], k=-1, dtype=np.bool_)
-    stiffness: FloatArray = np.where(below, by_force.transpose(0, 2, 1), by_force)
-    if moment.any():
-        stiffness += below * (axes.transpose(0, 2, 1) @ (skew(moment) @ axes))
-    return stiffness
 
 
 class LargestStiffness:

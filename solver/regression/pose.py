@@ -10,6 +10,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import RegressorBlock, whitener
+from jointstiff.solver.robot.rotations import skew
 
 MIN_TARGETS = 3
 _COLLINEAR = 1e-3
@@ -84,12 +85,3 @@ def _refuse_collinear(arm: FloatArray) -> None:
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
-
-
-def skew(v: FloatArray) -> FloatArray:
-    """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
-    out = np.zeros((*v.shape, 3))
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out

@@ -14,8 +14,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError, SolverError
+from jointstiff.solver.errors import MeasurementError, RequestError, SolverError
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.balance import balance
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -24,13 +25,10 @@ BLOCK_LENGTH = 2048
 
 _MOST_KEPT = 256
 """Observations of a set whose regressors are kept as long as the set: they take a MB at most."""
-_KEPT: WeakKeyDictionary[Measurements, tuple[Robot, dict[str, Any]]] = WeakKeyDictionary()
-_BALANCE_ROUNDS = 40
-"""Maximum number of iterations: each shrinks the error by the ratio of K_c to the joint stiffness."""
-_BALANCED = 1e-15
-"""Change of a joint's deflection [rad] that counts as rounding: 3e-15 m at the end of the largest arm."""
-_LARGEST_DEFLECTION = 1.0
-"""Largest deflection of a joint [rad]: a balance further away may be on another branch."""
+_KEPT: WeakKeyDictionary[Measurements, dict[bool, tuple[Robot, FloatArray | None, dict[str, Any]]]] = (
+    WeakKeyDictionary()
+)
+"""By set, without K_c and with it: the robot, the compliance at which it is taken, and the block's fields."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,32 +70,45 @@ def regressor_blocks(
         SolverError: the load finds no balance with joints of that compliance.
     """
     if len(measurements.joints) <= BLOCK_LENGTH:
-        yield (
-            _unloaded(robot, measurements) if compliance is None else _block(robot, measurements, compliance)
-        )
+        yield _whole(robot, measurements, compliance)
         return
     for start in range(0, len(measurements), BLOCK_LENGTH):
         yield _block(robot, measurements[start : start + BLOCK_LENGTH], compliance)
 
 
-def _unloaded(robot: Robot, measurements: Measurements) -> RegressorBlock:
+def _whole(robot: Robot, measurements: Measurements, compliance: FloatArray | None) -> RegressorBlock:
     """Return the regressors of a whole set, kept with it: fit, prediction and refits read the same."""
-    kept = _KEPT.get(measurements)
-    if kept is not None and kept[0] is robot:
-        return RegressorBlock(measurements=measurements, **kept[1])
-    block = _block(robot, measurements, None)
-    if len(measurements.joints) <= _MOST_KEPT:
-        parts = {name: part for name, part in vars(block).items() if name != "measurements"}
-        _KEPT[measurements] = robot, parts
+    if len(measurements.joints) > _MOST_KEPT:
+        return _block(robot, measurements, compliance)
+    kept = _KEPT.setdefault(measurements, {})
+    of, at, fields = kept.get(compliance is not None, (None, None, {}))
+    same = compliance is at or (compliance is not None and at is not None and (compliance == at).all())
+    if of is robot and same:
+        return RegressorBlock(measurements=measurements, **fields)
+    block = _block(robot, measurements, compliance)
+    fields = {name: part for name, part in vars(block).items() if name != "measurements"}
+    kept[compliance is not None] = robot, None if compliance is None else compliance.copy(), fields
     return block
 
 
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
-    q = robot.joint_map.model_angles(part.joints)
-    configurations = Configurations(robot, q)
-    if compliance is not None:
-        return _deflected_block(robot, part, configurations, q, compliance)
-    return unloaded_block(configurations, part)
+    if compliance is None:
+        return unloaded_block(Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
+    unloaded = _whole(robot, part, None).configurations
+    try:
+        found = balance(robot, compliance, part, None, unloaded, unloaded)
+    except RequestError:
+        raise SolverError(
+            "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
+            where="complementary_stiffness",
+            remedy="neglect the complementary stiffness, or check the units of force and length",
+        ) from None
+    torque = found.torque + (found.stiffness @ found.step[..., None])[..., 0]
+    halfway = Configurations(robot, unloaded.q + 0.5 * compliance * torque)
+    in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
+    in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
+    load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
+    return _assembled(halfway, load_jacobian, torque, halfway.to_base(in_flange), part)
 
 
 def unloaded_block(configurations: Configurations, part: Measurements) -> RegressorBlock:
@@ -107,38 +118,6 @@ def unloaded_block(configurations: Configurations, part: Measurements) -> Regres
         points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
     load_jacobian, torque = configurations.load(part.load_point, part.force, part.moment)
     return _assembled(configurations, load_jacobian, torque, points, part)
-
-
-def _deflected_block(
-    robot: Robot, part: Measurements, unloaded: Configurations, q: FloatArray, compliance: FloatArray
-) -> RegressorBlock:
-    deflection, torque = _balance(robot, part, q, compliance)
-    halfway = Configurations(robot, q + 0.5 * deflection)
-    in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
-    in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
-    load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
-    return _assembled(halfway, load_jacobian, torque, halfway.to_base(in_flange), part)
-
-
-def _balance(
-    robot: Robot, part: Measurements, q: FloatArray, compliance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Deflections (B, n) [rad] and torques (B, n) [N·m] with ``δθ = c ∘ τ(q + δθ)``, by fixed point."""
-    deflection = np.zeros(q.shape)
-    for _ in range(_BALANCE_ROUNDS):
-        bent = Configurations(robot, q + deflection)
-        torque = bent.load(part.load_point, part.force, part.moment)[1]
-        change = np.abs(compliance * torque - deflection).max()
-        deflection = compliance * torque
-        if not np.abs(deflection).max() <= _LARGEST_DEFLECTION:
-            break
-        if change <= _BALANCED:
-            return deflection, torque
-    raise SolverError(
-        "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
-        where="complementary_stiffness",
-        remedy="neglect the complementary stiffness, or check the units of force and length",
-    )
 
 
 def _assembled(

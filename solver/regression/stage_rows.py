@@ -12,8 +12,9 @@ from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.pose import RigidDisplacement, skew
+from jointstiff.solver.regression.pose import RigidDisplacement
 from jointstiff.solver.regression.regressor import RegressorBlock, whitener
+from jointstiff.solver.robot.rotations import skew
 
 
 @dataclass(frozen=True, eq=False)

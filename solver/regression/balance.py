@@ -1,19 +1,17 @@
-"""The exact balance of springs, load and own weight (method.md §9)."""
+"""The exact balance of springs, load and own weight (method.md §2, §9)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import skew
 
 _STEPS: Final = 20
 """Newton's; three suffice for the loads of machining."""
@@ -21,6 +19,31 @@ _LAST_STEP: Final = 1e-9
 """Step [rad] that is taken to first order: what it leaves is its square."""
 _LARGEST_DEFLECTION: Final = 1.0
 """A balance further away [rad] may be on another branch."""
+
+
+class Loads(Protocol):
+    """B dead wrenches: measured, or asked about."""
+
+    @property
+    def force(self) -> FloatArray:
+        """(B, 3) on the robot, axes of R0 [N]."""
+
+    @property
+    def moment(self) -> FloatArray:
+        """(B, 3) on the robot about the load point, axes of R0 [N·m]."""
+
+    @property
+    def load_point(self) -> FloatArray:
+        """(B, 3) where the force acts, flange frame [m]."""
+
+
+class Weight(Protocol):
+    """Own weight of the links."""
+
+    def torque_and_stiffness(
+        self, robot: Robot, q: FloatArray, configurations: Configurations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the torques g(q) (B, n) [N·m] and ``∂g/∂q`` (B, n, n) [N·m/rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +64,8 @@ class Balance:
 def balance(
     robot: Robot,
     compliance: FloatArray,
-    cases: LoadCases,
-    weight: OwnWeight | None,
+    cases: Loads,
+    weight: Weight | None,
     unloaded: Configurations,
     near: Configurations,
 ) -> Balance:
@@ -85,6 +108,29 @@ def balance(
     raise _no_balance(int(np.argmax(np.abs(step).max(axis=1))))
 
 
+def wrench_stiffness(
+    configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
+) -> FloatArray:
+    """Return ``K_c,jk = ∂τ_j/∂θ_k`` of wrenches, as `complementary_stiffness` states it.
+
+    Args:
+        configurations: B configurations.
+        load_jacobian: (B, 3, n) J_v at the load points [m/rad].
+        force: (B, 3) on the robot, axes of R0 [N].
+        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
+
+    Returns:
+        (B, n, n) [N·m/rad].
+    """
+    axes = configurations.angular_jacobian
+    by_force = (skew(force) @ axes).transpose(0, 2, 1) @ load_jacobian
+    below = np.tri(axes.shape[2], k=-1, dtype=np.bool_)
+    stiffness: FloatArray = np.where(below, by_force.transpose(0, 2, 1), by_force)
+    if moment.any():
+        stiffness += below * (axes.transpose(0, 2, 1) @ (skew(moment) @ axes))
+    return stiffness
+
+
 def _unstable(slope: FloatArray) -> BoolArray:
     """Return whether balances (B,) are not stable: slopes, similar to scaled stiffnesses, not positive.
 
@@ -111,12 +157,3 @@ def _no_balance(case: int) -> RequestError:
         where=f"cases[{case}]",
         remedy="check the units of force, moment and length, or lessen the load",
     )
-
-
-def rotation_vector(rotation: FloatArray) -> FloatArray:
-    """Return rotation vectors (..., 3) [rad] of rotations (..., 3, 3) by less than a quarter turn."""
-    skew = 0.5 * (rotation - np.swapaxes(rotation, -1, -2))
-    sine_axis = skew[..., [2, 0, 1], [1, 2, 0]]
-    sine = np.linalg.norm(sine_axis, axis=-1, keepdims=True)
-    angle: FloatArray = np.arcsin(np.minimum(sine, 1.0))
-    return sine_axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
