@@ -35,7 +35,9 @@ def _add_report(router: APIRouter, kind: AnyKind) -> None:
     def report(request: Request, parts: PartsOf, job_id: str, format: ReportFormat) -> Response:  # noqa: A002
         job = _succeeded(parts.jobs[kind.name], job_id)
         document = kind.answered(parts.jobs[kind.name].document(job.id))
-        return report_answer(job_document(kind, job, document, request.app.state.laboratory), format)
+        robot_id = parts.jobs[kind.name].record(job.id).robot_id
+        about = [] if robot_id is None else [("Robot", parts.store.robots.get(robot_id).name)]
+        return report_answer(job_document(kind, job, document, request.app.state.laboratory, about), format)
 
     report.__annotations__["job_id"] = _identifier(kind)
     router.get(

@@ -11,8 +11,9 @@ from rich.console import RenderableType
 from jointstiff.schemas.job import Job
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.work import Work
+from jointstiff.service.tables.requested import requested
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import Line, Part, Sheet
+from jointstiff.service.tables.table import Line, Part, Sheet, text_table
 from jointstiff.service.tables.terminal import printed
 from jointstiff.service.tables.verdict import (
     judged,
@@ -37,7 +38,11 @@ def job_report(kind: AnyKind, job: Job, *, details: bool = False, unit: str = DE
         details: whether to show all that the result says.
         unit: name of a unit of `UNITS`.
     """
-    return printed(job_parts(kind, job, View(details, UNITS[unit])))
+    parts = job_parts(kind, job, View(details, UNITS[unit]))
+    if details:
+        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request)]
+        parts.append(text_table(["what was asked for", ""], facts, texts=[0, 1]))
+    return printed(parts)
 
 
 def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Final
 
 from jointstiff.schemas.job import Job
@@ -10,15 +10,25 @@ from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.report import job_parts
 from jointstiff.service.reports.document import Attachment, Document, Fact, Section, State
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.statements import IDENTIFICATION, NOT_ISO_9283, ORIGIN, RESULTS, STATED
+from jointstiff.service.reports.statements import (
+    IDENTIFICATION,
+    NOT_ISO_9283,
+    ORIGIN,
+    REQUESTED,
+    RESULTS,
+    STATED,
+)
 from jointstiff.service.reports.wording import moment
+from jointstiff.service.tables.requested import requested
 from jointstiff.service.tables.table import Line, Table
 from jointstiff.service.tables.view import View
 
 _UNSIGNED: Final = State("unsigned", "For information: reports of this kind are not authorised.")
 
 
-def job_document(kind: AnyKind, job: Job, document: str, settings: LaboratorySettings) -> Document:
+def job_document(
+    kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
+) -> Document:
     """Return the report of a job that has succeeded.
 
     Args:
@@ -26,6 +36,7 @@ def job_document(kind: AnyKind, job: Job, document: str, settings: LaboratorySet
         job: that has succeeded.
         document: JSON of the job, which is attached.
         settings: of the laboratory.
+        about: names of what the request has identifiers of.
     """
     title, provenance = kind.title, job.provenance
     parts = job_parts(kind, job, View(details=True))
@@ -43,9 +54,10 @@ def job_document(kind: AnyKind, job: Job, document: str, settings: LaboratorySet
                 facts=[
                     ("Report", f"{title}, {job.id}"),
                     ("Computed", moment(provenance.ended_at)),
-                    *_asked(job),
+                    *about,
                 ],
             ),
+            Section(REQUESTED, facts=requested(job.request)),
             Section(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],
@@ -68,10 +80,3 @@ def job_document(kind: AnyKind, job: Job, document: str, settings: LaboratorySet
         ],
         signs=False,
     )
-
-
-def _asked(job: Job) -> Iterator[Fact]:
-    """Yield what was asked for, as far as it is a word or a number and no default."""
-    for name, value in job.request.model_dump(exclude_defaults=True).items():
-        if isinstance(value, str | int | float):
-            yield name.replace("_", " ").capitalize(), str(value)

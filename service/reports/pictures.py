@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, floor, log10
+from math import ceil, floor, hypot, log10
 
 import numpy as np
 
@@ -19,6 +19,8 @@ _WIDTH = 480.0
 _ROW = 17.0
 _NAMES = 90.0
 _MOST_BARS = 60
+_APART = 12.0
+"""Distance of joints in the picture below which their numbers would overlap."""
 
 
 def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
@@ -50,12 +52,15 @@ def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | Non
             drawing.text(_NAMES + 4, y + 3, "no number: see the table")
             continue
         lower, upper = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
-        drawing.line(at(lower), y, _WIDTH - 20 if upper is None else at(upper), y, MARK, 2.2)
-        drawing.dot(at(joint.stiffness), y)
+        right = _WIDTH - 20 if upper is None else at(upper)
+        drawing.line(at(lower), y, right, y, MARK, 2.2)
+        for end in (at(lower), *([] if upper is None else [right])):
+            drawing.line(end, y - 5, end, y + 5, MARK, 0.8)
+        drawing.dot(at(joint.stiffness), y, 1.5)
     return Picture(
         str(drawing),
-        f"Stiffness of each joint (dot) with its {100 * confidence:g} % interval (bar; open to the right: "
-        "no upper limit). Logarithmic axis.",
+        f"Stiffness of each joint (dot) with its {100 * confidence:g} % interval (bar between ticks; without "
+        "a right tick: no upper limit). Logarithmic axis.",
         0.8,
     )
 
@@ -122,10 +127,17 @@ def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
         drawing.line(*place(base[0]), *place(end), MARK, 0.8)
         drawing.text(*place(end), name)
     drawing.path([place(point) for point in flat], INK, 2.4)
+    labels: list[tuple[float, float, str]] = []  # joints that nearly coincide share one
     for number, point in enumerate(flat[1:-1], 1):
         drawing.dot(*place(point))
         x, y = place(point)
-        drawing.text(x + 4, y - 3, str(number), 7.0)
+        near = next((i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _APART), None)
+        if near is None:
+            labels.append((x, y, str(number)))
+        else:
+            labels[near] = (*labels[near][:2], f"{labels[near][2]}, {number}")
+    for x, y, text in labels:
+        drawing.text(x + 4, y - 3, text, 7.0)
     return Picture(
         str(drawing),
         "The item in the posture of the first observation: joints numbered from the base, flange at the end, "

@@ -18,6 +18,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.run_method import adjustment, method, traceability
 from jointstiff.service.reports.run_results import assessment, results, uncertainty
 from jointstiff.service.reports.wording import NOT_STATED, moment
+from jointstiff.service.tables.requested import requested
 from jointstiff.service.tables.table import text_table
 
 MAX_ATTACHED_BYTES: Final = 2_500_000
@@ -76,6 +77,7 @@ def run_document(subject: RunSubject, state: State) -> Document:
             results(subject.model, subject.readings),
             uncertainty(subject.model),
             method(subject.model, subject.settings.laboratory),
+            Section(statements.REQUESTED, facts=requested(run.request)),
             adjustment(subject.model),
             traceability(subject.readings, subject.settings.laboratory),
             assessment(subject.model.result),

@@ -16,7 +16,8 @@ from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section
-from jointstiff.service.reports.wording import NOT_STATED, percent, rounded
+from jointstiff.service.reports.wording import NOT_STATED, percent
+from jointstiff.service.tables.numbers import figure, rounded
 from jointstiff.service.tables.terminal import METHOD_NAMES
 
 _TARGETS_NAMED: Final = 8
@@ -131,7 +132,7 @@ def _load_point(readings: MeasurementSetDocument) -> str:
     if readings.load_point is None or any(each.load_point is not None for each in readings.observations):
         return "stated with each observation"
     millimetres = 1e3 * LENGTH[readings.units.length]
-    return f"({', '.join(f'{millimetres * value:.4g}' for value in readings.load_point)}) mm"
+    return f"({', '.join(f'{figure(millimetres * value)}' for value in readings.load_point)}) mm"
 
 
 def _targets(readings: MeasurementSetDocument) -> str:

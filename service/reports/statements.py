@@ -22,6 +22,7 @@ STATEMENTS: Final = (
 )
 
 IDENTIFICATION: Final = "Identification"
+REQUESTED: Final = "What was asked for"
 RESULTS: Final = "Results"
 UNCERTAINTY: Final = "Uncertainty budget"
 METHOD: Final = "Method and deviations from it"

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.service.tables.numbers import NO_NUMBER, concise, rounded
+from jointstiff.service.tables.numbers import NO_NUMBER, concise, figure, rounded
 from jointstiff.service.tables.table import Line
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
@@ -65,7 +65,11 @@ class StiffnessUnit:
         least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
         if least is None:
             return "—"
-        return f"< {self.factor / least:.3g}" if self.inverse else f"> {self.factor * least:.3g}"
+        return (
+            f"< {figure(self.factor / least, '.3g')}"
+            if self.inverse
+            else f"> {figure(self.factor * least, '.3g')}"
+        )
 
     def concise(self, joint: JointResult) -> Line:
         """Return the value with its standard uncertainty in units of the last digits (GUM, 7.2.2)."""
@@ -79,16 +83,16 @@ class StiffnessUnit:
         if compliance is None:
             return "—"
         value = self.value(compliance)
-        return "rigid" if value is None else f"{value:.3g}"
+        return "rigid" if value is None else figure(value, ".3g")
 
     def bare_interval(self, ends: tuple[float, float] | None) -> str:
         """Format an interval of compliances; the ends of a stiffness swap, and one at zero has no limit."""
         if ends is None or ends[1] <= 0:
             return "—"
         if self.inverse:
-            return f"{self.factor * ends[0]:.3g} … {self.factor * ends[1]:.3g}"
-        return f"{self.factor / ends[1]:.3g} … " + (
-            f"{self.factor / ends[0]:.3g}" if ends[0] > 0 else "no limit"
+            return f"{figure(self.factor * ends[0], '.3g')} … {figure(self.factor * ends[1], '.3g')}"
+        return f"{figure(self.factor / ends[1], '.3g')} … " + (
+            f"{figure(self.factor / ends[0], '.3g')}" if ends[0] > 0 else "no limit"
         )
 
 

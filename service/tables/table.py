@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from jointstiff.service.tables.numbers import NO_NUMBER
+from jointstiff.service.tables.numbers import NO_NUMBER, figure
 
 Style = Literal["", "title", "good", "care", "bad", "dim", "verdict_use", "verdict_care", "verdict_not"]
 Value = str | float | int | None
@@ -115,14 +115,14 @@ def as_line(shown: str | Line) -> Line:
 
 def number(form: str, scale: float = 1.0) -> Show:
     """Show numbers in a unit by a format: `number(".3f", 1e3)` for metres in mm."""
-    return lambda value: format(scale * value, form)
+    return lambda value: figure(scale * value, form)
 
 
 def numbers(form: str, scale: float = 1.0, between: str = "  ") -> Show:
     """Show the components of a vector in a unit."""
-    return lambda values: between.join(format(scale * value, form) for value in values)
+    return lambda values: between.join(figure(scale * value, form) for value in values)
 
 
 def ends(form: str, scale: float = 1.0, between: str = " to ") -> Show:
     """Show an interval in a unit."""
-    return lambda pair: between.join("no limit" if end is None else format(scale * end, form) for end in pair)
+    return lambda pair: between.join("no limit" if end is None else figure(scale * end, form) for end in pair)

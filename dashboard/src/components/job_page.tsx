@@ -13,8 +13,8 @@ import { Name, ProblemNote, Show, State, Title, When } from "./basics";
 import { save } from "./download";
 import { Cancelled, Going } from "./going";
 
-/** Reports for information; that of a run, which is signed, stands among its files. */
-const REPORTED: readonly Collection[] = ["comparisons", "pairs", "plans", "maps", "programs"];
+/** Kinds with a report: that of a run is signed, the others are for information. */
+const REPORTED: readonly Collection[] = ["runs", "comparisons", "pairs", "plans", "maps", "programs"];
 
 export interface Job {
   id: string;
@@ -124,6 +124,11 @@ function Actions({
   const download = () => save(JSON.stringify(job, null, 2), "application/json", fileName(`${kind}-${job.id}`, "json"));
   return (
     <div class="actions">
+      {REPORTED.includes(collection) && job.result && (
+        <a class="button" href={api[collection].file(job.id, "report.pdf")} download>
+          {text.run.report}
+        </a>
+      )}
       {children}
       <button type="button" class="button" onClick={share}>
         {text.run.share}
@@ -131,11 +136,6 @@ function Actions({
       <button type="button" class="button" title={text.run.downloadHint} onClick={download}>
         {text.run.download}
       </button>
-      {REPORTED.includes(collection) && job.result && (
-        <a class="button" href={api[collection].file(job.id, "report.pdf")} download>
-          {text.run.report}
-        </a>
-      )}
       {!goesOn(job.state) && (
         <button type="button" class="button quiet" disabled={deletion.busy} onClick={deletion.run}>
           {text.run.delete}

@@ -503,6 +503,8 @@ export const en = {
     draft: "Nobody has authorised the report: it is a draft, and says so on each page.",
     authorisedBy: "Report authorised by",
     authorise: "Authorise the report",
+    howToAuthorise:
+      "To authorise it, sign in with an admin's key: jointstiff keys create NAME --role admin, and serve --require-key --laboratory lab.toml.",
     remark: "Remark in the report",
     note: "A report to sign, and the model for other programs. A joint without a number has no spring there, and the file says why.",
     models: {

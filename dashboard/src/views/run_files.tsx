@@ -67,6 +67,7 @@ function Authorisations({ run }: { run: string }) {
         </p>
       ))}
       {found.items.length === 0 && <p class="soft">{words.draft}</p>}
+      {!found.may && <p class="soft">{words.howToAuthorise}</p>}
       {found.may && (
         <div class="row">
           <label class="field">

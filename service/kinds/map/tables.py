@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas.map import Map, MapPlace, MapResult
 from jointstiff.service.kinds.map.work import MapWork
+from jointstiff.service.tables.numbers import figure
 from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number, numbers
 from jointstiff.service.tables.view import Report, View
 from jointstiff.solver.deflection.maps import STATUSES
@@ -29,8 +30,8 @@ def report(job: Map, result: MapResult, _view: View) -> Report:
     if result.quantiles:
         values = {each.share: 1e6 * each.deflection for each in result.quantiles}
         lines.append(
-            f"deflection: median {values[0.5]:.3g} µm, 90 % of the places {values[0.05]:.3g} to "
-            f"{values[0.95]:.3g} µm, greatest {values[1.0]:.3g} µm"
+            f"deflection: median {figure(values[0.5])} µm, 90 % of the places {figure(values[0.05])} to "
+            f"{figure(values[0.95])} µm, greatest {figure(values[1.0])} µm"
         )
     if result.extrapolated:
         lines.append(f"{result.extrapolated} places are beyond the loads or postures of the campaign")

@@ -13,6 +13,7 @@ from jointstiff.schemas.run.weight import WeightResult
 from jointstiff.service.kinds.run.details import detail_lines
 from jointstiff.service.kinds.run.links_table import links_line, links_report, selection_table
 from jointstiff.service.kinds.run.resampling_table import resampling_table
+from jointstiff.service.tables.numbers import figure
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import Column, Line, Part, Table
 from jointstiff.service.tables.terminal import METHOD_NAMES
@@ -84,8 +85,8 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
         yield Line(f"  uncertain masses make up of each interval: {', '.join(shares)}")
     before, after = 1e6 * weight.rms_without_sag, 1e6 * weight.rms_residual
     yield Line(
-        f"  the best geometry of an arm that does not bend leaves {before:.3g} µm rms of a coordinate, with "
-        f"sag it leaves {after:.3g} µm"
+        f"  the best geometry of an arm that does not bend leaves {figure(before)} µm rms of a coordinate, "
+        f"with sag it leaves {figure(after)} µm"
         + (": the arm bends too little under its own weight to gain much" if after > 0.9 * before else "")
     )
 
@@ -112,9 +113,9 @@ def _summary(result: RunResult) -> Line:
     sigma = (
         ""
         if result.sigma is None
-        else f", sigma of a reading {1e6 * result.sigma:.3g} µm ({result.goodness.sigma_source})"
+        else f", sigma of a reading {figure(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
     )
-    return Line(f"  {explained}residual {1e6 * result.rms_residual:.3g} µm rms (3-D){sigma}")
+    return Line(f"  {explained}residual {figure(1e6 * result.rms_residual)} µm rms (3-D){sigma}")
 
 
 def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 import json
+import math
+import re
 
 import pypdf
 import pytest
@@ -56,6 +59,7 @@ def jobs(client):
     )
     side = {"measurement_set_id": measured}
     return {
+        "run": f"/v1/runs/{run}",
         "comparison": f"/v1/comparisons/{post('comparisons', side)}",
         "pair": f"/v1/pairs/{post('pairs', {'first': side, 'second': side})}",
         "plan": f"/v1/plans/{post('plans', PLAN | side)}",
@@ -80,6 +84,52 @@ def test_each_kind_has_a_report(client, jobs, kind):
     page = client.get(f"{jobs[kind]}/report.html").text
     assert "<table>" in page
     assert "<script" not in page
+
+
+def leaves(value):
+    """Numbers, texts and truth values of a JSON document."""
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
+    return [value] if parts is None else [leaf for part in parts for leaf in leaves(part)]
+
+
+@pytest.mark.parametrize("kind", [kind.name for kind in KINDS if kind.reported or kind.name == "run"])
+def test_each_report_says_what_was_asked(client, jobs, kind):
+    """Each field of the request by its name, each text and number of its value, and the robot."""
+    page = client.get(f"{jobs[kind]}/report.html").text
+    section = html.unescape(re.sub("<[^>]*>", " ", page.split("What was asked for")[1].split("<h2>")[0]))
+    said = " ".join(section.split())
+    request = client.get(jobs[kind]).json()["request"]
+    declared = next(each for each in KINDS if each.name == kind).request.model_fields
+    for name in declared:
+        assert name.replace("_", " ") in said.lower(), name
+    numbers = [float(text.replace(",", "")) for text in re.findall(r"-?\d[\d,]*(?:\.\d+)?", said)]
+    for leaf in leaves(request):
+        if isinstance(leaf, str) and len(leaf) <= 300:
+            assert leaf in said, leaf
+        elif isinstance(leaf, float | int) and not isinstance(leaf, bool):
+            shown = [leaf, 1e3 * leaf, math.degrees(leaf), 1e-6 * leaf]
+            assert any(number == pytest.approx(one, rel=1e-9) for number in numbers for one in shown), leaf
+    assert "-0," not in said
+    if kind != "run":
+        assert "<dt>Robot</dt><dd>simulated 6R</dd>" in page
+
+
+def test_a_map_says_its_request_in_units_of_people(client, jobs):
+    said = client.get(f"{jobs['map']}/report.html").text
+    for label, text in {
+        "Area": "(1400, -200, 600) mm; (1800, 200, 600) mm",
+        "Place": "(0, 0, 250) mm",
+        "Force": "(0, 300, -500) N",
+        "Confidence": "0.95",
+    }.items():
+        assert f"<dt>{label}</dt><dd>{text}</dd>" in said
+
+
+def test_a_program_names_its_files_with_their_hashes(client, jobs):
+    said = client.get(f"{jobs['program']}/report.html").text
+    (file,) = client.get(jobs["program"]).json()["request"]["files"]
+    assert f"name {file['name']}, bytes {file['bytes']:} byte" in said
+    assert f"sha256 {file['sha256']}" in said
 
 
 @pytest.mark.parametrize("kind", ["comparison", "pair", "plan"])
