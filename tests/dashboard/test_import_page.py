@@ -99,8 +99,11 @@ def test_five_taps_among_several_robots(visit, api, stored):
     tap(page.get_by_role("button", name="Identify"))
     expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
     assert taps <= 5
+    report = page.locator(".head").get_by_role("link", name="Report")
+    expect(report).to_be_visible()
     run = api.get("/v1/runs?limit=1").json()["items"][0]
     assert run["robot_id"] == newer["id"] != older["id"]
+    assert report.get_attribute("href").endswith(f"/v1/runs/{run['id']}/report.pdf")
 
 
 def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
