@@ -27,13 +27,11 @@ from jointstiff.service.api.access import AccessGuard, operation_id, public_path
 from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.gate import Gate
-from jointstiff.service.api.headers import AnswerHeaders
 from jointstiff.service.api.job_files import job_files
 from jointstiff.service.api.jobs import job_routes
 from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
-from jointstiff.service.api.methods import Methods
 from jointstiff.service.api.metrics import Metrics
-from jointstiff.service.api.observed import Observed
+from jointstiff.service.api.middleware import AnswerHeaders, Methods, Observed
 from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.api.posture import Posture, PostureGuard
 from jointstiff.service.api.watch import Watch

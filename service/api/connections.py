@@ -18,7 +18,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from jointstiff.service.api.errors import RETRY_SECONDS
-from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.api.middleware import ANSWER_HEADERS
 from jointstiff.service.problems.table import http_problem
 
 SPARE_DESCRIPTORS: Final = 256

@@ -11,8 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.api.headers import ANSWER_HEADERS
-from jointstiff.service.api.observed import REQUEST_ID_HEADER
+from jointstiff.service.api.middleware import ANSWER_HEADERS, REQUEST_ID_HEADER
 from jointstiff.service.logs import REQUEST_ID
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of

@@ -21,10 +21,10 @@ from jointstiff.service.api.events import Followers
 from jointstiff.service.api.examples import shown
 from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.parts import (
-    DELETED,
     LOCATION,
     PartsOf,
     accepted,
+    add_deletion,
     created,
     json_response,
     problems,
@@ -69,15 +69,23 @@ def job_routes(kind: AnyKind) -> APIRouter:
         return parts.jobs[kind.name]
 
     jobs = Annotated[Jobs, Depends(jobs_of)]
-    adds = (
-        (_add_list, _add_get, _add_deletion)
-        if kind.is_form
-        else (_add_create, _add_list, _add_get, _add_deletion)
+    types = {"jobs": jobs, "job_id": identifier}
+    if not kind.is_form:
+        _add_create(router, kind, types)
+    _add_list(router, kind, types)
+    _add_get(router, kind, types)
+    add_deletion(
+        router,
+        f"/{{{kind.name}_id}}",
+        kind.name,
+        kind.message,
+        delete=lambda parts, job_id: parts.jobs[kind.name].delete(job_id),
+        restore=lambda parts, job_id: kind.answered(parts.jobs[kind.name].restore(job_id)),
+        description=f"Delete a {kind.name}. Resources made from it are kept. It can be restored for 30 days. "
+        "Cancel an unfinished one first.",
     )
-    for add in adds:
-        add(router, kind, {"jobs": jobs, "job_id": identifier})
     if kind.stepped:
-        _add_stepped(router, kind, {"jobs": jobs, "job_id": identifier})
+        _add_stepped(router, kind, types)
     return router
 
 
@@ -151,35 +159,6 @@ def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None
     @_typed(types)
     def get(jobs: Jobs, job_id: str) -> Response:
         return json_response(kind.answered(jobs.document(job_id)))
-
-
-def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    @router.delete(
-        f"/{{{kind.name}_id}}",
-        name=f"delete_{kind.name}",
-        dependencies=[OPERATOR],
-        description=f"Delete a {kind.name}. Resources made from it are kept. It can be restored for 30 days. "
-        "Cancel an unfinished one first.",
-        status_code=204,
-        response_class=Response,
-        responses=DELETED | problems(404, 409, 422),
-    )
-    @_typed(types)
-    def delete(jobs: Jobs, job_id: str) -> Response:
-        jobs.delete(job_id)
-        return Response(status_code=204)
-
-    @router.post(
-        f"/{{{kind.name}_id}}/restore",
-        name=f"restore_{kind.name}",
-        dependencies=[OPERATOR],
-        description=f"Restore a deleted {kind.name}. One that is not deleted stays as it is.",
-        response_model=kind.message,
-        responses=problems(404, 422),
-    )
-    @_typed(types)
-    def restore(jobs: Jobs, job_id: str) -> Response:
-        return json_response(kind.answered(jobs.restore(job_id)))
 
 
 def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:

@@ -21,7 +21,7 @@ from pydantic import TypeAdapter
 from starlette.types import Scope
 
 from jointstiff.service.api.access import ASKED, Asked, asked_of
-from jointstiff.service.api.observed import KNOWN_ID
+from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.logs import REQUEST_ID
 
 LIMITED_BYTES: Final = 256 * 1024

@@ -17,7 +17,7 @@ from jointstiff.schemas.query import SetQuery
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import MEASUREMENT_SETS, SET_CHANGES, shown
-from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.api.parts import LOCATION, PartsOf, add_deletion, created, json_response, problems
 from jointstiff.service.resources.measurement_sets import assembled
 
 router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], route_class=BodyRoute)
@@ -85,22 +85,12 @@ def change_measurement_set(
     return MeasurementSetSummary.model_validate(parts.sets.change(set_id, body), from_attributes=True)
 
 
-@router.delete(
+add_deletion(
+    router,
     "/{set_id}",
-    dependencies=[OPERATOR],
-    status_code=204,
-    response_class=Response,
-    responses=DELETED | problems(404, 409, 422),
+    "measurement_set",
+    MeasurementSet,
+    delete=lambda parts, set_id: parts.sets.delete(set_id),
+    restore=lambda parts, set_id: parts.sets.restore(set_id).model_dump_json(),
+    description="Delete a measurement set that no job refers to. It can be restored for 30 days.",
 )
-def delete_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """Delete a measurement set that no job refers to. It can be restored for 30 days."""
-    parts.sets.delete(set_id)
-    return Response(status_code=204)
-
-
-@router.post(
-    "/{set_id}/restore", dependencies=[OPERATOR], response_model=MeasurementSet, responses=problems(404, 422)
-)
-def restore_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """Restore a deleted measurement set. One that is not deleted stays as it is."""
-    return json_response(parts.sets.restore(set_id).model_dump_json())

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, Final, cast
 
-from fastapi import Depends, Request, Response
+from fastapi import APIRouter, Depends, Path, Request, Response
 from pydantic import BaseModel
 
 from jointstiff.schemas.problem import Problem
+from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.jobs.parts import Parts
 
 
@@ -55,7 +57,58 @@ def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
     }
 
 
-DELETED: Final[dict[int | str, dict[str, Any]]] = {
+def add_deletion(
+    router: APIRouter,
+    address: str,
+    name: str,
+    message: type[BaseModel],
+    *,
+    delete: Callable[[Parts, str], object],
+    restore: Callable[[Parts, str], str],
+    description: str,
+) -> None:
+    """Add the routes that delete and restore a resource.
+
+    Args:
+        router: to add to.
+        address: of one resource, with its id in braces, such as `/robots/{robot_id}`.
+        name: of the resource in names of operations.
+        message: what `restore` answers.
+        delete: delete the resource of an id.
+        restore: restore it, and return it as JSON.
+        description: of the deletion.
+    """
+    identifier = Annotated[str, Path(alias=address.partition("{")[2].removesuffix("}"), max_length=64)]
+
+    def delete_resource(parts: PartsOf, identifier: str) -> Response:
+        delete(parts, identifier)
+        return Response(status_code=204)
+
+    def restore_resource(parts: PartsOf, identifier: str) -> Response:
+        return json_response(restore(parts, identifier))
+
+    for route in (delete_resource, restore_resource):
+        route.__annotations__["identifier"] = identifier  # which FastAPI reads
+    router.delete(
+        address,
+        name=f"delete_{name}",
+        dependencies=[OPERATOR],
+        description=description,
+        status_code=204,
+        response_class=Response,
+        responses=_DELETED | problems(404, 409, 422),
+    )(delete_resource)
+    router.post(
+        f"{address}/restore",
+        name=f"restore_{name}",
+        dependencies=[OPERATOR],
+        description=f"Restore a deleted {name.replace('_', ' ')}. One that is not deleted stays as it is.",
+        response_model=message,
+        responses=problems(404, 422),
+    )(restore_resource)
+
+
+_DELETED: Final[dict[int | str, dict[str, Any]]] = {
     204: {"description": "Deleted. `restore` undoes this for 30 days."}
 }
 

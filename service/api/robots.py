@@ -6,15 +6,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
 
-from jointstiff.schemas.catalogue import Catalogue
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
 from jointstiff.schemas.query import RobotQuery
-from jointstiff.schemas.robot import Robot, RobotChange, RobotRequest, RobotSummary
+from jointstiff.schemas.robot import Catalogue, Robot, RobotChange, RobotRequest, RobotSummary
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOT_CHANGES, ROBOTS, shown
-from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.api.parts import LOCATION, PartsOf, add_deletion, created, json_response, problems
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.resources.nominal_arms import catalogue
 from jointstiff.service.resources.robots import described
@@ -76,25 +75,16 @@ def change_robot(
     return json_response(parts.robots.change(robot_id, body).model_dump_json())
 
 
-@router.delete(
+add_deletion(
+    router,
     "/robots/{robot_id}",
-    dependencies=[OPERATOR],
-    status_code=204,
-    response_class=Response,
-    responses=DELETED | problems(404, 409, 422),
+    "robot",
+    Robot,
+    delete=lambda parts, robot_id: parts.robots.delete(robot_id),
+    restore=lambda parts, robot_id: parts.robots.restore(robot_id).model_dump_json(),
+    description="Delete a robot that no measurement set and no job refers to. "
+    "It can be restored for 30 days.",
 )
-def delete_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """Delete a robot that no measurement set and no job refers to. It can be restored for 30 days."""
-    parts.robots.delete(robot_id)
-    return Response(status_code=204)
-
-
-@router.post(
-    "/robots/{robot_id}/restore", dependencies=[OPERATOR], response_model=Robot, responses=problems(404, 422)
-)
-def restore_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """Restore a deleted robot. One that is not deleted stays as it is."""
-    return json_response(parts.robots.restore(robot_id).model_dump_json())
 
 
 @router.get("/catalogue", dependencies=[VIEWER], response_model=Catalogue, responses=problems())

@@ -13,7 +13,7 @@ from jointstiff.service.cli.answers import refuse_existing, refused, write_text
 from jointstiff.service.cli.options import AsJson, Overwrite
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.catalogue import Arm, Catalogue
+    from jointstiff.schemas.robot import Arm, Catalogue
     from jointstiff.service.tables.table import Part
 
 _REACH_OF: Final = {"wrist_centre": "of the wrist centre", "flange": "of the flange", "stated": "as stated"}

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
-from jointstiff.service.exporting.mjcf import mjcf
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.exporting.sdf import sdf
-from jointstiff.service.exporting.tables import joints_csv
-from jointstiff.service.exporting.urdf import urdf
-from jointstiff.service.exporting.workbook import workbook
+from jointstiff.service.exporting.simulators import mjcf, sdf, urdf
+from jointstiff.service.exporting.tables import joints_csv, workbook
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 
 ModelFormat = Literal["csv", "xlsx", "urdf", "sdf", "mjcf"]

@@ -1,4 +1,4 @@
-"""A run as tables: joints with their intervals, kinematics, provenance and warnings; units in the headers."""
+"""A run as tables: CSV of its joints, and an Excel workbook with kinematics, provenance and warnings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.exporting.model import ExportedModel, stiffness_of, why_no_stiffness
-from jointstiff.service.tables.files import csv_text
+from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.service.tables.verdict import judged
 
@@ -115,3 +115,14 @@ def warnings_table(model: ExportedModel) -> Sheet:
 def joints_csv(model: ExportedModel) -> bytes:
     """Return the table of the joints as CSV (RFC 4180); numbers read back the same."""
     return csv_text(joints_table(model)).encode()
+
+
+def workbook(model: ExportedModel) -> bytes:
+    """Return the workbook; numbers have 16 digits, and no cell is a formula."""
+    sheets = {
+        "joints": joints_table(model),
+        "kinematics": kinematics_table(model),
+        "provenance": remarks_table(model),
+        "warnings": warnings_table(model),
+    }
+    return xlsx_bytes({name: sheet for name, sheet in sheets.items() if sheet.columns})

@@ -10,8 +10,7 @@ from importlib.resources import files
 from math import radians
 from typing import Any
 
-from jointstiff.schemas.catalogue import Arm, Catalogue, JointMapPreset
-from jointstiff.schemas.robot import DhModel, DhRow, JointMap, RobotDocument
+from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
 from jointstiff.solver.errors import RequestError
 
 _SHOWN = 5

@@ -11,8 +11,15 @@ from typing import Final
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.kinds.trend.comparable_runs import Candidate, ReadRun, selection_of, sorted_out
-from jointstiff.service.kinds.trend.trend_notes import acknowledgements_of, baselines_of, note_of
+from jointstiff.service.kinds.trend.comparable_runs import (
+    Candidate,
+    ReadRun,
+    acknowledgements_of,
+    baselines_of,
+    note_of,
+    selection_of,
+    sorted_out,
+)
 from jointstiff.service.kinds.trend.work import TrendInput, trend_of
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.robots import described

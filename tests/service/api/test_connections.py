@@ -16,7 +16,7 @@ from support.in_process import served
 
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
 from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.api.middleware import ANSWER_HEADERS
 from jointstiff.service.store.store import Store
 
 FOR_EVER = 1e9

@@ -15,7 +15,7 @@ from support.in_process import Client, served
 
 from jointstiff.schemas.health import Health
 from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.api.middleware import ANSWER_HEADERS
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems.errors import StoreUnavailableError

@@ -9,8 +9,7 @@ from support.workbooks import table_of
 from typer.testing import CliRunner
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.catalogue import Catalogue
-from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.robot import Catalogue, RobotDocument
 from jointstiff.service.cli.app import app
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -10,7 +10,7 @@ import pytest
 
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.trend import TrendSelection
-from jointstiff.service.kinds.trend.trend_notes import acknowledgements_of, note_of
+from jointstiff.service.kinds.trend.comparable_runs import acknowledgements_of, note_of
 from jointstiff.service.kinds.trend.work import Campaign, JointBudget, JointNumbers, TrendInput, trend_of
 
 START = datetime(2026, 1, 1, tzinfo=UTC)

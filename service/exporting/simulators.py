@@ -1,4 +1,4 @@
-"""A run as an SDFormat model: torsion springs about the posture of all zeros."""
+"""A run as a model for simulators: SDFormat and MJCF with springs, URDF with the stiffness in comments."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 from jointstiff.service.exporting.model import PLACEHOLDERS, ExportedModel
 from jointstiff.service.exporting.xml import Element, add, add_remarks, comment, numbers, written
 from jointstiff.solver.robot.chain import ChainJoint
+from jointstiff.solver.robot.urdf import write_urdf
 
 _VERSION: Final = "1.9"
 _NO_LIMIT: Final = 1e16  # of the format
@@ -79,3 +80,63 @@ def _axis(element: Element, joint: ChainJoint, stiffness: float | None) -> None:
         dynamics = add(axis, "dynamics")
         add(dynamics, "spring_reference", "0.0")
         add(dynamics, "spring_stiffness", numbers([stiffness]))
+
+
+_ACTUATORS: Final = (
+    "Each position actuator is the spring in series with a drive that holds its angle: kp is the stiffness, "
+    "ctrl the commanded angle, and the joint's angle differs from it by torque over kp."
+)
+_HELD: Final = (
+    "A joint without a stiffness has no actuator: an equality constraint, which is no spring of the robot, "
+    "holds it at the angle that is the first number of polycoef."
+)
+
+
+def mjcf(model: ExportedModel) -> bytes:
+    """Return a model of hinges and position actuators; the frame of the world is R0."""
+    root = ElementTree.Element("mujoco", model=model.name)
+    add_remarks(root, model, _ACTUATORS, _HELD, PLACEHOLDERS)
+    # Roll, pitch and yaw turn about fixed axes: capital letters. Bodies that move must have some mass.
+    add(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true", boundmass="1", boundinertia="1")
+    add(root, "option", gravity="0 0 0")
+    body = add(add(root, "worldbody"), "body", name=model.chain.base)
+    for joint in model.chain.joints:
+        body = _body(body, joint)
+    add(body, "site", name=model.chain.flange)
+    actuators, constraints = add(root, "actuator"), add(root, "equality")
+    for joint, _, stiffness in model.springs():
+        if stiffness is None:
+            name = f"{joint.name} held"
+            add(constraints, "joint", name=name, joint1=joint.name, polycoef="0 0 0 0 0")
+        else:
+            add(actuators, "position", name=joint.name, joint=joint.name, kp=numbers([stiffness]))
+    return written(root)
+
+
+def _body(parent: Element, joint: ChainJoint) -> Element:
+    place = {"pos": numbers(joint.translation), "euler": numbers(joint.roll_pitch_yaw)}
+    body = add(parent, "body", name=joint.child, **place)
+    if joint.is_moving:
+        limits = {} if joint.limits is None else {"range": numbers(joint.limits)}
+        add(body, "joint", name=joint.name, type="hinge", axis=numbers(joint.axis), **limits)
+    return body
+
+
+_MISSING: Final = (
+    "URDF describes kinematics, limits, damping and friction. It has no springs: each stiffness stands in a "
+    "comment, and programs that read this file see rigid joints. The exports to SDF and MJCF have springs."
+)
+
+
+def urdf(model: ExportedModel) -> bytes:
+    """Return the chain as `solver.robot.write_urdf` does, with the stiffness of each joint beside it."""
+    robot = ElementTree.fromstring(write_urdf(model.chain))  # noqa: S314 - it was written here
+    robot.set("name", model.name)
+    remarks = ElementTree.Element("remarks")
+    add_remarks(remarks, model, _MISSING)
+    for place, remark in enumerate(remarks):
+        robot.insert(place, remark)
+    by_name = {joint.get("name"): joint for joint in robot.iter("joint")}
+    for joint, found, _ in model.springs():
+        comment(by_name[joint.name], model.remark_on(found))
+    return written(robot)

@@ -1,0 +1,171 @@
+"""Middleware of every answer: methods as in RFC 9110, security headers, an id, a count, a line in the log."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import time
+from collections.abc import Iterable
+from types import MappingProxyType
+from typing import Final
+
+import anyio
+from anyio.lowlevel import checkpoint
+from starlette.datastructures import MutableHeaders
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Match, Mount
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from jointstiff.service.access.key_text import without_keys
+from jointstiff.service.api.metrics import Metrics
+from jointstiff.service.logs import ACCESS_LOGGER, REQUEST_ID
+
+_METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
+_METHOD_NOT_ALLOWED: Final = 405
+
+
+class Methods:
+    """Middleware: HEAD answers as GET without content, OPTIONS and 405 name the methods of the address."""
+
+    def __init__(self, app: ASGIApp, routes: Iterable[BaseRoute]) -> None:
+        """Wrap an application.
+
+        Args:
+            app: the application.
+            routes: its routes.
+        """
+        self._app = app
+        self._routes = routes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+        elif scope["method"] == "OPTIONS" and (allow := self._allow(scope)):
+            await Response(status_code=204, headers={"Allow": allow})(scope, receive, send)
+        elif scope["method"] == "HEAD":
+            await self._head(scope, receive, send)
+        else:
+            await self._app(scope, receive, self._with_allow(scope, send))
+
+    async def _head(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer as GET does up to the headers; cancel the rest, which may be a stream without end."""
+        with anyio.CancelScope() as rest:
+
+            async def only_headers(message: Message) -> None:
+                await send(message)
+                await send({"type": "http.response.body"})
+                rest.cancel()
+                await checkpoint()
+
+            await self._app({**scope, "method": "GET"}, receive, self._with_allow(scope, only_headers))
+
+    def _with_allow(self, scope: Scope, send: Send) -> Send:
+        asked = dict(scope)  # before a mount changes it
+
+        async def sent(message: Message) -> None:
+            if message.get("status") == _METHOD_NOT_ALLOWED:
+                MutableHeaders(scope=message)["Allow"] = self._allow(asked)
+            await send(message)
+
+        return sent
+
+    def _allow(self, scope: Scope) -> str:
+        """Return the methods of an address; empty if there is nothing at it."""
+        methods = {method for method in _METHODS if scope["path"] == "*" or self._takes(scope, method)}
+        if "GET" in methods:
+            methods.add("HEAD")
+        return ", ".join(sorted(methods | {"OPTIONS"})) if methods else ""
+
+    def _takes(self, scope: Scope, method: str) -> bool:
+        return any(
+            route.matches({**scope, "method": method})[0] is Match.FULL
+            for route in self._routes
+            if method == "GET" or not isinstance(route, Mount)  # which has files, to be read
+        )
+
+
+ANSWER_HEADERS: Final = MappingProxyType(
+    {
+        "Cache-Control": "no-store",
+        "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Referrer-Policy": "no-referrer",
+        "X-Content-Type-Options": "nosniff",
+    }
+)
+"""Headers of an answer that says nothing else: no cache keeps it, no page of another site embeds it, and no
+browser takes it for a program."""
+
+
+class AnswerHeaders:
+    """Middleware that gives each answer the headers it lacks."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in ANSWER_HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, sent if scope["type"] == "http" else send)
+
+
+REQUEST_ID_HEADER: Final = "X-Request-Id"
+KNOWN_ID: Final = "jointstiff.request_id"
+"""Identifier in the scope of a request that another process forwards, which counts and logs it."""
+_COUNTED: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
+
+_logger = logging.getLogger(ACCESS_LOGGER)
+
+
+class Observed:
+    """Middleware around all others: names each request, counts it, and logs it as JSON if asked to."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        """Wrap an application.
+
+        Args:
+            app: the application.
+            metrics: that count its requests.
+        """
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        if KNOWN_ID in scope:
+            REQUEST_ID.set(scope[KNOWN_ID])
+            await self._app(scope, receive, send)
+            return
+        identifier = secrets.token_hex(8)
+        REQUEST_ID.set(identifier)  # of this request's task; an unexpected error is answered outside of us
+        status, began = 500, time.monotonic()
+
+        async def sent(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[REQUEST_ID_HEADER] = identifier
+            await send(message)
+
+        try:
+            await self._app(scope, receive, sent)
+        finally:
+            seconds = time.monotonic() - began
+            method = scope["method"] if scope["method"] in _COUNTED else "other"
+            route = getattr(scope.get("route"), "path", "other")
+            self._metrics.count(method, route, status, seconds)
+            if _logger.isEnabledFor(logging.INFO):
+                path = without_keys(scope["path"])  # where one was put by mistake
+                line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
+                _logger.info("%s %s %d", method, path, status, extra=line)
