@@ -57,15 +57,10 @@ class FromRun(Result):
 
 
 class Job(Message):
-    """A request, what came of it, and how. It never changes once it has ended.
+    """A request, what came of it, and how. It never changes once it has ended."""
 
-    Attributes:
-        kind: name of this kind of job.
-        collection: name of all jobs of this kind in addresses.
-    """
-
-    kind: ClassVar[str]
-    collection: ClassVar[str]
+    kind: ClassVar[str]  # name of this kind of job
+    collection: ClassVar[str]  # name of all jobs of this kind in addresses
 
     id: Identifier
     state: JobState = Field(

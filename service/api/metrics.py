@@ -88,16 +88,11 @@ def metrics_server(
 
 
 class Metrics:
-    """Counts of the requests of one application, and the state of its service.
-
-    Attributes:
-        registry: for the server that shows it.
-        gauges: return the state when it is asked for.
-    """
+    """Counts of the requests of one application, and the state of its service."""
 
     def __init__(self) -> None:
-        self.registry = CollectorRegistry()
-        self.gauges: Gauges = dict
+        self.registry = CollectorRegistry()  # for the server that shows it
+        self.gauges: Gauges = dict  # return the state when it is asked for
         labels = ["method", "route"]
         self._requests = Counter(
             "jointstiff_requests", "Requests answered.", [*labels, "status"], registry=self.registry

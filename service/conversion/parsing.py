@@ -18,17 +18,12 @@ NOT_JSON: Final[Set[str]] = frozenset({"not JSON"})
 
 
 class MalformedError(Exception):
-    """A text that is not such a message.
-
-    Attributes:
-        faults: as pydantic tells them, without what was sent.
-        keys: of the document, if it is an object; `NOT_JSON` if it is none of JSON.
-    """
+    """A text that is not such a message."""
 
     def __init__(self, faults: Sequence[Mapping[str, Any]], keys: Set[str] = NOT_JSON) -> None:
         super().__init__(f"{len(faults)} faults")
-        self.faults = faults
-        self.keys = keys
+        self.faults = faults  # as pydantic tells them, without what was sent
+        self.keys = keys  # of the document, if it is an object; `NOT_JSON` if it is none of JSON
 
 
 def parse(message: type[Parsed], content: bytes, section: str | None = None) -> Parsed:

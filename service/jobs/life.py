@@ -45,14 +45,7 @@ Enqueue = Callable[[Connection, str, str], object]
 
 
 class Jobs:
-    """The jobs of one kind in a store. Quick ones are carried out at once, others may be left to workers.
-
-    Attributes:
-        kind: their kind.
-        log: their changes until they end.
-        deletions: the deleted ones.
-        work: return the work of a stored job, for those who carry it out.
-    """
+    """The jobs of one kind in a store. Quick ones are carried out at once, others may be left to workers."""
 
     def __init__(self, kind: AnyKind, resources: Resources, enqueue: Enqueue | None = None) -> None:
         """Serve the jobs of a store.
@@ -62,9 +55,10 @@ class Jobs:
             resources: of the store.
             enqueue: leaves long jobs to workers; without it every job is carried out at once.
         """
-        self.kind = kind
-        self.log = resources.store.job_log(kind.resource)
-        self.deletions = resources.store.deletions(kind.resource)
+        self.kind = kind  # their kind
+        self.log = resources.store.job_log(kind.resource)  # their changes until they end
+        self.deletions = resources.store.deletions(kind.resource)  # the deleted ones
+        # return the work of a stored job, for those who carry it out
         self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._work)
         self._records = resources.store.jobs(kind.resource)
         self._inputs = Stored(resources)

@@ -35,19 +35,12 @@ class QuickWork:
 
 
 class SteppedWork(ABC, Generic[Part]):
-    """Work as a line of units, cut into steps whose results can be kept; without steps it is quick.
+    """Work as a line of units, cut into steps whose results can be kept; without steps it is quick."""
 
-    Attributes:
-        input_hash: SHA-256 of data and request; equal inputs have equal hashes in any store.
-        robot_id: id of the stored robot.
-        unit: unit of its progress.
-        activity: name of what makes progress.
-    """
-
-    input_hash: str
-    robot_id: str
-    unit = "resamples"
-    activity = "resampling"
+    input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
+    robot_id: str  # id of the stored robot
+    unit = "resamples"  # unit of its progress
+    activity = "resampling"  # name of what makes progress
 
     @abstractmethod
     def steps(self) -> Sequence[Span]:

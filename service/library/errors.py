@@ -6,17 +6,13 @@ from jointstiff.schemas.problem import Problem
 
 
 class ProblemError(Exception):
-    """An error with its problem; its text says what is wrong, where, and how to mend it.
-
-    Attributes:
-        problem: as the API would answer it.
-    """
+    """An error with its problem; its text says what is wrong, where, and how to mend it."""
 
     def __init__(self, problem: Problem) -> None:
         place = f"{problem.where}: " if problem.where and problem.where not in problem.detail else ""
         remedy = f"; remedy: {problem.remedy}" if problem.remedy else ""
         super().__init__(f"{place}{problem.detail}{remedy}")
-        self.problem = problem
+        self.problem = problem  #: as the API would answer it
 
 
 class CampaignError(ProblemError):

@@ -105,32 +105,24 @@ class StoreError(ServiceError):
 
 
 class StoreUnavailableError(StoreError):
-    """The database does not answer, or refuses what the store must do.
-
-    Attributes:
-        public_reason: The reason without names of hosts and users, for those who ask over the network.
-    """
+    """The database does not answer, or refuses what the store must do."""
 
     def __init__(self, reason: str, remedy: str, public_reason: str | None = None) -> None:
         super().__init__(reason, remedy)
+        # The reason without names of hosts and users, for those who ask over the network
         self.public_reason = reason if public_reason is None else public_reason
 
 
 class NotFoundError(StoreError):
-    """There is no such record.
-
-    Attributes:
-        kind: The kind of resource that was looked for.
-        id: The id that nothing has; text from outside, of any length.
-    """
+    """There is no such record."""
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
             f"there is no {kind.name} {_shown(identifier)}",
             f"check the id; list them with GET /v1/{kind.collection}",
         )
-        self.kind = kind
-        self.id = identifier
+        self.kind = kind  # The kind of resource that was looked for
+        self.id = identifier  # The id that nothing has; text from outside, of any length
 
 
 class DeletedError(NotFoundError):
@@ -144,12 +136,7 @@ class DeletedError(NotFoundError):
 
 
 class NotEndedError(StoreError):
-    """A job that has not ended cannot be deleted.
-
-    Attributes:
-        kind: The kind of job.
-        id: Its id.
-    """
+    """A job that has not ended cannot be deleted."""
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
@@ -157,25 +144,20 @@ class NotEndedError(StoreError):
             f"cancel it first with POST /v1/{kind.collection}/{identifier}/cancel, or wait until it "
             "has finished",
         )
-        self.kind = kind
-        self.id = identifier
+        self.kind = kind  # The kind of job
+        self.id = identifier  # Its id
 
 
 class ReferencedError(StoreError):
-    """A robot or measurement set that others refer to cannot be deleted.
-
-    Attributes:
-        kind: The kind of resource.
-        id: Its id.
-    """
+    """A robot or measurement set that others refer to cannot be deleted."""
 
     def __init__(self, kind: Resource, identifier: str, users: Sequence[str], *, more: bool) -> None:
         super().__init__(
             f"the {kind.name} {_shown(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
             "delete these first",
         )
-        self.kind = kind
-        self.id = identifier
+        self.kind = kind  # The kind of resource
+        self.id = identifier  # Its id
 
 
 class AuthorisedError(StoreError):
@@ -240,32 +222,23 @@ class RoleError(StoreError):
 
 
 class IdempotencyConflictError(StoreError):
-    """An idempotency key came again with another body.
-
-    Attributes:
-        kind: The kind of resource that the key created.
-        key: The key; text from outside, of any length.
-    """
+    """An idempotency key came again with another body."""
 
     def __init__(self, kind: Resource, key: str) -> None:
         super().__init__(
             f"the idempotency key {_shown(key)} was already used with another body to create a {kind.name}",
             "send the first body again, or use a new key",
         )
-        self.kind = kind
-        self.key = key
+        self.kind = kind  # The kind of resource that the key created
+        self.key = key  # The key; text from outside, of any length
 
 
 class CursorError(StoreError):
-    """A cursor that no page gave.
-
-    Attributes:
-        cursor: The cursor; text from outside, of any length.
-    """
+    """A cursor that no page gave."""
 
     def __init__(self, cursor: str) -> None:
         super().__init__(
             f"{_shown(cursor)} is not a valid pagination cursor",
             "use `next` of the previous page unchanged, or omit `cursor`",
         )
-        self.cursor = cursor
+        self.cursor = cursor  # The cursor; text from outside, of any length

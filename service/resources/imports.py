@@ -30,15 +30,11 @@ if TYPE_CHECKING:
 
 
 class ImportRefusedError(FilesError):
-    """Raise when files were not understood; nothing of them is taken then.
-
-    Attributes:
-        faults: the first ones, in their order.
-    """
+    """Raise when files were not understood; nothing of them is taken then."""
 
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
         first = faults[0]
-        self.faults = tuple(faults)
+        self.faults = tuple(faults)  # the first ones, in their order
         super().__init__(first.reason, remedy=first.remedy, where=_where(first.place))
 
     @property

@@ -41,11 +41,7 @@ _KEY: Final = insert(idempotency_keys)
 
 
 class Collection(Generic[Record, Entry]):
-    """The records of one kind. Safe to use from several threads.
-
-    Attributes:
-        resource: their names in messages and addresses.
-    """
+    """The records of one kind. Safe to use from several threads."""
 
     def __init__(
         self,
@@ -58,7 +54,7 @@ class Collection(Generic[Record, Entry]):
     ) -> None:
         """Keep records in a table; of the table of jobs, those of the resource's kind."""
         self._quota = quota
-        self.resource = resource
+        self.resource = resource  # their names in messages and addresses
         self._database, self._table = database, table
         self._record: type[Record] = record
         self._entry: type[Entry] = entry

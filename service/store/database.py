@@ -39,13 +39,10 @@ class Database:
     itself (autocommit), which saves two round trips. A *writer* is one transaction; on SQLite it
     takes the write lock when it begins, as a lock that is taken later can fail at once (a snapshot
     that has gone stale) whatever the timeout.
-
-    Attributes:
-        dialect: Which database it is.
     """
 
     def __init__(self, dialect: Dialect, reader: Engine, writer: Engine) -> None:
-        self.dialect = dialect
+        self.dialect = dialect  # Which database it is
         self._reader = reader
         self._writer = writer
         # SQLite has one writer at a time, and those who wait for it poll: threads queue here,

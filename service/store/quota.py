@@ -22,11 +22,7 @@ _SIZES: Final = {
 
 
 class Quota:
-    """Size of a database beside the one it may have. Safe to use from several threads.
-
-    Attributes:
-        most: bytes that it may have; None for any number.
-    """
+    """Size of a database beside the one it may have. Safe to use from several threads."""
 
     def __init__(self, database: Database, most: int | None = None) -> None:
         """Watch over a database.
@@ -35,7 +31,7 @@ class Quota:
             database: which may be used by others, too.
             most: bytes that it may have; None for any number.
         """
-        self.most = most
+        self.most = most  # bytes that it may have; None for any number
         self._database = database
         self._lock = threading.Lock()
         self._used, self._at = 0, -_FRESH_SECONDS

@@ -40,32 +40,24 @@ _PING = select(robots.c.id).limit(1)
 
 
 class Store:
-    """Robots, measurement sets and jobs, kept. Safe to use from several threads.
-
-    Attributes:
-        robots: the robots.
-        sets: the measurement sets.
-        quota: size that the database may have.
-        heartbeats: of the workers.
-        keys: that let their holders in.
-        sessions: of browsers that signed in with a key.
-        audit: who tried to change what.
-        authorisations: of reports.
-        trend_notes: new baselines and acknowledged alarms.
-    """
+    """Robots, measurement sets and jobs, kept. Safe to use from several threads."""
 
     def __init__(self, database: Database, most_bytes: int | None = None) -> None:
         self._database = database
-        self.quota = Quota(database, most_bytes)
-        self.robots = Collection(database, ROBOT, robots, RobotRecord, RobotRecord, self.quota)
+        self.quota = Quota(database, most_bytes)  # size that the database may have
+        self.robots = Collection(database, ROBOT, robots, RobotRecord, RobotRecord, self.quota)  # the robots
+        # the measurement sets
         self.sets = Collection(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
-        self.heartbeats = Heartbeats(database)
-        self.keys = AccessKeys(database)
+        self.heartbeats = Heartbeats(database)  # of the workers
+        self.keys = AccessKeys(database)  # that let their holders in
+        # of browsers that signed in with a key
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
-        self.audit = Journal(database, audit, AuditEntry, None)
+        self.audit = Journal(database, audit, AuditEntry, None)  # who tried to change what
+        # of reports
         self.authorisations = Authorisations(database, authorisations, AuthorisationRecord, self.quota)
+        # new baselines and acknowledged alarms
         self.trend_notes = Journal(database, trend_notes, TrendNote, self.quota)
 
     @classmethod

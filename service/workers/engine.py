@@ -69,13 +69,7 @@ class _Interruption(BaseException):
 
 
 class Engine:
-    """A worker's side: carries out jobs until closed. One a process.
-
-    Attributes:
-        queue: of the jobs.
-        active: ids of the workflows that this process is carrying out, one for each time.
-        inherited: workflows that an earlier process of the same name was carrying out when it ended.
-    """
+    """A worker's side: carries out jobs until closed. One a process."""
 
     def __init__(self, store: Store, jobs: Mapping[str, Jobs], database: str, executor: str) -> None:
         """Prepare to work, as a context manager does.
@@ -89,9 +83,11 @@ class Engine:
         Raises:
             StoreError: the engine's tables cannot be made or used.
         """
-        self.queue = JobQueue(store, database)
+        self.queue = JobQueue(store, database)  # of the jobs
+        # ids of the workflows that this process is carrying out, one for each time
         self.active: list[str] = []
         pending = self.queue.pending()
+        # workflows that an earlier process of the same name was carrying out when it ended
         self.inherited = {name: each for name, each in pending.items() if each[1] == executor}
         config: DBOSConfig = {
             "name": APPLICATION,

@@ -20,18 +20,14 @@ from jointstiff.solver.robot.model import Robot
 
 
 class _Readings:
-    """Data common to all readings of a request: targets, units, noise.
-
-    Attributes:
-        names: of the T targets, in order of first appearance.
-        sigma: of a coordinate, or the unit of the covariances [m]; None if it is not stated.
-    """
+    """Data common to all readings of a request: targets, units, noise."""
 
     def __init__(self, request: GeometryRequest, robot: Robot | None) -> None:
         positions = [
             *(p for sweep in request.sweeps or () for p in sweep.observations),
             *(request.poses or ()),
         ]
+        # of the T targets, in order of first appearance
         self.names = tuple(dict.fromkeys(name for position in positions for name in position.targets))
         if len(self.names) > MAX_GEOMETRY_TARGETS:
             raise MeasurementError(
@@ -41,6 +37,7 @@ class _Readings:
             )
         self.n = robot.n if robot is not None else len(positions[0].joints)
         self._length, self._angle = LENGTH[request.units.length], ANGLE[request.units.angle]
+        # sigma of a coordinate, or the unit of the covariances [m]; None if it is not stated
         self._instrument, self.sigma = None, None
         if request.noise is not None and request.noise.sigma is not None:
             self.sigma = self._length * request.noise.sigma
