@@ -45,10 +45,15 @@ def import_report(answer: ImportAnswer) -> RenderableType:
         parts.append(Text(f"  complete: {count} unloaded poses for a geometry", style="green"))
     if answer.missing:
         parts += [*_lines(answer.missing, "missing: ", "yellow")]
-    else:
+    elif not has_errors(answer):
         parts.append(Text("  complete: a measurement set", style="green"))
     parts += _findings(answer)
     return Group(*parts)
+
+
+def has_errors(answer: ImportAnswer) -> bool:
+    """Return whether the inspection of the readings finds errors."""
+    return any(finding.severity == "error" for finding in answer.findings or ())
 
 
 def _findings(answer: ImportAnswer) -> Iterator[Text]:
@@ -59,7 +64,8 @@ def _findings(answer: ImportAnswer) -> Iterator[Text]:
         yield Text("  integrity: nothing suspicious", style="green")
     for finding in answer.findings:
         remedy = f"; {finding.remedy}" if finding.remedy else ""
-        yield Text(f"  {finding.severity}: {finding.message}{remedy}", style="yellow")
+        style = "red" if finding.severity == "error" else "yellow"
+        yield Text(f"  {finding.severity}: {finding.message}{remedy}", style=style)
 
 
 def _dialect(file: FilePreview) -> str:

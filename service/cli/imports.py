@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from jointstiff.service.cli.answers import warn
 from jointstiff.service.cli.import_documents import (
     joined,
     noted_in,
@@ -64,14 +65,18 @@ def import_readings(
         typer.Option(dir_okay=False, metavar="FILE", help="Write the template of this import."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    despite_errors: Annotated[
+        bool, typer.Option("--despite-errors", help="Write readings although their inspection finds errors.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Read files of tracker software and tables; show what was understood, then write a campaign.
 
     Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
-    asks for what is missing.
+    asks for what is missing. If the inspection of the readings finds errors, they are written only with
+    --despite-errors, and the exit status is 1 without it.
     """
-    from jointstiff.service.cli.import_table import import_report
+    from jointstiff.service.cli.import_table import has_errors, import_report
     from jointstiff.service.tables.terminal import console
 
     noted = noted_in(about or [])
@@ -90,6 +95,10 @@ def import_readings(
         console().print(import_report(answer))
     if save_template is not None:
         write_template(save_template, answer, overwrite=overwrite)
+    if has_errors(answer) and not despite_errors:
+        if output is not None:
+            warn(f"{output} is not written: correct the errors, or --despite-errors")
+        raise typer.Exit(1)
     if output is not None:
         write_campaign(output, answer, owner, overwrite=overwrite)
 

@@ -82,6 +82,24 @@ def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
     assert run("cell.csv", *options, "--output", "new.json", "--overwrite").exit_code == 0
 
 
+def test_readings_with_errors_are_not_written_unasked(folder, robot_file):
+    """Angles in degrees that the table calls radians."""
+    text = (folder / "cell.csv").read_text()
+    assert "[rad]" in text
+    (folder / "cell.csv").write_text(text.replace("[rad]", "[deg]"))
+    point = ",".join(repr(1e3 * part) for part in robot_file["measurement_set"]["load_point"])
+    options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", point, "--output", "new.json")
+    shown = run("cell.csv", *options)
+    assert shown.exit_code == 1, shown.output
+    assert "error: " in shown.stdout
+    assert "complete" not in shown.stdout.replace("complete readings", "")
+    assert "--despite-errors" in shown.stderr
+    assert not (folder / "new.json").exists()
+    assert run("cell.csv", *options[:-2]).exit_code == 1
+    assert run("cell.csv", *options, "--despite-errors").exit_code == 0
+    assert (folder / "new.json").exists()
+
+
 def test_a_measurement_set_without_a_robot(folder):
     options = (
         "--encoders",
