@@ -2,8 +2,9 @@
 import type { ComponentChildren } from "preact";
 import { api } from "../api/client";
 import { type Collection, goesOn } from "../api/events";
-import type { Problem, Progress, RunState, Usability } from "../api/types";
+import type { Assessment, Problem, Progress, RunState, Usability } from "../api/types";
 import { fileName } from "../lib/csv";
+import { VerdictCard } from "../views/verdict_card";
 import { useDeletion } from "../state/deletion";
 import { useLoad } from "../state/load";
 import { toast } from "../state/toasts";
@@ -16,10 +17,14 @@ import { Cancelled, Going } from "./going";
 /** Kinds with a report: that of a run is signed, the others are for information. */
 const REPORTED: readonly Collection[] = ["runs", "comparisons", "pairs", "plans", "maps", "programs"];
 
+/** Made from a run, whose verdict they carry. */
+const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
+
 export interface Job {
   id: string;
   state: RunState;
   progress: Progress | null;
+  request: object;
   result: object | null;
   error: Problem | null;
   provenance: { created_at: string };
@@ -81,6 +86,7 @@ export function JobPage<Of extends Job, Context>({
             {goesOn(job.state) && <Going collection={collection} job={job} ended={loaded.reload} />}
             {job.state === "cancelled" && <Cancelled progress={job.progress} />}
             {job.error && <ProblemNote problem={job.error} />}
+            <Carried collection={collection} job={job} />
             {job.result && children(job.result, found, loaded.reload)}
           </>
         );
@@ -91,9 +97,22 @@ export function JobPage<Of extends Job, Context>({
 
 /** The verdict on what came of it, or why nothing has. */
 function Standing({ job }: { job: Job }) {
-  const { assessment } = (job.result ?? {}) as { assessment?: { verdict: Usability } };
+  const { assessment } = (job.result ?? {}) as { assessment?: Assessment | null };
   if (assessment) return <Badge verdict={assessment.verdict} />;
   return job.result || goesOn(job.state) ? null : <State state={job.state} />;
+}
+
+/** The verdict that a result carries from its run, with the reasons; other results show their own themselves. */
+function Carried({ collection, job }: { collection: Collection; job: Job }) {
+  const { assessment } = (job.result ?? {}) as { assessment?: Assessment | null };
+  if (!CARRIED.includes(collection) || !assessment || assessment.verdict === "use") return null;
+  const { accept_verdict: accepted } = job.request as { accept_verdict?: Usability | null };
+  return (
+    <>
+      <VerdictCard assessment={assessment} context={null} />
+      {accepted === assessment.verdict && <p class="note warn">{text.assessment.despite}</p>}
+    </>
+  );
 }
 
 /** What can be done with any job: its link, its file, its report, its end. */

@@ -550,6 +550,10 @@ export const en = {
     } satisfies Record<Usability, string>,
     more: (count: number) => plural(count, "further finding", "further findings"),
     doing: "Identifying…",
+    sure: (reasons: string[]) =>
+      ["The verdict on this run is: do not use.", ...reasons, "Go on all the same?"].join("\n\n"),
+    despite: "Made despite this verdict.",
+    any: "Any verdict",
     show: (observation: string) => `Show ${observation} in 3D`,
     actions: {
       leave_out_readings: ({ observations }) => `Leave out ${some(observations)} and repeat`,

@@ -1,7 +1,22 @@
 /** Something that a button starts: busy while it goes on, and its problem if it fails. */
 import { useCallback, useRef, useState } from "preact/hooks";
 import { problemOf } from "../api/client";
-import type { Problem } from "../api/types";
+import type { Problem, Usability } from "../api/types";
+import { text } from "../i18n";
+
+/** Type of the problem of a result that is not to be used. */
+const NOT_TO_BE_USED = "urn:jointstiff:problem:not-to-be-used";
+
+/** Post; where the verdict is in the way, ask, and post again with it accepted. */
+export async function asking<Made>(post: (accepted: { accept_verdict?: Usability }) => Promise<Made>): Promise<Made> {
+  try {
+    return await post({});
+  } catch (error) {
+    const { type, errors } = problemOf(error);
+    if (type !== NOT_TO_BE_USED || !confirm(text.assessment.sure(errors.map(({ reason }) => reason)))) throw error;
+    return post({ accept_verdict: "do_not_use" });
+  }
+}
 
 export interface Action<Arguments extends unknown[]> {
   run: (...args: Arguments) => void;

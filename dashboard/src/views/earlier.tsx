@@ -4,7 +4,7 @@ import { useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { Collection } from "../api/events";
 import type { Page, RunState, RunSummary, Usability } from "../api/types";
-import { Badge } from "../components/badge";
+import { Badge, VerdictFilter } from "../components/badge";
 import { Choice, Empty, Name, ProblemNote, State, When } from "../components/basics";
 import { Item } from "../components/item";
 import { useLoad } from "../state/load";
@@ -20,13 +20,14 @@ const MOST = 50;
 type Listed = Exclude<Collection, "runs">;
 type Summary<Of extends Listed> = Awaited<ReturnType<(typeof api)[Of]["list"]>>["items"][number];
 
-/** A geometry, a pair and a comparison have a verdict, and then all that is told of a run. */
+/** What has numbers of joints has all that is told of a run. */
 interface Listing {
   id: string;
   robot_id: string | null;
   state: RunState;
   created_at: string;
   verdict?: Usability | null;
+  joint_count?: number | null;
 }
 
 const addressOf = (collection: Listed, id: string): string =>
@@ -46,13 +47,15 @@ export function Earlier<Of extends Listed>({
   title: (item: Summary<Of>) => ComponentChildren;
 }) {
   const [shown, setShown] = useState<"kept" | "deleted">("kept");
+  const [verdict, setVerdict] = useState<Usability | "">("");
   const deleted = shown === "deleted";
   const found = useLoad(
     (signal) => {
-      const wanted = { ...filters, limit: MOST, ...(deleted ? { deleted: "true" } : {}) };
+      const judged = verdict === "" ? {} : { verdict };
+      const wanted = { ...filters, ...judged, limit: MOST, ...(deleted ? { deleted: "true" } : {}) };
       return api[collection].list(wanted, signal) as Promise<Page<Listing & Summary<Of>>>;
     },
-    [shown, JSON.stringify(filters)],
+    [shown, verdict, JSON.stringify(filters)],
   );
   const bringBack = (id: string) =>
     void api[collection].restore(id).then(
@@ -76,6 +79,7 @@ export function Earlier<Of extends Listed>({
             { value: "deleted", label: text.lists.deleted },
           ]}
         />
+        <VerdictFilter value={verdict} change={setVerdict} />
       </div>
       {deleted && <p class="soft">{words.deletedHint}</p>}
       {found.state === "failed" && <ProblemNote problem={found.problem} retry={found.reload} />}
@@ -89,7 +93,7 @@ export function Earlier<Of extends Listed>({
               href={deleted ? undefined : addressOf(collection, item.id)}
               what={<span>{title(item)}</span>}
               note={item.robot_id !== null && <Name>{names?.robot(item.robot_id) ?? "…"}</Name>}
-              figures={item.verdict && <Figures of={item as RunSummary} />}
+              figures={item.verdict && item.joint_count && <Figures of={item as RunSummary} />}
               when={<When time={item.created_at} />}
               standing={item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
             >

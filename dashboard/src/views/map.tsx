@@ -25,7 +25,7 @@ import { degrees } from "../lib/units";
 import { norm } from "../lib/vector";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
-import { useAction } from "../state/action";
+import { asking, useAction } from "../state/action";
 import { cached, useCached } from "../state/cache";
 import { useLoad, valueOf } from "../state/load";
 import { go, link } from "../state/router";
@@ -336,7 +336,8 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
   const names = valueOf(sets);
   const make = useAction(async (run: string) => {
     if (run === "") return go(link(["maps", own.map.id]));
-    const made = await api.maps.add({ ...own.map.request, run_id: run }, freshKey("map"));
+    const stated = { ...own.map.request, run_id: run, accept_verdict: null };
+    const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
     go(link(["maps", own.map.id], { beside: made.id }));
   });
   const options = (runs?.items ?? [])

@@ -10,7 +10,7 @@ import { boxAround } from "../lib/map";
 import { loadOf } from "../lib/places";
 import { factors } from "../lib/units";
 import { add, norm, times, type Vector } from "../lib/vector";
-import { useAction } from "../state/action";
+import { asking, useAction } from "../state/action";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import type { RunContext } from "./run_context";
@@ -40,20 +40,18 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
   const make = useAction(async () => {
     const { angle } = factors(set.units);
     const joints = set.observations[Number(near)]?.joints.map((value) => value * angle);
-    const made = await api.maps.add(
-      {
-        run_id: run.id,
-        area: [metres(least), metres(greatest)],
-        grid: numbers(grid),
-        place: metres(tool),
-        tool_axis: numbers(axis),
-        directions: [numbers(direction)],
-        turns: Number(turns),
-        force: numbers(force),
-        ...(posture === "nearest" && joints ? { near: joints } : {}),
-      },
-      freshKey("map"),
-    );
+    const stated = {
+      run_id: run.id,
+      area: [metres(least), metres(greatest)],
+      grid: numbers(grid),
+      place: metres(tool),
+      tool_axis: numbers(axis),
+      directions: [numbers(direction)],
+      turns: Number(turns),
+      force: numbers(force),
+      ...(posture === "nearest" && joints ? { near: joints } : {}),
+    };
+    const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
     go(link(["maps", made.id]));
   });
   const { mm, newton } = text.units;

@@ -5,7 +5,7 @@ import { Empty, Name, ProblemNote, Show, Title, Toggle } from "../components/bas
 import { TextField, Select } from "../components/fields";
 import { type Asked, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
-import { useAction } from "../state/action";
+import { asking, useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { go, link } from "../state/router";
@@ -68,7 +68,9 @@ function Form({ names, given }: { names: Names; given: string }) {
   const options = optionsOf(asked);
   const start = useAction(async () => {
     const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
-    const plan = await api.plans.add({ ...whose, ...(options as object) }, freshKey("plan"));
+    const plan = await asking((accepted) =>
+      api.plans.add({ ...whose, ...(options as object), ...accepted }, freshKey("plan")),
+    );
     go(link(["plans", plan.id]));
   });
   const pick = (value: string) => {

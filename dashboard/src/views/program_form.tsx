@@ -6,7 +6,7 @@ import { DropZone } from "../components/drop";
 import { TextField, Select } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { numbersIn } from "../lib/program";
-import { useAction } from "../state/action";
+import { asking, useAction } from "../state/action";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import type { RunContext } from "./run_context";
@@ -34,7 +34,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       bases: frame(base),
       ...(start.trim() ? { start: numbersIn(start) ?? [] } : {}),
     };
-    const made = await api.addProgram(files, stated, freshKey("program"));
+    const made = await asking((accepted) => api.addProgram(files, { ...stated, ...accepted }, freshKey("program")));
     go(link(["programs", made.id]));
   });
   const take = (file: File) => setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);

@@ -21,7 +21,7 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
       <Certificate result={result} />
       {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
       <Provenance context={context} />
-      <RunFiles run={context.run.id} />
+      <RunFiles run={context.run.id} assessment={result.assessment} />
     </div>
   );
 }

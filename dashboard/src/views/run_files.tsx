@@ -1,6 +1,7 @@
 /** Files of a run to take along: a report to sign, and the model in the formats of other programs. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
+import type { Assessment } from "../api/types";
 import { Name, ProblemNote, When } from "../components/basics";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
@@ -8,7 +9,12 @@ import { text } from "../i18n";
 
 const words = text.runFiles;
 
-export function RunFiles({ run }: { run: string }) {
+export function RunFiles({ run, assessment }: { run: string; assessment: Assessment }) {
+  const refused = assessment.verdict === "do_not_use";
+  const sure = (event: Event) => {
+    if (refused && !confirm(text.assessment.sure(assessment.reasons.map(({ message }) => message))))
+      event.preventDefault();
+  };
   return (
     <section class="card">
       <h2>{words.title}</h2>
@@ -24,7 +30,8 @@ export function RunFiles({ run }: { run: string }) {
           <a
             class="button"
             key={format}
-            href={api.runs.file(run, `model.${format}`)}
+            href={api.runs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
+            onClick={sure}
             title={words.models[format][1]}
             download
           >

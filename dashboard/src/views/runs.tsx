@@ -1,7 +1,8 @@
 /** All runs: searched, filtered, followed live, deleted with undo. */
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
-import type { Page, Problem, RunState, RunSummary } from "../api/types";
+import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
+import { VerdictFilter } from "../components/badge";
 import { Busy, Choice, Empty, Name, ProblemNote, Title, Toggle } from "../components/basics";
 import { Select } from "../components/fields";
 import { type Names, useNames } from "../state/names";
@@ -19,19 +20,21 @@ export function RunsView({ query }: { query: URLSearchParams }) {
   const [search, setSearch] = useState(query.get("q") ?? "");
   const [state, setState] = useState<Filter>((query.get("state") as Filter | null) ?? "all");
   const [robot, setRobot] = useState(query.get("robot") ?? "");
+  const [verdict, setVerdict] = useState<Usability | "">((query.get("verdict") as Usability | null) ?? "");
   const [grouped, setGrouped] = useState(query.get("group") === "set");
   const [selected, setSelected] = useState<ReadonlySet<string>>(new Set());
   const names = valueOf(useNames());
-  const { runs, more, problem, load, take, put } = useRunPages(state, robot);
+  const { runs, more, problem, load, take, put } = useRunPages(state, robot, verdict);
   useEffect(() => {
     const kept = new URLSearchParams({
       ...(search ? { q: search } : {}),
       ...(state === "all" ? {} : { state }),
       ...(robot ? { robot } : {}),
+      ...(verdict ? { verdict } : {}),
       ...(grouped ? { group: "set" } : {}),
     }).toString();
     history.replaceState(null, "", `#/runs${kept && `?${kept}`}`); // the search can be shared
-  }, [search, state, robot, grouped]);
+  }, [search, state, robot, verdict, grouped]);
   const found = useMemo(() => runs?.filter((run) => matches(run, search, names)) ?? [], [runs, search, names]);
 
   const remove = (run: RunSummary) => {
@@ -92,6 +95,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
             ]}
           />
         )}
+        <VerdictFilter value={verdict} change={setVerdict} />
         <Toggle label={text.lists.groups} checked={grouped} change={setGrouped} />
       </div>
       {state === "deleted" && <p class="soft">{text.lists.deletedHint}</p>}
@@ -192,13 +196,14 @@ function matches(run: RunSummary, search: string, names: Names | null): boolean 
 }
 
 /** The listing page by page. */
-function useRunPages(state: Filter, robot: string) {
+function useRunPages(state: Filter, robot: string, verdict: Usability | "") {
   const [runs, setRuns] = useState<RunSummary[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
   const filters = {
     ...(state === "all" ? {} : state === "deleted" ? { deleted: "true" } : { state }),
     ...(robot ? { robot_id: robot } : {}),
+    ...(verdict ? { verdict } : {}),
   };
   const ask = (cursor: string | null, hear: (page: Page<RunSummary>) => void) => {
     setProblem(null);
@@ -217,7 +222,7 @@ function useRunPages(state: Filter, robot: string) {
     return () => {
       gone = true;
     };
-  }, [state, robot]);
+  }, [state, robot, verdict]);
   return {
     runs,
     problem,

@@ -21,11 +21,29 @@ const session = (role: "admin" | "viewer" | null) => async () => ({
   ends_at: null,
 });
 
+const USE = { verdict: "use" as const, reasons: [], notes: [] };
+
 describe("files of a run", () => {
+  it("asks before a model of a run that is not to be used goes out", async () => {
+    vi.spyOn(api, "authorisations").mockResolvedValue({ items: [] });
+    vi.spyOn(api, "session").mockImplementation(session("viewer"));
+    const sure = vi.fn().mockReturnValue(false);
+    vi.stubGlobal("confirm", sure);
+    const root = await drawn(<RunFiles run="r1" assessment={{ ...USE, verdict: "do_not_use" }} />);
+    await settled(() => {});
+    const model = root.querySelector("a[href*='model.mjcf']");
+    expect(model?.getAttribute("href")).toContain("accept_verdict=do_not_use");
+    const click = new MouseEvent("click", { cancelable: true, bubbles: true });
+    model?.dispatchEvent(click);
+    expect(click.defaultPrevented).toBe(true);
+    expect(sure).toHaveBeenCalledOnce();
+    vi.unstubAllGlobals();
+  });
+
   it("links the report and each format", async () => {
     vi.spyOn(api, "authorisations").mockResolvedValue({ items: [] });
     vi.spyOn(api, "session").mockImplementation(session("viewer"));
-    const root = await drawn(<RunFiles run="r1" />);
+    const root = await drawn(<RunFiles run="r1" assessment={USE} />);
     await settled(() => {});
     const links = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
     for (const name of [
@@ -49,7 +67,7 @@ describe("files of a run", () => {
       .mockResolvedValue({ items: [done] });
     vi.spyOn(api, "session").mockImplementation(session("admin"));
     const authorise = vi.spyOn(api, "authorise").mockResolvedValue(done);
-    const root = await drawn(<RunFiles run="r1" />);
+    const root = await drawn(<RunFiles run="r1" assessment={USE} />);
     await settled(() => {});
     await press(root, "Authorise the report");
     await settled(() => {});

@@ -1,0 +1,37 @@
+import { afterEach, describe, expect, it, vi } from "vitest";
+import { ApiError } from "../src/api/client";
+import { asking } from "../src/state/action";
+
+const problem = (type: string) => ({
+  type: `urn:jointstiff:problem:${type}`,
+  title: "",
+  status: 422,
+  detail: "",
+  where: null,
+  remedy: null,
+  request_id: null,
+  errors: [{ where: "all readings", reason: "columns are exchanged", remedy: null }],
+});
+
+afterEach(() => vi.unstubAllGlobals());
+
+describe("a result not to be used", () => {
+  it.each([
+    ["not-to-be-used", true, 2],
+    ["not-to-be-used", false, 1],
+    ["invalid-request", true, 1],
+  ])("of %s, said %s, is posted %i times", async (type, said, times) => {
+    const sure = vi.fn().mockReturnValue(said);
+    vi.stubGlobal("confirm", sure);
+    const post = vi
+      .fn()
+      .mockRejectedValueOnce(new ApiError(problem(type)))
+      .mockResolvedValue("made");
+    const made = await asking(post).catch(() => "refused");
+    expect(post).toHaveBeenCalledTimes(times);
+    expect(made).toBe(times === 2 ? "made" : "refused");
+    if (times === 2) expect(post).toHaveBeenLastCalledWith({ accept_verdict: "do_not_use" });
+    if (type === "not-to-be-used") expect(sure.mock.calls[0]?.[0]).toContain("columns are exchanged");
+    else expect(sure).not.toHaveBeenCalled();
+  });
+});
