@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from jointstiff.service.cli.answers import write_bytes, write_text
+from jointstiff.service.cli.answers import warn, write_bytes, write_text
 from jointstiff.service.cli.options import NamedRobot, output_option
 
 _Values = Mapping[str, Any]
@@ -31,10 +31,34 @@ class Extra:
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
     passed: tuple[str, ...] = ()  # names of those that the function of the work takes
-    finish: Callable[[Any, _Values, Sequence[Any]], None] = (
-        _nothing  # writes files of a job that has a result
-    )
+    # writes files of a job that has a result; returns the job to show, if it is another
+    finish: Callable[[Any, _Values, Sequence[Any]], Any] = _nothing
     written: Callable[[_Values, Sequence[Any]], list[Path | None]] = _no_paths  # that it will write
+
+
+def _mended_file(values: _Values, sources: Sequence[Any]) -> Path:
+    """Return where the mended campaign goes: beside the old one, unless the command says."""
+    name = values["apply"].replace("_", "-")
+    file: Path = sources[0]
+    return values["output"] or file.with_name(f"{file.stem}-{name}{file.suffix}")
+
+
+def _apply(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
+    """Apply an action, write the mended campaign, print a table of both runs, and return the new one."""
+    from jointstiff.service.kinds.run.tables import before_and_after
+    from jointstiff.service.tables.stiffness import UNITS
+    from jointstiff.service.tables.terminal import console, printed
+
+    if values["apply"] is None:
+        return job
+    after = job.apply(values["apply"])
+    path = _mended_file(values, sources)
+    document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    write_text(path, json.dumps(document, indent=1, ensure_ascii=False))
+    warn(f"wrote {path}")
+    if after.result is not None and not values["as_json"]:
+        console().print(printed([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
+    return after
 
 
 def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> None:  # noqa: ANN401 - a Geometry
@@ -68,6 +92,27 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> None:  
 
 
 EXTRAS: Final[Mapping[str, Extra]] = {
+    "run": Extra(
+        options={
+            "apply": (
+                Annotated[
+                    str | None,
+                    typer.Option(
+                        metavar="ACTION",
+                        help="Apply an action that a reason advises, such as exchange_columns or "
+                        "convert_units: write the mended campaign beside the old one, and identify it.",
+                    ),
+                ],
+                None,
+            ),
+            "output": (
+                Annotated[Path | None, output_option("Write the mended campaign there.")],
+                None,
+            ),
+        },
+        finish=_apply,
+        written=lambda values, sources: [_mended_file(values, sources)] if values["apply"] else [],
+    ),
     "geometry": Extra(
         options={
             "robot": (NamedRobot, None),

@@ -94,7 +94,7 @@ def command_of(name: str) -> Callable[..., None]:
         gathered = {key: _gathered(kind, key, one) for key, one in stated.items()}
         job = _done(kind, given, gathered | passed, values)
         if job.result is not None:
-            extra.finish(job, values, given)
+            job = extra.finish(job, values, given) or job
             if tabled and values["output"] is not None:
                 write_bytes(values["output"], _table(job, values["output"]))
         _show(kind, job, values)

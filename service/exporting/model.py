@@ -11,12 +11,12 @@ from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.terminal import METHOD_NAMES
+from jointstiff.service.tables.verdict import VERDICTS
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
 
 _UNIT = UNITS["MNm/rad"]
-_VERDICTS = {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
 PLACEHOLDERS = (
     "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add those of "
     "the robot for dynamics or own weight."
@@ -70,7 +70,7 @@ class ExportedModel:
             f"{provenance.input_hash}.",
             f"Method: {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}. "
             f"Intervals at {100 * request.confidence:g} %.",
-            f"Verdict on the result: {_VERDICTS[self.result.assessment.verdict]}.",
+            f"Verdict on the result: {VERDICTS[self.result.assessment.verdict]}.",
             "Geometry: of the robot as it was described, not identified."
             if self.geometry_id is None
             else f"Geometry: as identified, geometry {self.geometry_id}.",
@@ -95,7 +95,7 @@ class ExportedModel:
 
     def remark_on(self, joint: JointResult) -> str:
         """Return the stiffness of a joint with its interval, or why there is none."""
-        verdict = f"verdict: {_VERDICTS[joint.verdict]}"
+        verdict = f"verdict: {VERDICTS[joint.verdict]}"
         if stiffness_of(joint) is None:
             return f"{joint.name}: no stiffness: {why_no_stiffness(joint)}; {verdict}"
         value, _, interval = _UNIT.cells(joint)

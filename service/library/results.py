@@ -14,7 +14,8 @@ from rich.console import Console
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.report import job_report, job_sheet
@@ -108,10 +109,7 @@ class TabledRun(_Shown, Run):
         Raises:
             RequestError: the run has no result.
         """
-        if self.result is None:
-            reason = self.error.detail if self.error else f"the run is {self.state}"
-            raise RequestError(reason, where="run", remedy="read `run.error`")
-        return Joints(self.result.joints)
+        return Joints(self._found().joints)
 
     def to_frame(self) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
         """Return a row a joint, in SI units, as a data frame of pandas, or of polars without it.
@@ -147,6 +145,36 @@ class TabledRun(_Shown, Run):
                 remedy="use a run that `jointstiff.identify` returned, or the client of its service",
             )
         return self._campaign
+
+    def apply(self, action: str) -> TabledRun:
+        """Apply an action that a reason advises, and identify; the answer's `campaign` is the mended one.
+
+        Args:
+            action: kind of the action, such as `exchange_columns` or `convert_units`.
+
+        Returns:
+            The run of the mended campaign, by the options of this one.
+
+        Raises:
+            RequestError: the run has no result, or comes from elsewhere.
+            CampaignError: no reason advises the action, or it cannot be applied to this campaign.
+        """
+        from jointstiff.service.conversion.mending import advised, mended
+        from jointstiff.service.library.campaigns import as_campaign_error
+        from jointstiff.service.library.in_process import identify
+
+        assessment = self._found().assessment
+        options = self.request.model_dump(exclude={"measurement_set_id", "leave_out", "variant_of"})
+        campaign = self.campaign.model_copy(update={"run": RunOptions.model_validate(options)})
+        with as_campaign_error(""):
+            campaign = mended(campaign, advised(assessment, action))
+        return identify(campaign, leave_out=self.request.leave_out)
+
+    def _found(self) -> RunResult:
+        if self.result is None:
+            reason = self.error.detail if self.error else f"the run is {self.state}"
+            raise RequestError(reason, where="run", remedy="read `run.error`")
+        return self.result
 
     @classmethod
     def of(cls, run: Run, campaign: Campaign) -> TabledRun:

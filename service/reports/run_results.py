@@ -13,10 +13,11 @@ from jointstiff.service.exporting.model import ExportedModel, why_no_stiffness
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
-from jointstiff.service.reports.wording import VERDICTS, percent
+from jointstiff.service.reports.wording import percent
 from jointstiff.service.tables.numbers import NO_NUMBER, rounded
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import text_table
+from jointstiff.service.tables.verdict import VERDICTS
 
 _UNIT = UNITS["MNm/rad"]
 _MICRO = 1e6

@@ -8,7 +8,6 @@ from typing import Final
 from jointstiff.service.tables.numbers import NO_NUMBER, figure
 
 NOT_STATED: Final = "not stated"
-VERDICTS: Final = {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
 
 
 def moment(time: datetime | None) -> str:

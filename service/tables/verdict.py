@@ -16,6 +16,10 @@ MOST_SHOWN: Final = 3
 """Maximum number of reasons, and of things to do, without `--details`."""
 OVERALL: Final = "overall verdict"
 """Header of the column of a file that has the verdict on all of it."""
+VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
+    {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
+)
+"""Words of the verdicts."""
 _HEADLINES: Final[Mapping[Verdict, tuple[str, Style]]] = MappingProxyType(
     {
         "use": ("Use: nothing speaks against these numbers", "verdict_use"),

@@ -16,7 +16,7 @@ from jointstiff.service.tables.numbers import figure
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import Column, Line, Part, Table
 from jointstiff.service.tables.terminal import METHOD_NAMES
-from jointstiff.service.tables.verdict import joint_reason_lines
+from jointstiff.service.tables.verdict import VERDICTS, joint_reason_lines
 from jointstiff.service.tables.view import Report, View
 
 _STATUSES: Final = {
@@ -74,6 +74,31 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
         ],
         title=f"Joint {unit.quantity}, {way}, {constraint}",
         caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label}",
+    )
+
+
+def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
+    """Return two runs side by side: verdict, what they explain, and each joint with its uncertainty."""
+
+    def column(result: RunResult) -> list[str]:
+        share = result.compensation
+        cells = {joint.name: unit.cells(joint) for joint in result.joints}
+        return [
+            VERDICTS[result.assessment.verdict],
+            "—" if share is None else f"{100 * share:.1f} %",
+            f"{1e6 * result.rms_residual:.3g} µm",
+            *(f"{cells[joint.name][0]} ± {cells[joint.name][1]}" for joint in before.joints),
+        ]
+
+    names = ["verdict", "explained", "rms residual", *(joint.name for joint in before.joints)]
+    return Table(
+        [
+            Column("", names, text=True),
+            Column("before", column(before)),
+            Column("after", column(after)),
+        ],
+        title="Before and after",
+        caption=f"{unit.quantity} with its standard uncertainty in {unit.label}",
     )
 
 

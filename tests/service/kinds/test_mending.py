@@ -1,0 +1,154 @@
+"""Planted mistakes, undone by the action that their reason advises: the run is for use, and right."""
+
+from __future__ import annotations
+
+import json
+import math
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import jointstiff
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.service.cli.app import app
+from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
+
+TRUTH = default_arm().compliances
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Pulls of 1500 N in 19 postures, with the places of the targets."""
+    document = simulate_campaign(default_arm(), load="pull", configurations=19, seed=8)
+    places = {name: list(place) for name, place in TARGETS.items()}
+    return document | {"measurement_set": document["measurement_set"] | {"flange_targets": places}}
+
+
+def positions(measured, change):
+    for observation in measured["observations"]:
+        for reading in observation["readings"]:
+            reading["unloaded"], reading["loaded"] = change(reading["unloaded"], reading["loaded"])
+
+
+def millimetres_as_metres(measured):
+    """All that a tracker's software writes; what people state is in metres, as the set says."""
+    positions(measured, lambda *both: [[1e3 * part for part in place] for place in both])
+
+
+def whole_set_in_millimetres(measured):
+    """Load point, places and sigma, too."""
+    millimetres_as_metres(measured)
+    measured["load_point"] = [1e3 * part for part in measured["load_point"]]
+    measured["noise"]["sigma"] *= 1e3
+    measured["flange_targets"] = {
+        name: [1e3 * part for part in place] for name, place in measured["flange_targets"].items()
+    }
+
+
+def degrees_as_radians(measured):
+    for observation in measured["observations"]:
+        observation["joints"] = [math.degrees(angle) for angle in observation["joints"]]
+
+
+def kilonewtons_as_newtons(measured):
+    for observation in measured["observations"]:
+        observation["force"] = [1e-3 * part for part in observation["force"]]
+
+
+def readings_exchanged(measured):
+    positions(measured, lambda unloaded, loaded: (loaded, unloaded))
+
+
+def columns_exchanged(measured):
+    for observation in measured["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+
+
+def zero_elsewhere(measured):
+    for observation in measured["observations"]:
+        observation["joints"][2] += math.pi / 2
+
+
+def load_and_target_exchanged(measured):
+    places, load = measured["flange_targets"], measured["load_point"]
+    measured["load_point"], places["P11"] = places["P11"], load
+
+
+def load_point_elsewhere(measured):
+    measured["load_point"] = np.add(measured["load_point"], (0.03, -0.02, 0.04)).tolist()
+
+
+def weight_forgotten(measured):
+    """The robot also carried 300 N, which the forces leave out."""
+    for observation in measured["observations"]:
+        observation["force"][2] += 300.0
+
+
+MISTAKES = {
+    millimetres_as_metres: "convert_units",
+    whole_set_in_millimetres: "convert_units",
+    degrees_as_radians: "convert_units",
+    kilonewtons_as_newtons: "convert_units",
+    readings_exchanged: "exchange_readings",
+    columns_exchanged: "exchange_columns",
+    zero_elsewhere: "apply_joint_map",
+    load_and_target_exchanged: "exchange_load_and_target",
+    load_point_elsewhere: "correct_load_point",
+    weight_forgotten: "correct_force",
+}
+
+
+def planted(clean, mistake):
+    document = deepcopy(clean)
+    mistake(document["measurement_set"])
+    return document
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
+def test_the_action_of_a_proved_mistake_leads_to_a_run_for_use(clean, mistake):
+    action = MISTAKES[mistake]
+    before = jointstiff.identify(planted(clean, mistake), complementary_stiffness="included")
+    assert before.result.assessment.verdict != "use"
+    after = before.apply(action)
+    assert after.result.assessment.verdict == "use", after.result.assessment.reasons
+    for joint, compliance in zip(after.result.joints, TRUTH, strict=True):
+        assert abs(joint.compliance - compliance) < 5 * joint.standard_uncertainty
+    assert after.request.complementary_stiffness == "included"
+    mended = after.campaign
+    changed = mended.robot if action == "apply_joint_map" else mended.measurement_set
+    assert changed.name.endswith(")")
+
+
+def test_an_action_that_no_reason_advises(clean):
+    run = jointstiff.identify(planted(clean, columns_exchanged))
+    with pytest.raises(jointstiff.CampaignError, match="does not advise") as caught:
+        run.apply("convert_units")
+    assert "exchange_columns" in caught.value.problem.remedy
+
+
+def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    old = tmp_path / "campaign.json"
+    old.write_text(json.dumps(planted(clean, columns_exchanged)))
+    content = old.read_bytes()
+    command = ["identify", "campaign.json", "--complementary-stiffness", "included"]
+    command += ["--apply", "exchange_columns"]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    table, report = done.stdout.split("Use: ")
+    for words in ("Before and after", "do not use", "joint_2"):
+        assert words in table
+    assert "nothing speaks against" in report
+    assert old.read_bytes() == content
+    mended = Campaign.model_validate_json((tmp_path / "campaign-exchange-columns.json").read_bytes())
+    joints = [each.joints for each in mended.measurement_set.observations]
+    assert np.allclose(joints, [each["joints"] for each in clean["measurement_set"]["observations"]])
+    assert CliRunner().invoke(app, command).exit_code == 2  # it is there
+    again = CliRunner().invoke(app, [*command, "--overwrite", "--json"])
+    assert json.loads(again.stdout)["result"]["assessment"]["verdict"] == "use"
+    refused = CliRunner().invoke(app, [*command[:2], "--apply", "use_magic"])
+    assert refused.exit_code == 2
+    assert "exchange_columns" in refused.output
