@@ -225,7 +225,7 @@ def test_the_integrity_checks_are_made_before_anything_is_written(folder, robot_
     (folder / "cell.csv").write_text(swapped)
     options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", "0,0,120")
     shown = run("cell.csv", *options)
-    assert shown.exit_code == 0, shown.output
+    assert shown.exit_code == 1, shown.output
     assert "against" in shown.stdout
 
 
