@@ -96,6 +96,10 @@ class MapCounts(Message):
     overloaded: int = Field(
         description="The load takes half of a joint's stiffness away, or turns it by a quarter radian."
     )
+    not_followed: int = Field(
+        default=0,
+        description="`near` is stated, and its branch cannot be followed there, so near is a singularity.",
+    )
 
 
 class MapPlace(Message):

@@ -88,24 +88,46 @@ def _frame_about(axis: FloatArray) -> FloatArray:
 
 def postures_within_limits(
     robot: Robot, task: MapTask, inverse: InverseKinematics, places: FloatArray
-) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray]:
+) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Return place, orientation and angles (K,), (K,), (K, n) of all postures within limits.
 
-    Last come the places (S,) that some posture reaches, limits or not.
+    Last come the places (S,) that some posture reaches, limits or not, and those (L,) of which a posture is
+    not known: a map that keeps near to a posture follows its branch where solutions may be missing, near a
+    singularity, as programs follow theirs, and takes what it finds if no other solution is nearer.
     """
     fan, count = task.fan, len(task.fan)
     poses = np.zeros((len(places), count, 4, 4))
     poses[..., 3, 3] = 1.0
     poses[..., :3, :3] = fan.rotation
     poses[..., :3, 3] = places[:, None] - fan.rotation @ task.place
-    angles = robot.joint_map.controller_angles(inverse.branches(poses.reshape(-1, 4, 4)))
+    goals = poses.reshape(-1, 4, 4)
+    solutions, complete = inverse.solutions(goals)
+    lost = np.zeros(0, dtype=np.intp)
+    if task.near is not None:
+        rows = np.flatnonzero(~complete)
+        near = np.tile(robot.joint_map.model_angles(task.near[None]), (len(rows), 1))
+        followed, known = inverse.followed(goals[rows], near)
+        known &= _far(followed, near) <= np.fmin.reduce(
+            _far(solutions[rows], near[:, None]), axis=1, initial=np.inf
+        )
+        solutions[rows] = np.nan
+        solutions[rows[known], 0] = followed[known]
+        lost = np.unique(rows[~known] // count)
+    angles = robot.joint_map.controller_angles(solutions)
     pose, branch = np.nonzero(np.isfinite(angles).all(axis=2))
     joints = _turned(angles[pose, branch], robot, task)
     place, orientation = np.divmod(pose, count)
     kept = ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)
     kept &= ((model_angles >= robot.limits[:, 0]) & (model_angles <= robot.limits[:, 1])).all(axis=1)
-    return place[kept], orientation[kept], joints[kept], np.unique(place)
+    return place[kept], orientation[kept], joints[kept], np.unique(place), lost
+
+
+def _far(angles: FloatArray, near: FloatArray) -> FloatArray:
+    """Return the greatest difference of an angle, full turns aside, rounded [rad]."""
+    apart = angles - near
+    apart = np.abs(apart - _FULL_TURN * np.round(apart / _FULL_TURN)).max(axis=-1)
+    return np.asarray(np.round(apart, 6))
 
 
 def _turned(angles: FloatArray, robot: Robot, task: MapTask) -> FloatArray:

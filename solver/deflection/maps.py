@@ -13,10 +13,10 @@ from jointstiff.solver.deflection.map_task import MapTask, postures_within_limit
 from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.robot.inverse import InverseKinematics
 
-PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded"]
+PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
 STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)
 
-_REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED = range(5)
+_REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED, _NOT_FOLLOWED = range(6)
 _TIE: Final = 1e-9
 """Relative difference of two deflections that is rounding: wrists turned over bend alike."""
 
@@ -92,8 +92,9 @@ def map_places(
         places: (P, 3) in R0 [m].
     """
     robot, found = model.robot, DeflectionMap.empty(len(places), model.robot.n)
-    place, orientation, joints, solved = postures_within_limits(robot, task, inverse, places)
+    place, orientation, joints, solved, lost = postures_within_limits(robot, task, inverse, places)
     found.status[solved] = _JOINT_LIMITS
+    found.status[lost] = _NOT_FOLLOWED
     if not len(joints):
         return found
     home = np.zeros(robot.n) if task.near is None else task.near

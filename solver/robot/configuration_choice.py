@@ -178,11 +178,11 @@ class _Choice:
     def _followed(self, run: IndexArray, here: FloatArray) -> tuple[int, FloatArray, FloatArray]:
         """Follow the branch to the first pose of a run, where it may be missing among the solutions."""
         angles, reasons = np.full((len(run), 6), np.nan), np.zeros(len(run))
-        found = self._inverse.followed(self._poses[run[0]], here)
-        if found is None:
-            reasons[0] = Unreached.NOT_FOLLOWED
+        found, known = self._inverse.followed(self._poses[run[:1]], here[None])
+        if known[0]:
+            angles[0] = self._robot.joint_map.controller_angles(found)[0]
         else:
-            angles[0] = self._robot.joint_map.controller_angles(found[None])[0]
+            reasons[0] = Unreached.NOT_FOLLOWED
         return 1, angles, reasons
 
     def _continues(self, angles: FloatArray, before: FloatArray) -> BoolArray:

@@ -118,8 +118,8 @@ class InverseKinematics:
     def nearest(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the solution nearest to given angles, full turns added to come near them.
 
-        Where solutions may be missing, it is the one that Newton's method finds from the given angles, if
-        these are so near that no other solution lies as near.
+        Where solutions may be missing, or another one is less than twice as far, it is the one that Newton's
+        method finds from the given angles, if these are so near that no other solution lies as near.
 
         Args:
             poses: (m, 4, 4) of the flange in R0 [m].
@@ -132,8 +132,9 @@ class InverseKinematics:
         angles += 2.0 * np.pi * np.round((near[:, None] - angles) / (2.0 * np.pi))
         far = np.nan_to_num(np.abs(angles - near[:, None]).max(axis=2), nan=np.inf)
         chosen = angles[np.arange(len(poses)), np.argmin(far, axis=1)]
-        reached = np.isfinite(chosen).all(axis=1) & complete
-        rows = np.flatnonzero(~complete)
+        least, next_least = np.partition(far, 1, axis=1)[:, :2].T
+        reached = np.isfinite(chosen).all(axis=1)
+        rows = np.flatnonzero(~complete | (reached & (next_least <= 2.0 * least)))
         chosen[rows], reached[rows] = self.continued(poses[rows], near[rows])
         return np.where(reached[:, None], chosen, near), reached
 
@@ -166,25 +167,23 @@ class InverseKinematics:
         jacobian = _jacobian(Configurations(self.robot, q))
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
-    def followed(self, pose: FloatArray, near: FloatArray) -> FloatArray | None:
-        """Follow the branch of angles (6,) [rad] along the straight line to a pose (4, 4) [m].
+    def followed(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Follow the branches of angles (m, 6) [rad] along straight lines to poses (m, 4, 4) [m].
 
         Returns:
-            Angles (6,) of the model [rad]; None where the branch cannot be told from another one.
+            Angles (m, 6) of the model [rad], and (m,) whether each could be told from others all along.
         """
-        begin = flange_poses(self.robot, near[None])[0]
-        q, done, step = near[None], 0.0, 1.0
-        while done < 1.0:
-            step = min(step, 1.0 - done)
-            goal = _between(begin, pose, done + step)
-            found, sure = self.continued(goal[None], q)
-            if sure[0]:
-                q, done, step = found, done + step, 2.0 * step
-            else:
-                step *= 0.5
-            if step < _LEAST_STEP:
-                return None
-        return np.asarray(q[0])
+        begin, q = flange_poses(self.robot, near), near.copy()
+        done, step = np.zeros(len(poses)), np.ones(len(poses))
+        left = np.arange(len(poses))
+        while len(left):
+            share = np.minimum(done[left] + step[left], 1.0)
+            found, sure = self.continued(_between(begin[left], poses[left], share), q[left])
+            q[left[sure]] = found[sure]
+            done[left[sure]] = share[sure]
+            step[left] *= np.where(sure, 2.0, 0.5)
+            left = left[(done[left] < 1.0) & (step[left] >= _LEAST_STEP)]
+        return q, done >= 1.0
 
     def polished(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Follow Newton's method from given angles (m, 6) [rad] to poses (m, 4, 4) [m].
@@ -231,17 +230,16 @@ def _jacobian(here: Configurations) -> FloatArray:
     return np.concatenate([linear, here.angular_jacobian], axis=1)
 
 
-def _between(begin: FloatArray, end: FloatArray, share: float) -> FloatArray:
-    """Return the pose (4, 4) at a share of the straight line between two, turned by the same share."""
-    from scipy.spatial.transform import Rotation
+def _between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
+    """Return poses (m, 4, 4) at shares (m,) of straight lines, turned by the same shares."""
+    from scipy.spatial.transform import Rotation  # costs start-up, and few commands need it
 
-    if share >= 1.0:
-        return end
-    pose = np.eye(4)
-    pose[:3, 3] = (1.0 - share) * begin[:3, 3] + share * end[:3, 3]
-    turn = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
-    pose[:3, :3] = Rotation.from_rotvec(share * turn).as_matrix() @ begin[:3, :3]
-    return pose
+    poses = end.copy()
+    part = share[:, None]
+    poses[:, :3, 3] = (1.0 - part) * begin[:, :3, 3] + part * end[:, :3, 3]
+    turn = Rotation.from_matrix(end[:, :3, :3] @ begin[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    poses[:, :3, :3] = Rotation.from_rotvec(part * turn).as_matrix() @ begin[:, :3, :3]
+    return np.asarray(np.where(share[:, None, None] < 1.0, poses, end))
 
 
 def _twice(angles: FloatArray) -> BoolArray:

@@ -898,6 +898,7 @@ export const en = {
       joint_limits: "Beyond the joints' limits",
       unseen_joint: "The load twists a joint that the readings say nothing of",
       overloaded: "Load beyond what springs are a model of",
+      not_followed: "Too near a singularity to keep the branch of the given configuration",
     },
     none: "Not reached, or without a number",
     median: "Median deflection",

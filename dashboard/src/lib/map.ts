@@ -4,7 +4,7 @@ import { type Columns, numeric, readerOf } from "./sheet";
 import type { Vector } from "./vector";
 
 /** Why a place has no numbers, or that it has. */
-type PlaceStatus = "reached" | "out_of_reach" | "joint_limits" | "unseen_joint" | "overloaded";
+type PlaceStatus = "reached" | "out_of_reach" | "joint_limits" | "unseen_joint" | "overloaded" | "not_followed";
 
 export interface MapPlace {
   status: PlaceStatus;

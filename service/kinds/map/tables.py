@@ -19,6 +19,7 @@ _REASONS: Final = {
     "joint_limits": "beyond the joints' limits",
     "unseen_joint": "load twists a joint that the readings say nothing of",
     "overloaded": "load beyond what springs are a model of",
+    "not_followed": "too near a singularity to keep the branch of the given posture",
 }
 
 

@@ -16,7 +16,9 @@ from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
 from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, map_places
-from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -163,3 +165,33 @@ def test_orientations_point_the_tool_along_its_direction(direction):
     step = rotations[1] @ rotations[0].T
     assert np.trace(step) == pytest.approx(1.0)  # a quarter turn
     np.testing.assert_allclose(step @ direction, direction, atol=1e-15)
+
+
+def identified_arm():
+    """An arm whose wrist axes miss each other by 1 mm and 1 mrad, as calibration finds them."""
+    draw, half = np.random.default_rng(3), np.pi / 2
+    rows = [(0, 0, 0.67, 0), (0.312, -half, 0, -half), (1.075, 0, 0, 0), (0.225, -half, 1.28, 0),
+            (0, half, 0, 0), (0, -half, 0.215, 0)]  # fmt: skip
+    exact = [DhRow(*(value + 1e-3 * draw.standard_normal() for value in row)) for row in rows]
+    return Robot(dh_chain(exact, "modified", "identified"))
+
+
+def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
+    """Near its wrist's singularity the closed form of an identified arm loses branches."""
+    robot, draw = identified_arm(), np.random.default_rng(2)
+    inverse = InverseKinematics(robot)
+    model = JointModel(robot, ARM.compliances, None, POSITIVE)
+    statuses = []
+    for _ in range(60):
+        joints = draw.uniform([-2.5, -0.5, -0.5, -2.5, -0.02, -2.5], [2.5, 0.8, 0.8, 2.5, 0.02, 2.5])
+        near = robot.joint_map.controller_angles((joints + 0.02 * draw.choice([-1.0, 1.0], 6))[None])[0]
+        pose = flange_poses(robot, joints[None])[0]
+        fan = ToolFan(pose[None, :3, :3], *(np.array([[0.0, 0.0, -1.0]]) for _ in range(3)))
+        asked = MapTask(fan, np.zeros(3), np.zeros(3), FREE, near, 0.95)
+        found = map_places(model, None, asked, inverse, pose[None, :3, 3])
+        statuses.append(STATUSES[found.status[0]])
+        if found.reached[0]:
+            apart = robot.joint_map.model_angles(found.joints)[0] - joints
+            assert np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max() < 1e-6
+    assert set(statuses) == {"reached", "not_followed"}
+    assert statuses.count("reached") >= 20

@@ -40,7 +40,7 @@ def off(angles, truth):
 
 
 @pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize("beside", [0.005, 0.02])
+@pytest.mark.parametrize("beside", [0.005, 0.02, 0.1])
 def test_the_nearest_solution_is_the_branch_that_was_asked_for(name, beside):
     robot, draw = identified(name), np.random.default_rng(5)
     q = draw.uniform(-2.8, 2.8, (5_000, 6))
@@ -48,7 +48,7 @@ def test_the_nearest_solution_is_the_branch_that_was_asked_for(name, beside):
         flange_poses(robot, q), q + beside * draw.choice([-1.0, 1.0], q.shape)
     )
     assert (off(found, q)[reached] < 1e-6).all()
-    assert np.count_nonzero(reached) > 4_000
+    assert np.count_nonzero(reached) > (4_000 if beside < 0.1 else 3_000)
 
 
 def follow(robot, q):
