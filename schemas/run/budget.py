@@ -31,8 +31,8 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: bool = Field(
-        description="Whether it is part of the joints' standard uncertainty. Model error and a neglected "
-        "complementary stiffness are not: no statement of the set covers them."
+        description="Whether it is part of the joints' standard uncertainty. Model error is only "
+        "where joints alone do not fit, a neglected complementary stiffness never."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
         description="Degrees of freedom of an evaluation of type A; null for infinitely many."
@@ -58,7 +58,8 @@ class Budget(Message):
     )
     probability: Dimensionless[float] = Field(description="Coverage probability.")
     coverage_factor: Dimensionless[float] = Field(
-        description="Factor for that probability: normal, or Student's where sigma comes from the residuals."
+        description="Factor for that probability: normal, or Student's where sigma comes from the residuals "
+        "or the model error is included."
     )
     expanded_uncertainty: Compliance[list[float]] = Field(
         description="Expanded uncertainty: factor times the combined standard uncertainty."

@@ -35,6 +35,9 @@ class UncertaintyBudget(Message):
     load_point: Compliance[float] = Field(default=0.0, description="Place where the load acts, likewise.")
     target_places: Compliance[float] = Field(default=0.0, description="Places of the targets, likewise.")
     axes: Compliance[float] = Field(default=0.0, description="Axes of the robot's model, likewise.")
+    model_error: Compliance[float] = Field(
+        default=0.0, description="Model error by fits without single postures, where joints alone do not fit."
+    )
 
 
 class JointResult(Message):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
+from scipy import special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.fitting.common import CommonSource
@@ -70,11 +71,17 @@ class UncertaintyBudget:
     #: the squares of the included ones add up to that of the standard uncertainty
     components: tuple[BudgetComponent, ...]
     probability: float  #: coverage probability of the expanded uncertainties
-    coverage_factor: float  #: normal, or Student's where sigma comes from the residuals
+    #: normal, or Student's where sigma comes from the residuals or the model error is included
+    coverage_factor: float
 
     @classmethod
     def of(
-        cls, estimate: Estimate, probability: float, left_out: LeftOut | None = None
+        cls,
+        estimate: Estimate,
+        probability: float,
+        left_out: LeftOut | None = None,
+        *,
+        lack_of_fit: bool = False,
     ) -> UncertaintyBudget | None:
         """Return the budget; None where no uncertainty of the readings is known.
 
@@ -82,6 +89,7 @@ class UncertaintyBudget:
             estimate: of n compliances.
             probability: coverage probability.
             left_out: estimates without single postures; None leaves out the model error.
+            lack_of_fit: whether the joints alone do not fit: the model error is then included.
         """
         if estimate.covariance is None:
             return None
@@ -97,13 +105,12 @@ class UncertaintyBudget:
                     components.append(BudgetComponent(source, "B", True, Spread(own @ own.T)))
         joints = np.flatnonzero(estimate.estimated)
         if left_out is not None:
-            components += _model_error(left_out, readings, joints)
+            components += _model_error(left_out, readings, joints, included=lack_of_fit)
         size = estimate.complementary_stiffness
         if size is not None and not size.included and size.shift is not None:
             shift = Spread(np.outer(size.shift, size.shift))
             components.append(BudgetComponent("complementary_stiffness", "B", False, shift))
-        scale = Scale(estimate.sigma, estimate.sigma_given, estimate.chi_square, estimate.degrees_of_freedom)
-        factor = scale.quantile(0.5 * (1.0 + probability))
+        factor = _coverage_factor(estimate, components, 0.5 * (1.0 + probability))
         return cls(joints, tuple(components), probability, factor)
 
     def total(self, *, whole: bool = False) -> Spread:
@@ -112,13 +119,26 @@ class UncertaintyBudget:
         return Spread(np.sum(parts, axis=0))
 
 
+def _coverage_factor(estimate: Estimate, components: list[BudgetComponent], level: float) -> float:
+    """Return the factor of the fewest degrees of freedom, those of an included model error among them."""
+    scale = Scale(estimate.sigma, estimate.sigma_given, estimate.chi_square, estimate.degrees_of_freedom)
+    freedom = [
+        part.degrees_of_freedom
+        for part in components
+        if part.source == "model_error" and part.included and part.degrees_of_freedom is not None
+    ]
+    return max([scale.quantile(level), *(float(special.stdtrit(each, level)) for each in freedom)])
+
+
 def _of_readings(estimate: Estimate, covariance: FloatArray) -> BudgetComponent:
     if estimate.sigma_given:
         return BudgetComponent("readings", "B", True, Spread(covariance))
     return BudgetComponent("readings", "A", True, Spread(covariance), estimate.degrees_of_freedom)
 
 
-def _model_error(left_out: LeftOut, readings: FloatArray, joints: IndexArray) -> list[BudgetComponent]:
+def _model_error(
+    left_out: LeftOut, readings: FloatArray, joints: IndexArray, *, included: bool
+) -> list[BudgetComponent]:
     """Return the dispersion that the noise of the readings does not explain, over the postures.
 
     The jackknife's covariance holds both. In the readings' own units its eigenvalues are 1 on average where
@@ -141,4 +161,4 @@ def _model_error(left_out: LeftOut, readings: FloatArray, joints: IndexArray) ->
     root = factor @ (vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0)))
     covariance = np.zeros_like(readings)
     covariance[np.ix_(joints, joints)] = root @ root.T
-    return [BudgetComponent("model_error", "A", False, Spread(covariance), count - 1.0)]
+    return [BudgetComponent("model_error", "A", included, Spread(covariance), count - 1.0)]

@@ -103,7 +103,7 @@ def _deflection_budget(
 
 
 def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[messages.UncertaintyBudget | None]:
-    """Return the included contributions of each of `count` joints, where errors are stated that all share."""
+    """Return the included contributions of each of `count` joints, where there is more than readings."""
     included = [] if budget is None else [part for part in budget.components if part.included]
     if budget is None or len(included) < 2:
         return [None] * count
@@ -117,6 +117,7 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[messa
             load_point=float(parts.get("load_point", absent)[j]),
             target_places=float(parts.get("target_places", absent)[j]),
             axes=float(parts.get("axes", absent)[j]),
+            model_error=float(parts.get("model_error", absent)[j]),
         )
         if j in budget.joints
         else None

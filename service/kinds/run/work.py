@@ -28,6 +28,7 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.lack_of_fit import widened
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict, predict_encoders
 from jointstiff.solver.inference.screening import Screening, screen_estimate
@@ -209,6 +210,10 @@ def _reported(
     left_out: LeftOut | None = None,
     screening: Screening | None = None,
 ) -> RunResult:
+    lacks = screening is not None and screening.lack_of_fit and prepared.is_sound(estimate)
+    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
+    if budget is not None and lacks:
+        estimate = widened(estimate, budget, settings.bounds)
     prediction = predict(
         prepared.robot,
         prepared.measurements,
@@ -230,7 +235,7 @@ def _reported(
         prepared.readings,
         warnings,
         advice,
-        UncertaintyBudget.of(estimate, settings.confidence, left_out),
+        budget,
     )
     result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
     if options.resampling is None or not parts:

@@ -6,10 +6,12 @@ import json
 
 import pytest
 from pydantic import ValidationError
+from scipy import stats
 
 import jointstiff
 from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 
 
 def identified(noise):
@@ -57,6 +59,33 @@ def test_each_source_is_named_and_all_add_up():
         )
         own = joint.budget.model_dump().values()
         assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
+
+
+def test_where_links_bend_the_intervals_hold_what_other_postures_say():
+    """Joints alone, of 24 postures of a beam arm, beside the same fit of 120 others."""
+    arm = beam_arm(default_arm())
+    small, large = (
+        jointstiff.identify(
+            elastic_campaign(arm, configurations=count, seed=seed) | {"run": {"elasticity": "joints"}}
+        ).result
+        for count, seed in ((24, 1), (120, 100))
+    )
+    (part,) = (part for part in small.budget.components if part.source == "model_error")
+    assert (part.included, part.degrees_of_freedom) == (True, 23)
+    assert small.budget.coverage_factor == pytest.approx(stats.t.ppf(0.975, 23))
+    held = by_readings = 0
+    for joint, other in zip(small.joints, large.joints, strict=True):
+        own = joint.budget
+        assert own.readings**2 + own.model_error**2 == pytest.approx(joint.standard_uncertainty**2)
+        low, high = joint.compliance_interval
+        assert low <= max(0.0, joint.compliance - small.budget.coverage_factor * joint.standard_uncertainty)
+        assert (joint.stiffness_interval[1] is None) == (joint.status == "uncertain")
+        held += low <= other.compliance <= high
+        by_readings += abs(joint.compliance - other.compliance) <= 1.96 * own.readings
+    assert held >= 5
+    assert by_readings <= 3
+    clean = identified({"sigma": 2e-5}).result.budget
+    assert [part.source for part in clean.components if part.included] == ["readings"]
 
 
 def test_lengths_are_in_the_units_of_the_set():
