@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from typing import Annotated
 
 from pydantic import Field
@@ -48,6 +49,10 @@ class AuthorisationRequest(Message):
     """Authorisation of a report as it is posted."""
 
     note: Name | None = Field(default=None, description="Remark that stands in the report.")
+    customer: Party | None = Field(
+        default=None, description="Customer of this report; default: that of the laboratory's settings."
+    )
+    received_on: date | None = Field(default=None, description="Date of receipt of the item.")
     supersedes: Identifier | None = Field(
         default=None, description="Run whose report this one replaces; that one says so from then on."
     )
@@ -60,10 +65,12 @@ class Authorisation(AuthorisationRequest):
     key_id: str = Field(description="Id of the key that authorised it.")
     key_name: str = Field(description="Name of that key.")
     authorised_at: Timestamp
+    number: int = Field(description="Number of the report among those of its run, from 1.")
     content_hash: str = Field(
-        description="SHA-256 of what was authorised: the run, the set's metadata, the robot's name, and the "
-        "laboratory. A report of anything else is a draft."
+        description="SHA-256 of what was authorised: the run, the set's metadata, the robot's name, the "
+        "laboratory and the customer, as they were then."
     )
+    pdf_sha256: str = Field(description="SHA-256 of the PDF as it was issued.")
 
 
 class AuthorisationList(Message):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import hashlib
+import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final, Literal, cast
 
-from fastapi import APIRouter, HTTPException, Query, Request, Response
+from fastapi import APIRouter, HTTPException, Path, Query, Request, Response
 
 from jointstiff.schemas.assessment import AcceptingOptions
 from jointstiff.schemas.report import Authorisation, AuthorisationList, AuthorisationRequest
@@ -25,6 +27,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.page import POLICY, report_page
 from jointstiff.service.reports.pdf import report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.state import draft as drafted
 from jointstiff.service.reports.state import state_of
 from jointstiff.service.resources.stored_jobs import stored_job
 from jointstiff.service.store.records import AuthorisationRecord
@@ -35,6 +38,10 @@ _MODELS: Final[dict[int | str, dict[str, Any]]] = {
         "description": "The model.",
         "content": {found.media_type: {} for found in FORMATS.values()},
     }
+}
+
+_ISSUED: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "The report.", "content": {"application/pdf": {}}}
 }
 
 router = APIRouter(prefix="/v1/runs", tags=["runs"], route_class=BodyRoute)
@@ -93,17 +100,46 @@ REPORT_FILES: Final[dict[int | str, dict[str, Any]]] = {
     response_class=Response,
     responses=REPORT_FILES | problems(404, 409, 422),
 )
-def get_run_report(request: Request, parts: PartsOf, run_id: JobId, format: ReportFormat) -> Response:  # noqa: A002
+def get_run_report(
+    request: Request,
+    parts: PartsOf,
+    run_id: JobId,
+    format: ReportFormat,  # noqa: A002
+    *,
+    draft: Annotated[
+        bool, Query(description="The report as it would be authorised now, also if one was issued.")
+    ] = False,
+) -> Response:
     """Get the report of a run: results, uncertainty, method, conditions, traceability, by ISO/IEC 17025.
 
-    PDF/A-3b with the run and a table within, or HTML. It is a draft until it is authorised. The same run,
-    metadata, settings and authorisations give the same bytes.
+    PDF/A-3b with the run and a table within, or HTML. It is a draft until it is authorised; from then on it
+    is the report as it was issued, byte for byte, whatever is changed in metadata, settings or software. That
+    of a superseded report says so on each page.
     """
     subject = _subject(parts, run_id, request.app.state.laboratory)
-    newer = _authorisations(parts.store.authorisations.of(supersedes=run_id))
-    own = _authorisations(parts.store.authorisations.of(run_id=run_id))
-    state = state_of(own, newer[-1] if newer else None, subject.content_hash())
-    return report_answer(run_document(subject, state), format)
+    own = parts.store.authorisations.of(run_id=run_id)
+    if draft or not own:
+        return report_answer(run_document(subject, drafted()), format)
+    newer = parts.store.authorisations.of(supersedes=run_id)
+    if newer:
+        state = state_of(_authorisations(own), _authorisations(newer)[-1])
+        return report_answer(run_document(subject.as_stated(json.loads(own[-1].stated)), state), format)
+    content = own[-1].pdf if format == "pdf" else own[-1].page
+    return _file(content, f"{run_id}-{own[-1].number}", format)
+
+
+@router.get(
+    "/{run_id}/issued/{number}.pdf",
+    dependencies=[VIEWER],
+    response_class=Response,
+    responses=_ISSUED | problems(404, 422),
+)
+def get_issued_report(parts: PartsOf, run_id: JobId, number: Annotated[int, Path(ge=1)]) -> Response:
+    """Get the PDF of an authorised report as it was issued, also of one that was superseded."""
+    for record in parts.store.authorisations.of(run_id=run_id):
+        if record.number == number:
+            return _file(record.pdf, f"{run_id}-{number}", "pdf")
+    raise HTTPException(404, f"no report {number} of run '{run_id}' was authorised")
 
 
 @router.post(
@@ -118,8 +154,9 @@ def authorise_run(
 ) -> Authorisation:
     """Authorise the report of a run, under the name of the key. It is never changed and never removed.
 
-    The report is a draft again if the set's metadata, the robot's name or the laboratory's settings change.
-    The same authorisation of the same report by the same key is one.
+    What it states is kept with it, with the PDF and its SHA-256: later changes of metadata, settings or
+    software change nothing. Another authorisation of the same run issues a report of the next number, which
+    says that it supersedes this one. The same authorisation of the same report by the same key is one.
     """
     settings: LaboratorySettings = request.app.state.laboratory
     subject = _subject(parts, run_id, settings)
@@ -131,7 +168,12 @@ def authorise_run(
     key = asked_of(request).key
     if key is None:
         raise HTTPException(403, "a report is authorised under a named key, and none came")
-    record = AuthorisationRecord(
+    if body.customer is not None:
+        changed = settings.laboratory.model_copy(update={"customer": body.customer})
+        subject = replace(subject, settings=replace(settings, laboratory=changed))
+    subject = replace(subject, received_on=body.received_on)
+    own = parts.store.authorisations.of(run_id=run_id)
+    issued = Authorisation(
         run_id=run_id,
         supersedes=body.supersedes,
         authorised_at=datetime.now(UTC),
@@ -139,6 +181,17 @@ def authorise_run(
         key_name=key.name,
         content_hash=subject.content_hash(),
         note=body.note,
+        number=len(own) + 1,
+        pdf_sha256="",
+    )
+    document = run_document(subject, state_of([*_authorisations(own), issued], None))
+    pdf = report_pdf(document)
+    record = AuthorisationRecord(
+        **issued.model_dump(exclude={"customer", "received_on", "pdf_sha256"}),
+        stated=json.dumps(subject.stated()),
+        pdf_sha256=hashlib.sha256(pdf).hexdigest(),
+        pdf=pdf,
+        page=report_page(document),
     )
     return _authorisations([parts.store.authorisations.add(record)])[0]
 
@@ -157,11 +210,15 @@ def list_run_authorisations(parts: PartsOf, run_id: JobId) -> AuthorisationList:
 
 def report_answer(document: Document, name: ReportFormat) -> Response:
     """Return a report as a file of a format."""
-    headers = {"Content-Disposition": f'inline; filename="report-{document.number}.{name}"'}
-    if name == "pdf":
-        return Response(report_pdf(document), media_type="application/pdf", headers=headers)
-    headers["Content-Security-Policy"] = POLICY
-    return Response(report_page(document), media_type="text/html", headers=headers)
+    return _file(report_pdf(document) if name == "pdf" else report_page(document), document.number, name)
+
+
+def _file(content: bytes, number: str, name: ReportFormat) -> Response:
+    headers = {"Content-Disposition": f'inline; filename="report-{number}.{name}"'}
+    if name == "html":
+        headers["Content-Security-Policy"] = POLICY
+    media_type = "application/pdf" if name == "pdf" else "text/html"
+    return Response(content, media_type=media_type, headers=headers)
 
 
 def _subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
@@ -189,4 +246,11 @@ def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
 
 
 def _authorisations(records: list[AuthorisationRecord]) -> list[Authorisation]:
-    return [Authorisation(**asdict(record)) for record in records]
+    """Return authorisations without the files that were issued."""
+    found = []
+    for record in records:
+        stated = json.loads(record.stated)
+        fields = {name: getattr(record, name) for name in Authorisation.model_fields if hasattr(record, name)}
+        fields |= {"customer": stated["laboratory"].get("customer"), "received_on": stated["received_on"]}
+        found.append(Authorisation.model_validate(fields))
+    return found

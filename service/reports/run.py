@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
-from typing import Final
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import date
+from typing import Any, Final
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.measurement.metadata import SetMetadata
-from jointstiff.schemas.report import Party
+from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.tables import joints_csv
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Attachment, Document, Section, State
-from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.laboratory import LaboratorySettings, Logo
 from jointstiff.service.reports.run_method import adjustment, method, traceability
 from jointstiff.service.reports.run_results import assessment, results, uncertainty
 from jointstiff.service.reports.wording import NOT_STATED, moment
@@ -34,6 +37,7 @@ class RunSubject:
     model: ExportedModel  # the run with its robot
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
     settings: LaboratorySettings  # of the laboratory
+    received_on: date | None = None  # when the item was received
 
     def run_json(self) -> bytes:
         """Return the run as it is attached: a large one without what it says of each observation."""
@@ -44,23 +48,39 @@ class RunSubject:
         less = run.result.model_copy(update={name: [] for name in _BY_OBSERVATION})
         return run.model_copy(update={"result": less}).model_dump_json().encode()
 
-    def content_hash(self) -> str:
-        """Return the SHA-256 of what a report states: run, names, metadata of the set, laboratory, logo.
+    def stated(self) -> dict[str, Any]:
+        """Return what a report states beside the run, which never changes."""
+        found, logo = self.settings.laboratory, self.settings.logo
+        fields = set(SetMetadata.model_fields)
+        return {
+            "run": [self.model.run.id, self.model.run.provenance.input_hash],
+            "robot": self.model.name,
+            "set": self.readings.name,
+            "metadata": self.readings.model_dump(mode="json", include=fields, exclude_none=True),
+            "laboratory": None if found is None else found.model_dump(mode="json", exclude_defaults=True),
+            "logo": None if logo is None else [logo.kind, b64encode(logo.content).decode()],
+            "received_on": None if self.received_on is None else self.received_on.isoformat(),
+        }
 
-        A run never changes, so its id and the hash of its input stand for it. What is not stated is left out:
-        a later version with more fields finds the same hash.
-        """
-        run, laboratory, logo = self.model.run, self.settings.laboratory, self.settings.logo
-        stated = [
-            run.id,
-            run.provenance.input_hash,
-            self.model.name,
-            self.readings.name,
-            self.readings.model_dump(mode="json", include=set(SetMetadata.model_fields), exclude_none=True),
-            None if laboratory is None else laboratory.model_dump(mode="json", exclude_defaults=True),
-            None if logo is None else hashlib.sha256(logo.content).hexdigest(),
-        ]
-        return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
+    def content_hash(self) -> str:
+        """Return the SHA-256 of what a report states."""
+        return hashlib.sha256(json.dumps(self.stated(), sort_keys=True).encode()).hexdigest()
+
+    def as_stated(self, stated: Mapping[str, Any]) -> RunSubject:
+        """Return the run as an authorised report stated it, whatever was changed since."""
+        noted = SetMetadata.model_validate(stated["metadata"])
+        changes = {name: getattr(noted, name) for name in SetMetadata.model_fields}
+        laboratory, logo = stated["laboratory"], stated["logo"]
+        received_on = stated["received_on"]
+        return RunSubject(
+            replace(self.model, name=stated["robot"]),
+            self.readings.model_copy(update={**changes, "name": stated["set"]}),
+            LaboratorySettings(
+                None if laboratory is None else Laboratory.model_validate(laboratory),
+                None if logo is None else Logo(b64decode(logo[1]), logo[0]),
+            ),
+            None if received_on is None else date.fromisoformat(received_on),
+        )
 
 
 def run_document(subject: RunSubject, state: State) -> Document:
@@ -125,7 +145,10 @@ def _identification(subject: RunSubject, state: State) -> Section:
             ),
             ("Serial number", readings.serial_number or NOT_STATED),
             ("Condition of the item", readings.conditions or NOT_STATED),
-            ("Date of receipt", NOT_STATED),
+            (
+                "Date of receipt",
+                NOT_STATED if subject.received_on is None else subject.received_on.isoformat(),
+            ),
             ("Measured", moment(readings.measured_at)),
             ("Computed", moment(run.provenance.ended_at)),
             ("Date of issue", moment(state.issued_at) if state.issued_at else "not issued: draft"),

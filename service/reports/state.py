@@ -14,24 +14,23 @@ def draft(reason: str = "Nobody has authorised it.") -> State:
     return State("draft", reason)
 
 
-def state_of(own: Sequence[Authorisation], successor: Authorisation | None, content_hash: str) -> State:
+def state_of(own: Sequence[Authorisation], successor: Authorisation | None) -> State:
     """Return the state of a run's report.
 
     Args:
         own: authorisations of this report, oldest first.
         successor: authorisation of the report that replaces this one.
-        content_hash: of what the report would state now.
     """
     if not own:
         return draft()
     last = own[-1]
     by = f"Authorised by {last.key_name} (key {last.key_id}) on {moment(last.authorised_at)}."
     line = f"{by} Note: {last.note}" if last.note else by
-    if last.content_hash != content_hash:
-        return draft(f"It was changed since. {line}")
+    if last.number > 1:
+        line = f"{line} It supersedes report {last.run_id}-{last.number - 1}."
     if successor is not None:
         line = (
             f"Superseded by the report of run {successor.run_id} on {moment(successor.authorised_at)}. {line}"
         )
-        return State("superseded", line, len(own), last.authorised_at, last.key_name)
-    return State("authorised", line, len(own), last.authorised_at, last.key_name)
+        return State("superseded", line, last.number, last.authorised_at, last.key_name)
+    return State("authorised", line, last.number, last.authorised_at, last.key_name)

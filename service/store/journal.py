@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
-from typing import Any, Generic, TypeVar
+from dataclasses import asdict, fields
+from typing import Any, Final, Generic, TypeVar
 
 from sqlalchemy import Connection, Select, Table, insert, select
 
@@ -78,6 +78,9 @@ class Journal(Generic[Noted]):
         return [self._record(*row) for row in connection.execute(query)]
 
 
+_SAME: Final = ("content_hash", "key_id", "key_name", "note", "supersedes")
+
+
 class Authorisations(Journal[AuthorisationRecord]):
     """The authorisations of all reports. One that repeats the latest of its run is not added again."""
 
@@ -86,6 +89,6 @@ class Authorisations(Journal[AuthorisationRecord]):
         connection.execute(select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
         mine = self._all.filter_by(run_id=record.run_id).order_by(authorisations.c.sequence.desc()).limit(1)
         latest = self._found(connection, mine)
-        if latest and replace(latest[0], authorised_at=record.authorised_at) == record:
+        if latest and all(getattr(latest[0], name) == getattr(record, name) for name in _SAME):
             return latest[0]
         return super()._insert(connection, record)

@@ -173,6 +173,14 @@ class AuthorisationRecord:
     content_hash: str
     """SHA-256 of what was authorised."""
     note: str | None
+    number: int
+    """Number of the report among those of its run, from 1."""
+    stated: str
+    """JSON of what it states beside the run: names, metadata of the set, laboratory, logo."""
+    pdf_sha256: str
+    pdf: bytes
+    """The report as it was issued; so is the page."""
+    page: bytes
 
 
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord

@@ -4,6 +4,7 @@ import type { Columns } from "../lib/sheet";
 import type {
   Authorisation,
   AuthorisationList,
+  AuthorisationRequest,
   Catalogue,
   Comparison,
   ComparisonSummary,
@@ -184,8 +185,8 @@ export const api = {
   runs,
   authorisations: (run: string, signal?: AbortSignal) =>
     call<AuthorisationList>("GET", runs.file(run, "authorisations"), options(signal)),
-  authorise: (run: string, note: string) =>
-    call<Authorisation>("POST", runs.file(run, "authorisations"), { body: { note: note || null } }),
+  authorise: (run: string, body: Partial<AuthorisationRequest>) =>
+    call<Authorisation>("POST", runs.file(run, "authorisations"), { body }),
   comparisons: jobs<Comparison, ComparisonSummary>("comparisons"),
   pairs: jobs<Pair, PairSummary>("pairs", true),
   geometries: jobs<Geometry, GeometrySummary>("geometries", true),

@@ -7,6 +7,7 @@ export type Action = Schemas["Action"];
 export type Advice = Schemas["Advice"];
 export type Assessment = Schemas["Assessment"];
 export type Authorisation = Schemas["Authorisation"];
+export type AuthorisationRequest = Schemas["AuthorisationRequest"];
 export type AuthorisationList = Schemas["AuthorisationList"];
 export type Budget = Schemas["Budget"];
 export type Catalogue = Schemas["Catalogue"];

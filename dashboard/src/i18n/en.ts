@@ -503,6 +503,14 @@ export const en = {
     draft: "Nobody has authorised the report: it is a draft, and says so on each page.",
     authorisedBy: "Report authorised by",
     authorise: "Authorise the report",
+    issued: (number: number) => `as issued, report ${number}`,
+    customer: "Customer, if not the laboratory's usual one",
+    received: "Date of receipt of the item",
+    states: (name: string) =>
+      `The report is issued under the name of your key${name && `, ${name}`}, with the laboratory's settings, the set's notes and the numbers as they are now. It is never changed and never removed; only a superseding report follows it.`,
+    draftNow: "Look at it once more",
+    sure: "Issue it",
+    cancel: "Cancel",
     howToAuthorise:
       "To authorise it, sign in with an admin's key: jointstiff keys create NAME --role admin, and serve --require-key --laboratory lab.toml.",
     remark: "Remark in the report",

@@ -3,6 +3,7 @@ import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Assessment } from "../api/types";
 import { Name, ProblemNote, When } from "../components/basics";
+import { TextField } from "../components/fields";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
@@ -49,14 +50,22 @@ function Authorisations({ run }: { run: string }) {
   const loaded = useLoad(
     async (signal) => {
       const [found, session] = await Promise.all([api.authorisations(run, signal), api.session()]);
-      return { items: found.items, may: session.role === "admin" };
+      return { items: found.items, may: session.role === "admin", name: session.key_name };
     },
     [run],
   );
   const [note, setNote] = useState("");
+  const [customer, setCustomer] = useState("");
+  const [received, setReceived] = useState("");
+  const [asking, setAsking] = useState(false);
   const authorise = useAction(async () => {
-    await api.authorise(run, note.trim());
+    await api.authorise(run, {
+      note: note.trim() || null,
+      customer: customer.trim() ? { name: customer.trim() } : null,
+      received_on: received || null,
+    });
     setNote("");
+    setAsking(false);
     loaded.reload();
   });
   const found = valueOf(loaded);
@@ -71,19 +80,40 @@ function Authorisations({ run }: { run: string }) {
               : <Name>{each.note}</Name>
             </>
           )}
+          {" · "}
+          <a href={api.runs.file(run, `issued/${each.number}.pdf`)} title={`SHA-256 ${each.pdf_sha256}`} download>
+            {words.issued(each.number)}
+          </a>
         </p>
       ))}
       {found.items.length === 0 && <p class="soft">{words.draft}</p>}
       {!found.may && <p class="soft">{words.howToAuthorise}</p>}
       {found.may && (
         <div class="row">
-          <label class="field">
-            <span>{words.remark}</span>
-            <input type="text" maxLength={200} value={note} onInput={(event) => setNote(event.currentTarget.value)} />
-          </label>
-          <button type="button" class="button" disabled={authorise.busy} onClick={authorise.run}>
-            {words.authorise}
-          </button>
+          <TextField label={words.remark} value={note} maxLength={200} change={setNote} />
+          <TextField label={words.customer} value={customer} maxLength={200} change={setCustomer} />
+          <TextField label={words.received} type="date" value={received} change={setReceived} />
+          {!asking && (
+            <button type="button" class="button" onClick={() => setAsking(true)}>
+              {words.authorise}
+            </button>
+          )}
+        </div>
+      )}
+      {asking && (
+        <div class="note warn" role="group" aria-label={words.sure}>
+          <p>{words.states(found.name ?? "")}</p>
+          <div class="actions">
+            <a class="button" href={`${api.runs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
+              {words.draftNow}
+            </a>
+            <button type="button" class="button primary" disabled={authorise.busy} onClick={authorise.run}>
+              {words.sure}
+            </button>
+            <button type="button" class="button quiet" onClick={() => setAsking(false)}>
+              {words.cancel}
+            </button>
+          </div>
         </div>
       )}
       {authorise.problem && <ProblemNote problem={authorise.problem} />}

@@ -12,11 +12,15 @@ const done = {
   key_name: "Dr. Key",
   authorised_at: "2026-11-21T09:05:00Z",
   content_hash: "",
+  customer: null,
+  received_on: null,
+  number: 1,
+  pdf_sha256: "ab12",
 };
 const session = (role: "admin" | "viewer" | null) => async () => ({
   access: "keys" as const,
   key_id: null,
-  key_name: null,
+  key_name: role && "Dr. Key",
   role,
   ends_at: null,
 });
@@ -71,9 +75,18 @@ describe("files of a run", () => {
     await settled(() => {});
     await press(root, "Authorise the report");
     await settled(() => {});
-    expect(authorise).toHaveBeenCalledWith("r1", "");
+    expect(authorise).not.toHaveBeenCalled();
+    expect(root.textContent).toContain("under the name of your key, Dr. Key");
+    const shown = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
+    expect(shown).toContain("/v1/runs/r1/report.html?draft=true");
+    await press(root, "Issue it");
+    await settled(() => {});
+    expect(authorise).toHaveBeenCalledWith("r1", { note: null, customer: null, received_on: null });
     expect(list).toHaveBeenCalledTimes(2);
     expect(root.textContent).toContain("Report authorised by Dr. Key");
     expect(root.textContent).toContain("checked");
+    const issued = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
+    expect(issued).toContain("/v1/runs/r1/issued/1.pdf");
+    expect(root.textContent).not.toContain("Issue it");
   });
 });

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import anyio
 import httpx2
+import pypdf
 import pytest
 from support.records import RUN, job_record
 
@@ -16,6 +19,7 @@ from jointstiff.service.access.key_text import mint
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -91,7 +95,7 @@ def test_from_draft_to_superseded(ask, runs):
     assert "checked by two" in shown
     assert f"{first}-1" in shown
     assert ">draft<" not in shown
-    assert ">draft<" in page(ask, first, settings=LaboratorySettings(Laboratory(name="Another Lab")))
+    assert page(ask, first, settings=LaboratorySettings(Laboratory(name="Another Lab"))) == shown
 
     for other, reason in ((first, "does not supersede itself"), ("none", "there is no run")):
         refused = ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"supersedes": other})
@@ -105,10 +109,77 @@ def test_from_draft_to_superseded(ask, runs):
     assert f"Superseded by the report of run {second}" in page(ask, first)
     assert ">authorised<" in page(ask, second)
 
+    issued = page(ask, second)
     ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "Somebody else"})
-    assert "It was changed since." in page(ask, second)
-    assert ">draft<" in page(ask, second)
+    assert page(ask, second) == issued
+    assert "Somebody else" not in page(ask, first)
+    draft = page(ask, second, params={"draft": True})
+    assert ">draft<" in draft
+    assert "Somebody else" in draft
     assert len(ask("GET", f"/v1/runs/{first}/authorisations").json()["items"]) == 1
+
+
+def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp_path):
+    """Settings, metadata, the software's version, backup and restore: the same PDF, whose hash is kept."""
+    measured, _ = runs
+    run = ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
+    path = f"/v1/runs/{run}"
+    body = {"customer": {"name": "Arms Inc.", "address": ["2 Side Street"]}, "received_on": "2026-11-20"}
+    answer = ask("POST", f"{path}/authorisations", "admin", json=body)
+    assert answer.status_code == 201, answer.text
+    first = ask("GET", f"{path}/report.pdf").content
+    assert answer.json()["pdf_sha256"] == hashlib.sha256(first).hexdigest()
+    assert answer.json()["customer"]["name"] == "Arms Inc."
+    text = " ".join("".join(one.extract_text() for one in pypdf.PdfReader(io.BytesIO(first)).pages).split())
+    for words in ("Arms Inc., 2 Side Street", "Date of receipt 2026-11-20", "Authorised by admin Smith", run):
+        assert words in text
+    assert "DRAFT" not in text
+
+    ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "A third person", "name": "renamed"})
+    other = LaboratorySettings(Laboratory(name="Other Lab", traceability="next year's certificate"))
+    monkeypatch.setattr("jointstiff.service.reports.run._TITLE", "Another layout")
+    assert ask("GET", f"{path}/report.pdf", settings=other).content == first
+    assert ask("GET", f"{path}/issued/1.pdf", settings=other).content == first
+    assert ask("GET", f"{path}/issued/2.pdf").status_code == 404
+    with Store.open(f"sqlite:///{tmp_path / 'a.db'}") as filed:
+        filed.authorisations.add(store.authorisations.of(run_id=run)[0])
+    back_up(f"sqlite:///{tmp_path / 'a.db'}", tmp_path / "backup")
+    restore(f"sqlite:///{tmp_path / 'b.db'}", tmp_path / "backup")
+    with Store.open(f"sqlite:///{tmp_path / 'b.db'}") as restored:
+        assert restored.authorisations.of(run_id=run)[0].pdf == first
+
+    second = ask("POST", f"{path}/authorisations", "admin", settings=other, json={}).json()
+    assert second["number"] == 2
+    assert second["customer"] is None
+    shown = page(ask, run)
+    assert "Other Lab" in shown
+    assert "A third person" in shown
+    assert f"It supersedes report {run}-1." in shown
+    assert ask("GET", f"{path}/issued/1.pdf").content == first
+
+
+def test_a_superseded_report_states_what_it_stated(ask, runs):
+    measured, _ = runs
+    first, second = (
+        ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"] for _ in range(2)
+    )
+    ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "The first operator"})
+    ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"received_on": "2026-01-02"})
+    ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "The second operator"})
+    ask("POST", f"/v1/runs/{second}/authorisations", "admin", json={"supersedes": first})
+    shown = page(ask, first, settings=LaboratorySettings(Laboratory(name="Another Lab")))
+    assert ">superseded<" in shown
+    for words in ("The first operator", "Metrology Lab", "2026-01-02"):
+        assert words in shown
+    assert "The second operator" not in shown
+    assert "Another Lab" not in shown
+
+
+@pytest.mark.parametrize(
+    "body", [{"received_on": "yesterday"}, {"customer": {}}, {"customer": {"name": "\u0000"}}, {"number": 7}]
+)
+def test_what_cannot_be_stated_is_refused(ask, runs, body):
+    assert ask("POST", f"/v1/runs/{runs[1][0]}/authorisations", "admin", json=body).status_code == 422
 
 
 def test_there_is_no_way_to_change_one(store, ask, runs):
@@ -119,7 +190,9 @@ def test_there_is_no_way_to_change_one(store, ask, runs):
 
 def test_the_same_at_the_same_time_is_one(database_url):
     run = job_record(robot_id=None, measurement_set_id=None)
-    same = AuthorisationRecord(run.id, None, datetime.now(UTC), "0123456789", "admin Smith", "hash", None)
+    now = datetime.now(UTC)
+    key = ("0123456789", "admin Smith")
+    same = AuthorisationRecord(run.id, None, now, *key, "hash", None, 1, "{}", "hash", b"pdf", b"page")
     again = replace(same, note="again")
     with Store.open(database_url) as store, ThreadPoolExecutor(8) as threads:
         store.jobs(RUN).add(run)

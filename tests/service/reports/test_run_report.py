@@ -90,6 +90,8 @@ def authorised(subject, **changes):
         key_name="Dr. Key",
         authorised_at=datetime(2026, 11, 21, 9, 5, tzinfo=UTC),
         content_hash=subject.content_hash(),
+        number=1,
+        pdf_sha256="",
         **stated,
     )
 
@@ -100,7 +102,7 @@ def pages_of(content):
 
 @pytest.fixture(scope="module")
 def signed(subject):
-    state = state_of([authorised(subject)], None, subject.content_hash())
+    state = state_of([authorised(subject)], None)
     return report_pdf(run_document(subject, state))
 
 
@@ -202,21 +204,21 @@ def test_a_large_run_is_attached_without_its_residuals(subject, run, monkeypatch
 
 
 def test_states(subject, campaign, run):
-    own, now = [authorised(subject)], subject.content_hash()
+    own = [authorised(subject)]
     successor = authorised(subject, supersedes=run.id).model_copy(update={"run_id": "next"})
-    changed = subject_of(campaign, run, operator="Somebody else").content_hash()
+    again = authorised(subject).model_copy(update={"number": 2})
     found = {
         "draft": draft(),
-        "authorised": state_of(own, None, now),
-        "superseded": state_of(own, successor, now),
-        "changed": state_of(own, None, changed),
+        "authorised": state_of(own, None),
+        "superseded": state_of(own, successor),
+        "again": state_of([*own, again], None),
     }
     texts = {
         name: " ".join(pages_of(report_pdf(run_document(subject, state)))) for name, state in found.items()
     }
     assert "DRAFT" in texts["draft"]
-    assert "DRAFT" in texts["changed"]
-    assert "It was changed since." in texts["changed"]
+    assert f"It supersedes report {run.id}-1." in texts["again"]
+    assert "DRAFT" not in texts["again"]
     assert "SUPERSEDED" in texts["superseded"]
     assert "Superseded by the report of run next" in texts["superseded"]
     assert "DRAFT" not in texts["authorised"]
