@@ -10,7 +10,7 @@ import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import httpx2
 import psycopg
@@ -132,14 +132,35 @@ def services(
             service.stop()
 
 
+class InProcess(NamedTuple):
+    """A service in a thread of this process."""
+
+    url: str
+
+
+@pytest.fixture(scope="session")
+def served_in_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[InProcess]:
+    """The service in a thread of this process, on SQLite and without workers: a post waits for its job."""
+    from support.in_process import served
+
+    from jointstiff.service.store.store import Store
+
+    with Store.open(f"sqlite:///{tmp_path_factory.mktemp('served') / 'jointstiff.db'}") as store:
+        with served(store) as url:
+            yield InProcess(url)
+
+
 @pytest.fixture(scope="session", params=["sqlite", "postgresql"])
-def service(request: pytest.FixtureRequest, services: Callable[[str], Service]) -> Service:
-    """The running service, once on each database; no test may expect it to be empty."""
-    return services(request.param)
+def service(request: pytest.FixtureRequest) -> Service | InProcess:
+    """The running service: a thread of this process on SQLite, which the daily lane runs, and a process of its
+    own with workers on PostgreSQL. No test may expect it to be empty."""
+    if request.param == "sqlite":
+        return request.getfixturevalue("served_in_process")
+    return request.getfixturevalue("services")(request.param)
 
 
 @pytest.fixture
-def client(service: Service) -> Iterator[httpx2.Client]:
+def client(service: Service | InProcess) -> Iterator[httpx2.Client]:
     """An HTTP client of the running service."""
     with httpx2.Client(base_url=service.url, timeout=60.0) as session:
         yield session
