@@ -159,6 +159,15 @@ def service(request: pytest.FixtureRequest) -> Service | InProcess:
     return request.getfixturevalue("services")(request.param)
 
 
+@pytest.fixture(params=["sqlite", "postgresql"])
+def client_of_workers(
+    request: pytest.FixtureRequest, services: Callable[[str], Service]
+) -> Iterator[httpx2.Client]:
+    """An HTTP client of a service process, which has workers."""
+    with httpx2.Client(base_url=services(request.param).url, timeout=60.0) as session:
+        yield session
+
+
 @pytest.fixture
 def client(service: Service | InProcess) -> Iterator[httpx2.Client]:
     """An HTTP client of the running service."""

@@ -173,7 +173,8 @@ def _translation(h: _Hypothesis, fit: _Fit, weight: FloatArray, variance: float)
     """Displacement (3,) of the hypothesis's readings by a translation, of what stands out from noise only."""
     W, residual, basis = weight[h.readings], fit.residual[h.readings], fit.basis[h.readings]
     seen = np.einsum("mip,miq->pq", basis, W)
-    values, vectors = np.linalg.eigh(np.einsum("mip,miq->pq", W, W) - seen.T @ seen)
+    square = np.einsum("mip,miq->pq", W, W)
+    values, vectors = np.linalg.eigh(square - seen.T @ seen)
     explained = vectors.T @ np.einsum("mip,mi->p", W, residual)
-    clear = explained**2 > _CLEAR**2 * variance * np.maximum(values, 1e-300)
+    clear = (values > _HIDDEN * np.trace(square)) & (explained**2 > _CLEAR**2 * variance * values)
     return np.asarray(vectors[:, clear] @ (explained[clear] / values[clear]))

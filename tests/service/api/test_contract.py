@@ -5,6 +5,7 @@ Its cases are made when it is collected, for seconds; `tests/support/lanes.py` s
 
 from __future__ import annotations
 
+import pytest
 import schemathesis
 from hypothesis import HealthCheck, Phase
 from schemathesis.checks import not_a_server_error
@@ -18,6 +19,7 @@ from support.examples import examples
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 
+pytestmark = pytest.mark.process
 CHECKS = [
     not_a_server_error,
     status_code_conformance,

@@ -196,11 +196,15 @@ class TestJobs:
 
 @pytest.fixture(scope="module")
 def set_id(service):
-    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
     with httpx2.Client(base_url=service.url, timeout=60.0) as client:
-        robot = client.post("/v1/robots", json=campaign["robot"]).json()
-        body = campaign["measurement_set"] | {"robot_id": robot["id"]}
-        return client.post("/v1/measurement-sets", json=body).json()["id"]
+        return posted_set(client)
+
+
+def posted_set(client):
+    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
+    robot = client.post("/v1/robots", json=campaign["robot"]).json()
+    body = campaign["measurement_set"] | {"robot_id": robot["id"]}
+    return client.post("/v1/measurement-sets", json=body).json()["id"]
 
 
 class TestHttp:
@@ -251,9 +255,10 @@ class TestHttp:
             assert answer.status_code == 404
             assert Problem.model_validate(answer.json()).type.endswith(":not-found")
 
-    def test_a_run_that_goes_on(self, client, set_id):
+    def test_a_run_that_goes_on(self, client_of_workers):
+        client = client_of_workers
         resampling = {"size": 5, "repetitions": 100_000, "seed": 1}
-        body = {"measurement_set_id": set_id, "resampling": resampling}
+        body = {"measurement_set_id": posted_set(client), "resampling": resampling}
         run = client.post("/v1/runs?wait=0", json=body)
         assert run.status_code == 202
         address = run.headers["location"]
