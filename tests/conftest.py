@@ -145,15 +145,17 @@ def served_in_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[InPr
 
     from jointstiff.service.store.store import Store
 
-    with Store.open(f"sqlite:///{tmp_path_factory.mktemp('served') / 'jointstiff.db'}") as store:
-        with served(store) as url:
-            yield InProcess(url)
+    database = tmp_path_factory.mktemp("served") / "jointstiff.db"
+    with Store.open(f"sqlite:///{database}") as store, served(store) as url:
+        yield InProcess(url)
 
 
 @pytest.fixture(scope="session", params=["sqlite", "postgresql"])
 def service(request: pytest.FixtureRequest) -> Service | InProcess:
-    """The running service: a thread of this process on SQLite, which the daily lane runs, and a process of its
-    own with workers on PostgreSQL. No test may expect it to be empty."""
+    """The running service: a thread of this process on SQLite, a process with workers on PostgreSQL.
+
+    No test may expect it to be empty.
+    """
     if request.param == "sqlite":
         return request.getfixturevalue("served_in_process")
     return request.getfixturevalue("services")(request.param)
