@@ -27,7 +27,7 @@ from jointstiff.service.store.tables import idempotency_keys, jobs, measurement_
 
 ROBOT: Final = Resource("robot", "robots")
 MEASUREMENT_SET: Final = Resource("measurement set", "measurement-sets")
-_PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(
+PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(
     {robots: ROBOT, measurement_sets: MEASUREMENT_SET}
 )
 """Tables whose records others name."""
@@ -211,7 +211,7 @@ class Collection(Generic[Record, Entry]):
             for reference in column.foreign_keys:
                 parent = reference.column.table
                 if (identifier := getattr(record, column.name)) is not None:
-                    yield parent, _PARENTS[parent], identifier
+                    yield parent, PARENTS[parent], identifier
 
     def _hold_parents(self, connection: Connection, record: Record) -> None:
         """Keep the records that this one names from being deleted until it is stored."""

@@ -6,9 +6,8 @@ stored or brought back while it is deleted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import datetime, timedelta
-from types import MappingProxyType
 from typing import Any, Final
 
 from sqlalchemy import (
@@ -33,7 +32,7 @@ from jointstiff.service.problems.errors import (
     ReferencedError,
     Resource,
 )
-from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, is_indexable
+from jointstiff.service.store.collection import MEASUREMENT_SET, PARENTS, is_indexable
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.job_log import OPEN_STATES
 from jointstiff.service.store.tables import (
@@ -42,15 +41,11 @@ from jointstiff.service.store.tables import (
     job_steps,
     jobs,
     measurement_sets,
-    robots,
 )
 
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
 _NAMED: Final = 5
-_PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(
-    {robots: ROBOT, measurement_sets: MEASUREMENT_SET}
-)
 
 
 class Deletions:
@@ -181,7 +176,7 @@ class Deletions:
                 )
                 row = connection.execute(query).one_or_none()
                 if row is not None and row.deleted_at is not None:
-                    raise DeletedError(_PARENTS[parent], row.id)
+                    raise DeletedError(PARENTS[parent], row.id)
 
     def _is(self, identifier: str) -> ColumnElement[bool]:
         return and_(self._kind, self._table.c.id == identifier)
