@@ -1,4 +1,4 @@
-"""What was asked for: every field of a request with its value and unit, from the message itself."""
+"""Fields of a request for people: each with its value and unit, from the message itself."""
 
 from __future__ import annotations
 
