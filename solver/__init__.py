@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from jointstiff.solver.robot.body import Body
     from jointstiff.solver.robot.chain import KinematicChain
     from jointstiff.solver.robot.model import Robot
-    from jointstiff.solver.weight.bodies import Balancer, Burden
+    from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
     from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
-    from jointstiff.solver.weight.readings import WeightReadings
 
 __all__ = [
     "Balancer",

@@ -120,7 +120,9 @@ def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> tuple[
 def _optima(problems: _Scaled) -> tuple[FloatArray, Support]:
     """Optimum and support of well-conditioned problems, by pivoting or else by the exact path."""
     x = snap(_pivoted(problems), problems.lower, problems.upper)
-    # (K,) whether the conditions of Karush, Kuhn and Tucker hold at x, which keeps its bounds
+    # The conditions of Karush, Kuhn and Tucker at x, which keeps its bounds: the gradient vanishes off the
+    # bounds, is positive at a lower bound and negative at an upper one. It is known to the rounding of the
+    # terms that cancel in it.
     gradient = _gradient(problems, x)
     wrong = gradient_violation(x, gradient, problems.lower, problems.upper)
     rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))

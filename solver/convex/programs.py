@@ -10,7 +10,7 @@
     weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
 
 The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the last two to the cones of `perspective`.
+with x = near + y in the first of them, the last two to the cones of `weighed`.
 Variables are equilibrated. A program is compiled once for a shape,
 its data being parameters. `huber`, `sum_of_norms` and `penalised_end` are stated with their data, as that
 compiles faster. Ends of joints' intervals are found in batches, by `inference.profile`; tests hold them to
@@ -214,7 +214,7 @@ def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
     Args:
         rows: of T.
         scalars: how many of the first parameters are zero or positive.
-        sizes: of the blocks that follow, each a symmetric matrix as in `symmetric`.
+        sizes: of the blocks that follow, each a symmetric matrix as in `to_vector`.
 
     Returns:
         The program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
@@ -294,7 +294,7 @@ def penalised_end(
 
 @lru_cache(maxsize=32)
 def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `perspective`).
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `weighed`).
 
     Args:
         rows: of A.

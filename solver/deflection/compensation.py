@@ -102,7 +102,10 @@ def _compensate_block(
     share = np.where(uncertain, 0.0, ramp)
     under = Configurations(robot, model.command(wanted, goal, share))
     correction = still.off(_Places.of(wanted, under))
-    cap = _cap(correction, limits)
+    # Share (m,) of each correction that the limits allow
+    size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
+    most = np.array([[limits.displacement], [limits.rotation]])
+    cap: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
     if (cap < 1.0).any():
         held = np.where(cap[:, None] < 1.0, model.command(wanted, goal, share * cap), under.q)
         under = Configurations(robot, held)
@@ -136,14 +139,6 @@ class _Places:
         """Return displacements [m] and rotation vectors [rad] (m, 6) from here to there."""
         turned = rotation_vector(there.axes @ self.axes.transpose(0, 2, 1))
         return np.concatenate([there.place - self.place, turned], axis=1)
-
-
-def _cap(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
-    """Return the share (m,) of each correction that the limits allow."""
-    size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
-    most = np.array([[limits.displacement], [limits.rotation]])
-    share: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
-    return share
 
 
 def residuals(model: ForwardModel, wanted: LoadCases, commanded: FloatArray) -> FloatArray:

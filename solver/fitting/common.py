@@ -17,8 +17,7 @@ from jointstiff.solver.regression.regressor import (
     RegressorBlock,
     regressor_blocks,
 )
-from jointstiff.solver.robot.axis_displacement import displaced_axis
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import Robot, displaced_axis
 
 CommonSource = Literal["force_scale", "force_direction", "load_point", "target_places", "axes"]
 """Source of an error that all observations share."""

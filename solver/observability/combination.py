@@ -132,20 +132,8 @@ def _combination(
     members = null_space[:, group]
     values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its values are 0 or 1
     null = vectors[:, values > 0.5].T
-    free = _independent_columns(null)
-    bound = np.setdiff1d(np.arange(len(group)), free)
-    null = null / (scale[group] / scale[group].max())  # of the compliances themselves
-    seen = np.zeros((len(bound), len(group)))
-    seen[np.arange(len(bound)), bound] = 1.0
-    seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
-    return Combination(tuple(int(columns[i]) for i in group), seen)
-
-
-def _independent_columns(null: FloatArray) -> list[int]:
-    """As many independent columns as `null` (k, m) has rows: the last ones that serve.
-
-    The last rather than the largest, so that rounding does not choose between equals.
-    """
+    # As many independent columns as `null` (k, m) has rows: the last ones that serve, rather than the
+    # largest, so that rounding does not choose between equals
     rest, found = null, list[int]()
     for _ in range(len(null)):
         norms = np.linalg.norm(rest, axis=0)
@@ -153,7 +141,13 @@ def _independent_columns(null: FloatArray) -> list[int]:
         along = rest[:, last] / norms[last]
         rest = rest - np.outer(along, along @ rest)
         found.append(last)
-    return sorted(found)
+    free = sorted(found)
+    bound = np.setdiff1d(np.arange(len(group)), free)
+    null = null / (scale[group] / scale[group].max())  # of the compliances themselves
+    seen = np.zeros((len(bound), len(group)))
+    seen[np.arange(len(bound)), bound] = 1.0
+    seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
+    return Combination(tuple(int(columns[i]) for i in group), seen)
 
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:

@@ -59,7 +59,15 @@ class Instrument:
             )
         along = self.range_constant + self.range_per_distance * distance
         across = self.transverse_constant + self.transverse_per_distance * distance
-        _refuse_implausible(along, across)
+        least = min(float(along.min()), float(across.min()))
+        ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
+        if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
+            raise MeasurementError(
+                f"the standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across "
+                "the line of sight are implausible for a tracker",
+                where="noise.instrument",
+                remedy="check the constants, which are in `units.length`, and the terms per distance",
+            )
         u = sight / distance[..., None]
         spread = (along**2 - across**2)[..., None, None] * u[..., :, None] * u[..., None, :]
         covariance: FloatArray = (across**2)[..., None, None] * np.eye(3) + spread
@@ -148,16 +156,4 @@ def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str)
             "the covariance matrix is not symmetric and positive definite",
             where=f"observations[{i}].readings[{position}].{field}",
             remedy="give the covariance of the three coordinates, axes of R0, in `units.length` squared",
-        )
-
-
-def _refuse_implausible(along: FloatArray, across: FloatArray) -> None:
-    least = min(float(along.min()), float(across.min()))
-    ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
-    if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
-        raise MeasurementError(
-            f"the standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across "
-            "the line of sight are implausible for a tracker",
-            where="noise.instrument",
-            remedy="check the constants, which are in `units.length`, and the terms per distance",
         )

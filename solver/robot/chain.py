@@ -62,15 +62,28 @@ class ChainJoint:
         for field, shape in (("rotation", (3, 3)), ("translation", (3,)), ("axis", (3,))):
             frozen = _frozen_array(getattr(self, field), shape, f"{place} {field}")
             object.__setattr__(self, field, frozen)
-        _check_rotation(self.rotation, f"{place} rotation")
+        where = f"{place} rotation"
+        skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        if skewness > _UNIT_TOLERANCE or np.linalg.det(self.rotation) < 0.0:
+            raise RobotError(
+                "the matrix is not a rotation",
+                remedy="give an orthonormal matrix with determinant 1",
+                where=where,
+            )
         if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
             raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
         if self.is_moving and self.name == _WORLD:
             raise RobotError(
                 "this name is reserved for the world frame", remedy="rename the joint", where=place
             )
-        if self.limits is not None:
-            _check_limits(*self.limits, f"{place} limits")
+        lower, upper = self.limits or (0.0, 0.0)
+        finite = math.isfinite(lower) and math.isfinite(upper)
+        if not finite or lower > upper or lower >= UNLIMITED_ANGLE or upper <= -UNLIMITED_ANGLE:
+            raise RobotError(
+                f"the joint limits {lower:g} and {upper:g} rad leave no range",
+                remedy="give a finite lower limit that does not exceed the upper one, or no limits",
+                where=f"{place} limits",
+            )
 
     @property
     def is_moving(self) -> bool:
@@ -101,17 +114,6 @@ class KinematicChain:
     def __post_init__(self) -> None:
         check_name(self.name, "the robot")
         check_name(self.base, "the base link")
-        self._check_size()
-        _check_unique((joint.name for joint in self.joints), "joint")
-        _check_unique((self.base, *(joint.child for joint in self.joints)), "link")
-        if self.joints[-1].child != self.flange:
-            raise RobotError(
-                f"the last joint carries '{self.joints[-1].child}', not the flange '{self.flange}'",
-                remedy="end the chain at the flange",
-                where="flange",
-            )
-
-    def _check_size(self) -> None:
         moving = sum(joint.is_moving for joint in self.joints)
         if not self.joints:
             raise RobotError("the chain has no joint", remedy="add joints to the chain", where="chain")
@@ -131,6 +133,14 @@ class KinematicChain:
                     remedy=f"use at most {most}: choose a base and a flange closer to each other",
                     where="chain",
                 )
+        _check_unique((joint.name for joint in self.joints), "joint")
+        _check_unique((self.base, *(joint.child for joint in self.joints)), "link")
+        if self.joints[-1].child != self.flange:
+            raise RobotError(
+                f"the last joint carries '{self.joints[-1].child}', not the flange '{self.flange}'",
+                remedy="end the chain at the flange",
+                where="flange",
+            )
 
     @property
     def revolute(self) -> tuple[ChainJoint, ...]:
@@ -176,26 +186,6 @@ def _frozen_array(value: npt.ArrayLike, shape: tuple[int, ...], where: str) -> F
         )
     array.flags.writeable = False
     return array
-
-
-def _check_rotation(rotation: FloatArray, where: str) -> None:
-    skewness = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if skewness > _UNIT_TOLERANCE or np.linalg.det(rotation) < 0.0:
-        raise RobotError(
-            "the matrix is not a rotation",
-            remedy="give an orthonormal matrix with determinant 1",
-            where=where,
-        )
-
-
-def _check_limits(lower: float, upper: float, where: str) -> None:
-    finite = math.isfinite(lower) and math.isfinite(upper)
-    if not finite or lower > upper or lower >= UNLIMITED_ANGLE or upper <= -UNLIMITED_ANGLE:
-        raise RobotError(
-            f"the joint limits {lower:g} and {upper:g} rad leave no range",
-            remedy="give a finite lower limit that does not exceed the upper one, or no limits",
-            where=where,
-        )
 
 
 def _check_unique(names: Iterable[str], what: str) -> None:

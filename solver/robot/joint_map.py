@@ -43,7 +43,13 @@ class JointMap:
                 f"{MAX_MOVING_JOINTS}",
                 where="joint_map.matrix",
             )
-        _check_invertible(matrix)
+        singular = np.linalg.svd(matrix, compute_uv=False)  # descending
+        if singular[-1] * WORST_CONDITION < max(singular[0], 1.0):
+            raise RobotError(
+                "the matrix is singular: different controller angles give the same model angles",
+                remedy="give an invertible matrix",
+                where="joint_map.matrix",
+            )
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "offset", offset)
 
@@ -96,13 +102,3 @@ def _frozen(values: FloatArray, dimensions: int, where: str) -> FloatArray:
         )
     array.flags.writeable = False
     return array
-
-
-def _check_invertible(matrix: FloatArray) -> None:
-    singular = np.linalg.svd(matrix, compute_uv=False)  # descending
-    if singular[-1] * WORST_CONDITION < max(singular[0], 1.0):
-        raise RobotError(
-            "the matrix is singular: different controller angles give the same model angles",
-            remedy="give an invertible matrix",
-            where="joint_map.matrix",
-        )

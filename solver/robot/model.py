@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.body import Body
-from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, KinematicChain
+from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, ChainJoint, KinematicChain
 from jointstiff.solver.robot.joint_map import JointMap
+
+_NAME = "displaced axis"
 
 
 class Robot:
@@ -58,7 +63,16 @@ class Robot:
         self.model, self.flange_placement = _build_model(chain)
         self.flange_joint_id = n
         self.axes = np.array([joint.axis for joint in chain.revolute])
-        self.joint_terms = _joint_terms(self.model, self.axes)
+        # [P(I + K²) p], [PK 0] and [-PK² 0], by ``exp(q K) = I + sin(q) K + (1 - cos(q)) K²``
+        terms = np.zeros((3, len(self.axes), 3, 4))
+        for j, axis in enumerate(self.axes):
+            placement = self.model.jointPlacements[j + 1]
+            K = pin.skew(axis)
+            terms[1, j, :, :3] = placement.rotation @ K
+            terms[2, j, :, :3] = -terms[1, j, :, :3] @ K
+            terms[0, j, :, :3] = placement.rotation - terms[2, j, :, :3]
+            terms[0, j, :, 3] = placement.translation
+        self.joint_terms = terms
         self.n, self.joint_names = n, chain.joint_names
         limits = np.array([joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE) for joint in chain.revolute])
         self.limits = np.where(np.abs(limits) >= UNLIMITED_ANGLE, np.copysign(np.inf, limits), limits)
@@ -81,14 +95,43 @@ def _build_model(chain: KinematicChain) -> tuple[pin.Model, pin.SE3]:
     return model, placement
 
 
-def _joint_terms(model: pin.Model, axes: FloatArray) -> FloatArray:
-    """Return [P(I + K²) p], [PK 0] and [-PK² 0], by ``exp(q K) = I + sin(q) K + (1 - cos(q)) K²``."""
-    terms = np.zeros((3, len(axes), 3, 4))
-    for j, axis in enumerate(axes):
-        placement = model.jointPlacements[j + 1]
-        K = pin.skew(axis)
-        terms[1, j, :, :3] = placement.rotation @ K
-        terms[2, j, :, :3] = -terms[1, j, :, :3] @ K
-        terms[0, j, :, :3] = placement.rotation - terms[2, j, :, :3]
-        terms[0, j, :, 3] = placement.translation
-    return terms
+def displaced_axis(robot: Robot, joint: int, translation: FloatArray, turn: FloatArray) -> Robot:
+    """Return the robot with one axis moved.
+
+    At model angle zero all other axes and the flange stay in place.
+
+    Args:
+        robot: n joints.
+        joint: index of the moving joint.
+        translation: (3,) of the axis, axes of the joint's frame [m].
+        turn: (3,) rotation vector of the axis about the origin of the joint's frame, its axes [rad].
+    """
+    place = robot.chain.joints.index(robot.chain.revolute[joint])
+    own = robot.chain.joints[place]
+    rotation: FloatArray = Rotation.from_rotvec(turn).as_matrix()
+    moved = replace(
+        own,
+        rotation=_orthonormal(own.rotation @ rotation),
+        translation=own.translation + own.rotation @ translation,
+    )
+    # A fixed joint that carries the flange of a chain that ends with a moving joint
+    behind = robot.chain.joints[place + 1 :] or (
+        ChainJoint(_NAME, "fixed", np.eye(3), np.zeros(3), np.array([0.0, 0.0, 1.0]), None, own.child),
+    )
+    if behind[0].name == _NAME:
+        moved = replace(moved, child=_NAME)
+    back = replace(
+        behind[0],
+        rotation=_orthonormal(rotation.T @ behind[0].rotation),
+        translation=rotation.T @ (behind[0].translation - translation),
+    )
+    joints = (*robot.chain.joints[:place], moved, back, *behind[1:])
+    chain = KinematicChain(robot.chain.name, robot.chain.base, robot.chain.flange, joints)
+    return Robot(chain, robot.joint_map)
+
+
+def _orthonormal(rotation: FloatArray) -> FloatArray:
+    """Return the nearest rotation: products of rotations keep within rounding of one."""
+    left, _, right = np.linalg.svd(rotation)
+    nearest: FloatArray = left @ right
+    return nearest

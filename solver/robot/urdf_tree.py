@@ -47,7 +47,18 @@ def path_down(links: Collection[str], edges: Iterable[Edge], base: str, flange: 
             remedy="choose a flange with revolute joints between the base and it",
             where="flange",
         )
-    return _walk_up(above, base, flange)[::-1]
+    path = []
+    link = flange
+    while link != base:
+        if link not in above:
+            raise RobotError(
+                f"the flange '{flange}' is not below the base '{base}'",
+                remedy="choose a base on the way from the root to the flange",
+                where="flange",
+            )
+        path.append(above[link].joint)
+        link = above[link].parent
+    return path[::-1]
 
 
 def _edge_above(links: Collection[str], edges: Iterable[Edge]) -> dict[str, Edge]:
@@ -92,21 +103,6 @@ def _check_one_tree(links: Collection[str], above: Mapping[str, Edge]) -> None:
             remedy="a URDF is a tree: give one of them another parent",
             where=f"link '{cycle[0]}'",
         )
-
-
-def _walk_up(above: Mapping[str, Edge], base: str, flange: str) -> list[str]:
-    path = []
-    link = flange
-    while link != base:
-        if link not in above:
-            raise RobotError(
-                f"the flange '{flange}' is not below the base '{base}'",
-                remedy="choose a base on the way from the root to the flange",
-                where="flange",
-            )
-        path.append(above[link].joint)
-        link = above[link].parent
-    return path
 
 
 def _listed(names: Collection[str]) -> str:

@@ -86,7 +86,12 @@ def parse_xml(text: str) -> XmlElement:
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise _malformed(error) from None
+        reason = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        remedy = "check the document with an XML tool"
+        if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
+            reason = "there is content after the end of the document, such as a second robot"
+            remedy = "send one robot per document"
+        raise RobotError(reason, remedy=remedy, where=f"line {error.lineno}") from None
     return builder.root
 
 
@@ -196,15 +201,6 @@ def _encode(text: str) -> bytes:
 
 def _line(text: str, position: int) -> str:
     return f"line {text.count(chr(10), 0, position) + 1}"
-
-
-def _malformed(error: expat.ExpatError) -> RobotError:
-    reason = f"not well-formed XML: {expat.ErrorString(error.code)}"
-    remedy = "check the document with an XML tool"
-    if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
-        reason = "there is content after the end of the document, such as a second robot"
-        remedy = "send one robot per document"
-    return RobotError(reason, remedy=remedy, where=f"line {error.lineno}")
 
 
 def _number(word: str, largest: float, where: str) -> float:

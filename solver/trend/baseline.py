@@ -93,18 +93,14 @@ def plausible_between(baseline: Baseline, excess: FloatArray) -> tuple[FloatArra
     scale = baseline.reading * np.sqrt(PRIOR_SCALE**2 + excess)
     steps = (np.arange(_NODES) + 0.5) * (_REACH / _NODES)
     tau = scale[..., None] * steps
-    logarithm = -0.5 * steps**2 + _restricted_likelihood(baseline, tau)
+    # ``-½ [Σ ln v_i + ln Σ 1/v_i + Σ (y_i - ŷ)²/v_i]``, v_i = u_i² + τ², for each τ (..., G)
+    variance = baseline.uncertainties[..., None, :] ** 2 + tau[..., None] ** 2
+    precision = 1.0 / variance
+    total = precision.sum(-1)
+    values = baseline.values[..., None, :]
+    centre = (precision * values).sum(-1) / total
+    squares = (precision * (values - centre[..., None]) ** 2).sum(-1)
+    likelihood: FloatArray = -0.5 * (np.log(variance).sum(-1) + np.log(total) + squares)
+    logarithm = -0.5 * steps**2 + likelihood
     weight = np.exp(logarithm - logarithm.max(-1, keepdims=True))
     return tau, weight / weight.sum(-1, keepdims=True)
-
-
-def _restricted_likelihood(baseline: Baseline, tau: FloatArray) -> FloatArray:
-    """Return ``-½ [Σ ln v_i + ln Σ 1/v_i + Σ (y_i - ŷ)²/v_i]``, v_i = u_i² + τ², for each τ (..., G)."""
-    variance = baseline.uncertainties[..., None, :] ** 2 + tau[..., None] ** 2
-    weight = 1.0 / variance
-    total = weight.sum(-1)
-    values = baseline.values[..., None, :]
-    centre = (weight * values).sum(-1) / total
-    squares = (weight * (values - centre[..., None]) ** 2).sum(-1)
-    likelihood: FloatArray = -0.5 * (np.log(variance).sum(-1) + np.log(total) + squares)
-    return likelihood

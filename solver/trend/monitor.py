@@ -78,7 +78,10 @@ def monitor(
     deviation = np.empty_like(values)
     readings, between = np.empty_like(values), np.empty_like(values)
     tau, probability = plausible_between(baseline, excess)
-    smoothing = _smoothing(baseline, uncertainties)
+    # λ_t = λ w_t / (λ w_t + (1 - λ) w), w the weight of a campaign of the baseline (..., N)
+    between_square = baseline.between[..., None] ** 2
+    weight = (baseline.reading[..., None] ** 2 + between_square) / (uncertainties**2 + between_square)
+    smoothing: FloatArray = SMOOTHING * weight / (SMOOTHING * weight + 1.0 - SMOOTHING)
     z, reach, square, noise = (np.zeros_like(baseline.mean) for _ in range(4))
     for t in range(values.shape[-1]):
         a = smoothing[..., t]
@@ -91,14 +94,6 @@ def monitor(
         between[..., t] = square + reach**2 * baseline.variance_of_between
     exceeded = _chance(np.abs(deviation), readings, between, tau, probability) < level
     return Monitored(deviation, readings, between, tau, probability, exceeded)
-
-
-def _smoothing(baseline: Baseline, uncertainties: FloatArray) -> FloatArray:
-    """Return λ_t = λ w_t / (λ w_t + (1 - λ) w), w the weight of a campaign of the baseline (..., N)."""
-    square = baseline.between[..., None] ** 2
-    weight = (baseline.reading[..., None] ** 2 + square) / (uncertainties**2 + square)
-    share: FloatArray = SMOOTHING * weight / (SMOOTHING * weight + 1.0 - SMOOTHING)
-    return share
 
 
 def _chance(

@@ -18,8 +18,7 @@ from jointstiff.solver.convex.weighed import Block, Cones, Weighed, least_square
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState
-from jointstiff.solver.weight.bodies import Deviations
-from jointstiff.solver.weight.readings import WeightReadings
+from jointstiff.solver.weight.bodies import Deviations, WeightReadings
 from jointstiff.solver.weight.regressor import Frames, Rows, across, rows_at, stepped
 
 Differences = Callable[[FloatArray], FloatArray]

@@ -20,15 +20,15 @@ from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
-from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseReadings, PoseState
+from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseState
 from jointstiff.solver.inference.reason import Reason
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.regression.stage_rows import encoder_readings, target_readings
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.weight.bodies import WeightReadings
 from jointstiff.solver.weight.evidence import WeightedJoint, joints_of, reasons_of
 from jointstiff.solver.weight.fit import Differences, WeightFit, fit_weight
-from jointstiff.solver.weight.readings import WeightReadings
 from jointstiff.solver.weight.regressor import Frames, torques_of
 
 _STEP: Final = 1e-6  # of difference quotients [rad]
@@ -117,6 +117,16 @@ def identify_weight(
     unit = poses.sigma or 1.0
     sagging = replace(whitened, angles=angles + fit.sag)
     bent = Motion(fit.state, sagging).stages[0]
+    # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
+    largest = 0.0
+    for step in _STEP * np.eye(len(fit.compliance)):
+        ahead, behind = (
+            torques_of(
+                readings, frames, Motion(fit.state, replace(sagging, angles=sagging.angles + part))
+            ).known
+            for part in (step, -step)
+        )
+        largest = max(largest, float((np.abs(ahead - behind) * fit.compliance).max()) / (2.0 * _STEP))
     return WeightEstimate(
         joints=joints,
         fit=fit,
@@ -130,20 +140,8 @@ def identify_weight(
         displacement=bent - Motion(fit.state, whitened).stages[0],
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
-        largest_stiffness_ratio=_largest_ratio(readings, frames, fit, sagging),
+        largest_stiffness_ratio=largest,
     )
-
-
-def _largest_ratio(readings: WeightReadings, frames: Frames, fit: WeightFit, bent: PoseReadings) -> float:
-    """Return the largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences."""
-    largest = 0.0
-    for step in _STEP * np.eye(len(fit.compliance)):
-        ahead, behind = (
-            torques_of(readings, frames, Motion(fit.state, replace(bent, angles=bent.angles + part))).known
-            for part in (step, -step)
-        )
-        largest = max(largest, float((np.abs(ahead - behind) * fit.compliance).max()) / (2.0 * _STEP))
-    return largest
 
 
 def _differences(robot: Robot, loaded: Measurements) -> Differences:

@@ -19,8 +19,7 @@ from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseReadings, PoseState
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.weight.bodies import Placement, Torques
-from jointstiff.solver.weight.readings import WeightReadings
+from jointstiff.solver.weight.bodies import Placement, Torques, WeightReadings
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,7 @@ from jointstiff.solver.robot.body import Body
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf
-from jointstiff.solver.weight.bodies import Burden
-from jointstiff.solver.weight.readings import WeightReadings
+from jointstiff.solver.weight.bodies import Burden, WeightReadings
 
 POINTS = np.array(list(TARGETS.values()))
 LOAD_POINT = np.array([-0.06, 0.02, 0.18])

@@ -27,9 +27,8 @@ from jointstiff.solver.fitting.scale import sigma_test
 from jointstiff.solver.geometry.model.poses import Poses
 from jointstiff.solver.inference.assessment import assessed
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.weight.bodies import Balancer, Burden
+from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
 from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
-from jointstiff.solver.weight.readings import WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"

@@ -1,6 +1,8 @@
 """Semidefinite programs as data: a cone, a least-squares term, a penalty on traces (method.md §7).
 
 minimise ‖R x − z‖² + λ Σ tr   subject to   x_j ≥ 0 for the first parameters, Mat(x_b) ⪰ 0 for the blocks
+
+Symmetric matrices are vectors: the upper triangle column by column, off-diagonal entries times √2.
 """
 
 from __future__ import annotations
@@ -67,7 +69,7 @@ class Cone:
     """Which parameters are what."""
 
     nonnegative: int  #: how many of the first are zero or positive
-    sizes: tuple[int, ...] = ()  #: of the blocks that follow, each a symmetric matrix as in `symmetric`
+    sizes: tuple[int, ...] = ()  #: of the blocks that follow, each a symmetric matrix as a vector
 
     @property
     def dimension(self) -> int:

@@ -10,9 +10,8 @@ import pytest
 from scipy import integrate, stats
 
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.trend.alarms import alarms_of
 from jointstiff.solver.trend.baseline import PRIOR_SCALE, Baseline, plausible_between, pooled_excess
-from jointstiff.solver.trend.chart import charts_of
+from jointstiff.solver.trend.chart import alarms_of, charts_of
 from jointstiff.solver.trend.monitor import FALSE_ALARMS, LIFE, alarm_level, monitor
 from jointstiff.solver.trend.series import Series, change_between, log_stiffness
 
