@@ -149,7 +149,12 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
         refuse_unless_posed(measurements)
     if settings.method == "decoupled_partial_pose":
         spherical_wrist(robot)
-    _refuse_prior_or_order(settings)
+    if settings.prior is not None and settings.weighting != "covariance":
+        raise UnsupportedMethodError(
+            f"weighting {settings.weighting} has no uncertainty of a reading to weigh a prior against",
+            where="weighting",
+            remedy="use weighting covariance, or omit `priors`",
+        )
     if measurements.encoders is not None and settings.weighting != "covariance":
         raise UnsupportedMethodError(
             f"weighting {settings.weighting} cannot combine encoder readings (angles) with positions "
@@ -162,15 +167,6 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
             f"weighting characteristic_length needs rotations, which method {settings.method} does not use",
             where="weighting",
             remedy="use weighting covariance, or method complete_pose",
-        )
-
-
-def _refuse_prior_or_order(settings: Settings) -> None:
-    if settings.prior is not None and settings.weighting != "covariance":
-        raise UnsupportedMethodError(
-            f"weighting {settings.weighting} has no uncertainty of a reading to weigh a prior against",
-            where="weighting",
-            remedy="use weighting covariance, or omit `priors`",
         )
 
 

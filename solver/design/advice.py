@@ -218,23 +218,7 @@ class _Search:
         """For each of the joints, the candidate of least uncertainty; None if none determines it."""
         if not len(postures):
             return [None] * len(joints)
-        forces = self._forces(postures, joints, all_directions=all_directions)
-        added = postures.motion.information(forces)
-        diagonal = np.diagonal(self._information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
-        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        total = self._information[..., None, None] + added
-        total /= np.multiply.outer(scale, scale)[..., None, None]
-        easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
-        easy[:, 0] = True
-        found = list[Advice | None]()
-        for joint in joints.tolist():
-            scores = precision(total, joint) * np.where(easy, EASIER**2, 1.0)
-            m, d = np.unravel_index(int(np.argmax(scores)), scores.shape)
-            found.append(self._advice(joint, postures, int(m), forces[m, d]))
-        return found
-
-    def _forces(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> FloatArray:
-        """(M, D, 3) candidate forces [N]: the set's own, those of a cube, and those across each axis."""
+        # (M, D, 3) candidate forces [N]: the set's own, those of a cube, and those across each axis
         own = self._own / self._strength
         count = len(postures)
         directions = np.broadcast_to(own, (count, 1, 3))
@@ -248,7 +232,19 @@ class _Search:
         # A force tells the same as its opposite: of both, the one that is more like the set's own.
         sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
         forces: FloatArray = self._strength * sign[..., None] * directions
-        return forces
+        added = postures.motion.information(forces)
+        diagonal = np.diagonal(self._information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        total = self._information[..., None, None] + added
+        total /= np.multiply.outer(scale, scale)[..., None, None]
+        easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
+        easy[:, 0] = True
+        found = list[Advice | None]()
+        for joint in joints.tolist():
+            scores = precision(total, joint) * np.where(easy, EASIER**2, 1.0)
+            m, d = np.unravel_index(int(np.argmax(scores)), scores.shape)
+            found.append(self._advice(joint, postures, int(m), forces[m, d]))
+        return found
 
     def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
         """Put a candidate into numbers, by a decomposition of all readings with it; or return None."""

@@ -23,7 +23,7 @@ from jointstiff.solver.design.criteria import (
 )
 from jointstiff.solver.design.exact import exact_design
 from jointstiff.solver.design.feasibility import Strikes
-from jointstiff.solver.design.optimum import Design, optimise
+from jointstiff.solver.design.optimum import optimise
 from jointstiff.solver.design.other_plans import (
     OtherPlan,
     drawn_directions,
@@ -144,6 +144,15 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     order = ordered(pool.joints[index], pool.anchor[index])
     index = index[order]
     s = pool.parameters.interest
+    # Least efficiency of a list by the criterion that was asked for, and by the smooth ones
+    gap = _LINKS_GAP if request.links else _OTHERS_GAP
+    found = {}
+    for name, criterion in criteria.items():
+        if criterion is not problem.criterion and not isinstance(criterion, SmoothCriterion):
+            continue
+        other = DesignProblem(problem.candidates, criterion, problem.readings, problem.base)
+        best = design if criterion is problem.criterion else optimise(other, gap)
+        found[name] = list_efficiency(other, distinct, exact.matrix, best.matrix, best.bound)
     return CampaignPlan(
         joints=pool.joints[index],
         force=force[order],
@@ -151,9 +160,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         validation=order >= fitted,
         efficiency=exact.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
-        efficiencies=_efficiencies(
-            criteria, problem, distinct, exact.matrix, design, _LINKS_GAP if request.links else _OTHERS_GAP
-        ),
+        efficiencies=found,
         parameters=pool.parameters,
         uncertainty=uncertainty_of(exact.matrix, s),
         before=uncertainty_of(pool.base, s),
@@ -194,25 +201,6 @@ def _deflection(criteria: Mapping[str, Criterion], M: FloatArray) -> tuple[float
     mean = criteria["work_area"].information(M)
     variances = worst.variances(M)
     return float(mean**-0.5), float(np.sqrt(variances.max()))
-
-
-def _efficiencies(
-    criteria: Mapping[str, Criterion],
-    problem: DesignProblem,
-    distinct: Distinct,
-    M: FloatArray,
-    design: Design,
-    gap: float,
-) -> dict[str, float]:
-    """Return the least efficiency of a list by the criterion that was asked for, and by the smooth ones."""
-    found = {}
-    for name, criterion in criteria.items():
-        if criterion is not problem.criterion and not isinstance(criterion, SmoothCriterion):
-            continue
-        other = DesignProblem(problem.candidates, criterion, problem.readings, problem.base)
-        best = design if criterion is problem.criterion else optimise(other, gap)
-        found[name] = list_efficiency(other, distinct, M, best.matrix, best.bound)
-    return found
 
 
 def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, seed: int) -> Atoms:

@@ -115,12 +115,8 @@ def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]
         if _determined(coarse.base + coarse.candidates.total()):
             held, weights, _ = _generated(coarse, max(tolerance, _COARSE_GAP))
             return Atoms(step * held.index, held.force, held.information), weights
-    held = _completed(problem, _greedy(problem))
-    return held, np.full(len(held), 1.0 / len(held))
-
-
-def _completed(problem: DesignProblem, held: Atoms) -> Atoms:
-    """Add candidates until all parameters are determined, as those that were sampled may lack a rare one."""
+    # Add candidates until all parameters are determined, as those that were sampled may lack a rare one
+    held = _greedy(problem)
     for _ in range(problem.parameters):
         M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
         if _determined(M):
@@ -129,7 +125,7 @@ def _completed(problem: DesignProblem, held: Atoms) -> Atoms:
         G = np.outer(unseen, unseen)
         best = np.array([int(np.argmax(problem.candidates.prices(G)))])
         held = held.joined(problem.candidates.atoms(best, G))
-    return held
+    return held, np.full(len(held), 1.0 / len(held))
 
 
 def _determined(M: FloatArray) -> bool:

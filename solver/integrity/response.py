@@ -130,10 +130,14 @@ def _outliers(
     scale = vector_scale(norm[judged]) * np.sqrt(3.0 * count / freedom)
     limit = MODEL_ALLOWANCE * vector_quantile(count, freedom) * scale
     stated = vector_quantile(count, 1e6) * np.sqrt(2.0) * view.reading_sigma[rows]
+    # (M, T) residuals that are as unusual beside the deflection: what else bends does so with the load
+    moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
+    share = norm / np.maximum(moved, 1e-300)
+    share_limit = MODEL_ALLOWANCE * vector_quantile(count, 3.0 * count) * vector_scale(share[judged])
     beyond = (
         judged
         & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), stated))
-        & _beside_size(part, springs, norm, judged)
+        & (share > min(share_limit, UNEXPLAINED))
     )
     for k in np.flatnonzero(beyond.any(axis=1)):
         t = int(np.where(judged[k], norm[k], 0.0).argmax())
@@ -180,15 +184,6 @@ def _shifted(rows: Rows, shifted: Shift) -> Finding:
         f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
         "error",
     )
-
-
-def _beside_size(part: Measurements, springs: Springs, norm: FloatArray, judged: BoolArray) -> BoolArray:
-    """(M, T) residuals that are as unusual beside the deflection: what else bends does so with the load."""
-    moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
-    share = norm / np.maximum(moved, 1e-300)
-    count = int(judged.sum())
-    limit = MODEL_ALLOWANCE * vector_quantile(count, 3.0 * count) * vector_scale(share[judged])
-    return np.asarray(share > min(limit, UNEXPLAINED))
 
 
 def _mistake(view: View, part: Measurements, springs: Springs) -> Finding | None:

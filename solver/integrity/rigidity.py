@@ -100,7 +100,27 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     limits = edges.limits()
     worst = np.abs(edges.change).max(axis=0)
     for i in np.flatnonzero((worst > limits).any(axis=1)):
-        yield _not_rigid(view, edges, int(i), limits[i])
+        row, own_limits = int(i), limits[i]
+        change = np.abs(edges.change[:, row]).max(axis=0)
+        p = int((change / np.where(own_limits > 0.0, own_limits, np.inf)).argmax())
+        state = "loaded" if abs(edges.change[1, row, p]) > abs(edges.change[0, row, p]) else "unloaded"
+        # The target that leaves the least change to the others, and those that do nearly as well
+        squares = (edges.change[:, row] ** 2).sum(axis=0)
+        present = np.unique(np.concatenate([edges.first[edges.both[row]], edges.second[edges.both[row]]]))
+        left = np.array([squares[(edges.first != t) & (edges.second != t)].sum() for t in present])
+        least = left.min() + (edges.scatter + 1e-9) ** 2
+        suspects = [int(t) for t in present[left <= _CLEARER * least]]
+        who = " or ".join(f"'{view.targets[t]}'" for t in suspects)
+        yield Finding(
+            "targets_not_rigid",
+            row,
+            f"the distance between '{view.targets[edges.first[p]]}' and "
+            f"'{view.targets[edges.second[p]]}' ({state}) differs by {length_text(change[p])} from its "
+            f"median (limit {length_text(own_limits[p])}): {who} moved",
+            f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove "
+            "that reading",
+            "error",
+        )
 
 
 def _edges(view: View, measured: BoolArray, step: Step | None) -> _Edges | None:
@@ -144,29 +164,6 @@ def _understated(edges: _Edges) -> Iterator[Finding]:
         f"distances between targets scatter by {length_text(edges.scatter)}, but the stated noise "
         f"gives {length_text(typical)}",
         "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the residuals",
-    )
-
-
-def _not_rigid(view: View, edges: _Edges, i: int, limits: FloatArray) -> Finding:
-    change = np.abs(edges.change[:, i]).max(axis=0)
-    p = int((change / np.where(limits > 0.0, limits, np.inf)).argmax())
-    state = "loaded" if abs(edges.change[1, i, p]) > abs(edges.change[0, i, p]) else "unloaded"
-    # The target that leaves the least change to the others, and those that do nearly as well
-    squares = (edges.change[:, i] ** 2).sum(axis=0)
-    present = np.unique(np.concatenate([edges.first[edges.both[i]], edges.second[edges.both[i]]]))
-    left = np.array([squares[(edges.first != t) & (edges.second != t)].sum() for t in present])
-    least = left.min() + (edges.scatter + 1e-9) ** 2
-    suspects = [int(t) for t in present[left <= _CLEARER * least]]
-    who = " or ".join(f"'{view.targets[t]}'" for t in suspects)
-    return Finding(
-        "targets_not_rigid",
-        i,
-        f"the distance between '{view.targets[edges.first[p]]}' and "
-        f"'{view.targets[edges.second[p]]}' ({state}) differs by {length_text(change[p])} from its "
-        f"median (limit {length_text(limits[p])}): {who} moved",
-        f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove that "
-        "reading",
-        "error",
     )
 
 

@@ -135,6 +135,18 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     compliances = estimates[0].compliance, estimates[1].compliance
     if together is not None:
         compliances = np.nan_to_num(together.first), np.nan_to_num(together.second)
+    matches = match(first, second)
+    measured = None
+    if len(matches.first):
+        measured = measured_share(first, second, matches, (free[0].sigma, free[1].sigma))
+    unknown = free[0].observability.null | free[1].observability.null
+    of_first, of_second = (predicted_deflection(side, compliances, unknown) for side in (first, second))
+    alone = np.setdiff1d(np.arange(len(second.labels)), matches.second)
+    rest = PredictedDeflection(of_second.first[alone], of_second.second[alone])
+    shares = (
+        *configuration_shares(first.labels, of_first, "first", matches, measured),
+        *(s for i, s in enumerate(configuration_shares(second.labels, of_second, "second")) if i in alone),
+    )
     return Pair(
         first=estimates[0],
         second=estimates[1],
@@ -144,7 +156,9 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
         ),
         ordered=together,
         ordered_intervals=intervals,
-        avoided=_avoided(first, second, compliances, free),
+        avoided=AvoidedDeflection(
+            matches, measured, of_first, of_second, of_first.joined(rest).share(), shares
+        ),
     )
 
 
@@ -212,21 +226,3 @@ def _gaussian(estimate: Estimate, j: int) -> GaussianEstimate | None:
 def _freedom(estimate: Estimate) -> float:
     """Degrees of freedom of its sigma."""
     return inf if estimate.sigma_given else estimate.degrees_of_freedom
-
-
-def _avoided(
-    first: PairSide, second: PairSide, compliances: tuple[FloatArray, FloatArray], free: _Both
-) -> AvoidedDeflection:
-    matches = match(first, second)
-    measured = None
-    if len(matches.first):
-        measured = measured_share(first, second, matches, (free[0].sigma, free[1].sigma))
-    unknown = free[0].observability.null | free[1].observability.null
-    of_first, of_second = (predicted_deflection(side, compliances, unknown) for side in (first, second))
-    alone = np.setdiff1d(np.arange(len(second.labels)), matches.second)
-    rest = PredictedDeflection(of_second.first[alone], of_second.second[alone])
-    shares = (
-        *configuration_shares(first.labels, of_first, "first", matches, measured),
-        *(s for i, s in enumerate(configuration_shares(second.labels, of_second, "second")) if i in alone),
-    )
-    return AvoidedDeflection(matches, measured, of_first, of_second, of_first.joined(rest).share(), shares)

@@ -113,7 +113,15 @@ def _numbers(values: Iterable[float]) -> str:
 
 def _check_robot(robot: XmlElement) -> None:
     for element in robot.walk():
-        _check_expanded(element)
+        # Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless
+        in_names = any(name.startswith("xacro:") for name in (element.tag, *element.attributes))
+        in_values = any("${" in text or "$(" in text for text in element.attributes.values())
+        if in_names or in_values:
+            raise RobotError(
+                f"unexpanded xacro in <{element.tag[:40]}>",
+                remedy="expand it first: xacro robot.urdf.xacro > robot.urdf",
+                where=f"line {element.line}",
+            )
     if robot.tag != "robot":
         raise RobotError(
             f"the root element is <{robot.tag[:40]}>, not <robot>",
@@ -127,18 +135,6 @@ def _check_robot(robot: XmlElement) -> None:
             where=f"line {nested[0].line}",
         )
     check_name(robot.attributes.get("name", ""), "<robot>")
-
-
-def _check_expanded(element: XmlElement) -> None:
-    """Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless."""
-    in_names = any(name.startswith("xacro:") for name in (element.tag, *element.attributes))
-    in_values = any("${" in text or "$(" in text for text in element.attributes.values())
-    if in_names or in_values:
-        raise RobotError(
-            f"unexpanded xacro in <{element.tag[:40]}>",
-            remedy="expand it first: xacro robot.urdf.xacro > robot.urdf",
-            where=f"line {element.line}",
-        )
 
 
 def _named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:

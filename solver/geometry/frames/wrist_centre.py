@@ -230,8 +230,20 @@ def find_wrist_centre(identified: SweptAxes) -> WristCentre:
             ways, covariances, informations, strict=True
         )
     )
-    combined = _combination(estimates, identified.sigma)
-    return WristCentre(estimates, combined, _disagreements(estimates, identified.sigma), miss, posture)
+    centre = np.sum([estimate.weight @ estimate.centre for estimate in estimates], axis=0)
+    influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
+    covariance = identified.sigma**2 * influence @ influence.T
+    combined = CentreEstimate("combined", centre, covariance, influence, np.eye(3))
+    disagreements = []
+    for first, second in combinations(estimates, 2):
+        gap = first.centre - second.centre
+        difference = identified.sigma * (first.influence - second.influence)
+        U, singular, _ = np.linalg.svd(difference, full_matrices=False)
+        seen = singular > 1e-6 * max(singular[0], 1e-300)
+        statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
+        probability = float(stats.chi2.sf(statistic, int(seen.sum())))
+        disagreements.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
+    return WristCentre(estimates, combined, tuple(disagreements), miss, posture)
 
 
 def _by_trilateration(
@@ -264,22 +276,3 @@ def _by_trilateration(
         return None
     mean = np.linalg.inv(total)
     return mean @ centre, mean @ influence
-
-
-def _combination(estimates: Sequence[CentreEstimate], sigma: float) -> CentreEstimate:
-    centre = np.sum([estimate.weight @ estimate.centre for estimate in estimates], axis=0)
-    influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
-    return CentreEstimate("combined", centre, sigma**2 * influence @ influence.T, influence, np.eye(3))
-
-
-def _disagreements(estimates: Sequence[CentreEstimate], sigma: float) -> tuple[Disagreement, ...]:
-    out = []
-    for first, second in combinations(estimates, 2):
-        gap = first.centre - second.centre
-        influence = sigma * (first.influence - second.influence)
-        U, s, _ = np.linalg.svd(influence, full_matrices=False)
-        seen = s > 1e-6 * max(s[0], 1e-300)
-        statistic = float(np.sum(((U.T @ gap)[seen] / s[seen]) ** 2))
-        probability = float(stats.chi2.sf(statistic, int(seen.sum())))
-        out.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
-    return tuple(out)

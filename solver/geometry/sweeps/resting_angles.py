@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.sweeps.findings import uneven
 from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, influence_of_postures
@@ -37,7 +37,14 @@ def resting_angles(swept: SweptAxes, probability: float, *, first: int = 0) -> F
             own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
             noise = fit.sigma**2 * float(np.sum(own**2))
             size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
-            for group in _rests(swept, joint):
+            # Masks (n,) of the sweeps, by model joint, in which a controller's joint rests at one angle
+            order = [swept.sweeps.sweeps[index] for index in swept.order]
+            angles = np.array([sweep.angles[:, joint].mean() for sweep in order])
+            others = np.array([sweep.joint != joint for sweep in order])
+            ascending = np.sort(angles[others])
+            starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > STILL)]
+            number = np.searchsorted(starts, angles, side="right")
+            for group in [others & (number == index + 1) for index in range(len(starts))]:
                 turned = np.where(group[:, None], matrix[:, joint], 0.0)
                 columns.append(size * by_posture @ turned.ravel())
     return np.array(columns).T if columns else np.zeros((len(swept.covariance), 0))
@@ -50,14 +57,3 @@ def widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
         covariance=identified.covariance + columns @ columns.T,
         influence=np.hstack([identified.influence, columns / identified.sigma]),
     )
-
-
-def _rests(swept: SweptAxes, joint: int) -> list[BoolArray]:
-    """Masks (n,) of the sweeps, by model joint, in which a controller's joint rests at one angle."""
-    order = [swept.sweeps.sweeps[index] for index in swept.order]
-    angles = np.array([sweep.angles[:, joint].mean() for sweep in order])
-    others = np.array([sweep.joint != joint for sweep in order])
-    ascending = np.sort(angles[others])
-    starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > STILL)]
-    group = np.searchsorted(starts, angles, side="right")
-    return [others & (group == index + 1) for index in range(len(starts))]

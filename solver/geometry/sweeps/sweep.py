@@ -200,7 +200,21 @@ class SweepSet:
             raise MeasurementError("no sweep", where="sweeps", remedy="give one sweep of each joint")
         refuse_other_unit(max(sweep.largest_motion for sweep in self.sweeps))
         for sweep in self.sweeps:
-            self._check_sweep(sweep)
+            if sweep.angles.shape[1] != self.joint_map.n or sweep.targets != len(self.targets):
+                raise MeasurementError(
+                    f"the sweep has {sweep.angles.shape[1]} angles and {sweep.targets} targets, but the "
+                    f"robot has {self.joint_map.n} joints and the set {len(self.targets)} targets",
+                    where=sweep.where,
+                    remedy="give all joint angles and the same targets in all sweeps",
+                )
+            turning = self.turning(sweep)
+            arc = float(np.ptp(self.model_angles(sweep)[:, turning], axis=0).max())
+            if arc < SHORTEST_ARC:
+                raise MeasurementError(
+                    f"the arc of {np.degrees(arc):.2g}° is too short to determine the axis",
+                    where=sweep.where,
+                    remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
+                )
         name, count = Counter(
             " and ".join(f"model joint {index + 1}" for index in self.turning(sweep)) for sweep in self.sweeps
         ).most_common(1)[0]
@@ -209,23 +223,6 @@ class SweepSet:
                 f"{count} sweeps turn {name}",
                 where="sweeps",
                 remedy="give one sweep per joint; add the positions of a repeated sweep to the first",
-            )
-
-    def _check_sweep(self, sweep: Sweep) -> None:
-        if sweep.angles.shape[1] != self.joint_map.n or sweep.targets != len(self.targets):
-            raise MeasurementError(
-                f"the sweep has {sweep.angles.shape[1]} angles and {sweep.targets} targets, but the robot "
-                f"has {self.joint_map.n} joints and the set {len(self.targets)} targets",
-                where=sweep.where,
-                remedy="give all joint angles and the same targets in all sweeps",
-            )
-        turning = self.turning(sweep)
-        arc = float(np.ptp(self.model_angles(sweep)[:, turning], axis=0).max())
-        if arc < SHORTEST_ARC:
-            raise MeasurementError(
-                f"the arc of {np.degrees(arc):.2g}° is too short to determine the axis",
-                where=sweep.where,
-                remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
             )
 
     def model_angles(self, sweep: Sweep) -> FloatArray:

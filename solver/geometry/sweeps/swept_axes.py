@@ -1,22 +1,21 @@
 """The axes of a robot from its sweeps.
 
 A sweep shows an axis where the joints before it have put it. Turning these back, one after the other,
-about the axes already known, brings every axis to model angle zero.
+about the axes already known, brings every axis to model angle zero (`identify_axes`).
 
-All sweeps in one fit: what each sweep by itself does not use is that they show the same robot.
-
-Every sweep also tells where the targets are on the flange and where the axes farther out are. One fit for
-all uses that; it needs no sweep to be of one model joint alone, so coupled axes are an ordinary case.
-In return it trusts the controller's angles of the joints at rest, within a sweep and from one to the
-next. With free angles it does not trust those of the joint that turns, not even in the mean over a sweep:
-a gear that is off by 60 µrad at rest would move the axes farther out by 0.1 mm. Its χ², beside that of the
-sweeps one by one, says whether the robot agrees.
+What each sweep by itself does not use is that they show the same robot (`refine_axes`). Every sweep also
+tells where the targets are on the flange and where the axes farther out are. One fit for all uses that; it
+needs no sweep to be of one model joint alone, so coupled axes are an ordinary case. In return it trusts the
+controller's angles of the joints at rest, within a sweep and from one to the next. With free angles it does
+not trust those of the joint that turns, not even in the mean over a sweep: a gear that is off by 60 µrad at
+rest would move the axes farther out by 0.1 mm. Its χ², beside that of the sweeps one by one, says whether the
+robot agrees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -96,7 +95,13 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     fits = _fit_all(sweeps, order, angles)
     rss, dof = sum(fit.rss for fit in fits), sum(fit.dof for fit in fits)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
-    axes, targets, influence = _zeroed(sweeps, fits, order)
+    at_sweep, points, postures = _as_swept(sweeps, fits, order)
+    axes, targets = _to_zero(at_sweep, points, postures)
+
+    def charts(moved: Sequence[Axis], at: FloatArray) -> FloatArray:
+        return _charts(axes, *_to_zero(moved, at, postures))
+
+    influence = derivative(at_sweep, points, charts) @ _stacked_influence(fits, order)
     return SweptAxes(
         axes=axes,
         targets=targets,
@@ -117,19 +122,27 @@ def influence_of_postures(swept: SweptAxes) -> FloatArray:
 
     Columns go by joint of the sweep, then by the angle that changes. For axes fitted one by one.
     """
-    order = swept.order
-    at_sweep = [swept.fits[index].axis for index in order]
-    points = swept.fits[order[-1]].target_points
-    postures = _postures(swept.sweeps, order)
-    axes, targets = _to_zero(at_sweep, points, postures)
+    at_sweep, points, postures = _as_swept(swept.sweeps, swept.fits, swept.order)
 
     def moved(step: FloatArray) -> FloatArray:
-        found, at = _to_zero(at_sweep, points, postures + step.reshape(postures.shape))
-        charts = [axis.chart(other) for axis, other in zip(axes, found, strict=True)]
-        return np.concatenate([*charts, (at - targets).ravel()])
+        return _charts(swept.axes, *_to_zero(at_sweep, points, postures + step.reshape(postures.shape)))
 
     steps = _STEP * np.eye(postures.size)
     return np.stack([(moved(step) - moved(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+
+
+def _as_swept(
+    sweeps: SweepSet, fits: Sequence[AxisFit], order: Sequence[int]
+) -> tuple[list[Axis], FloatArray, FloatArray]:
+    """Each axis and the targets (T, 3) as in their sweeps, and the mean model angles (n, n) [rad] there."""
+    postures = np.array([sweeps.model_angles(sweeps.sweeps[index]).mean(axis=0) for index in order])
+    return [fits[index].axis for index in order], fits[order[-1]].target_points, postures
+
+
+def _charts(axes: Sequence[Axis], moved: Sequence[Axis], targets: FloatArray) -> FloatArray:
+    """Charts of moved axes about others, then the targets' coordinates (4 n + 3 T,)."""
+    charts = [axis.chart(other) for axis, other in zip(axes, moved, strict=True)]
+    return np.concatenate([*charts, targets.ravel()])
 
 
 def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
@@ -143,28 +156,6 @@ def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
     present = np.concatenate([sweep.present.ravel() for sweep in sweeps.sweeps])
     residuals = residual.reshape(-1, 3)[present]
     return float(np.median(np.abs(residuals)) / stats.norm.ppf(0.75) * np.sqrt(residuals.size / dof))
-
-
-def _zeroed(
-    sweeps: SweepSet, fits: Sequence[AxisFit], order: Sequence[int]
-) -> tuple[tuple[Axis, ...], FloatArray, FloatArray]:
-    """Axes and targets at zero, and their derivative by all whitened readings."""
-    at_sweep = [fits[index].axis for index in order]
-    points = fits[order[-1]].target_points
-    postures = _postures(sweeps, order)
-    axes, targets = _to_zero(at_sweep, points, postures)
-
-    def charts(moved: Sequence[Axis], at: FloatArray) -> FloatArray:
-        found, target = _to_zero(moved, at, postures)
-        parts = [axis.chart(other) for axis, other in zip(axes, found, strict=True)]
-        return np.concatenate([*parts, target.ravel()])
-
-    return axes, targets, derivative(at_sweep, points, charts) @ _stacked_influence(fits, order)
-
-
-def _postures(sweeps: SweepSet, order: Sequence[int]) -> FloatArray:
-    """Mean model angles (n, n) [rad] in the sweep of each model joint."""
-    return np.array([sweeps.model_angles(sweeps.sweeps[index]).mean(axis=0) for index in order])
 
 
 def _sweep_of_joint(sweeps: SweepSet) -> list[int]:
@@ -308,16 +299,14 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         )
     rss = float(linear.residual @ linear.residual)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
-    return SweptAxes(
+    return replace(
+        identified,
         axes=state.axes,
         targets=state.targets,
-        names=identified.names,
         covariance=sigma**2 * linear.covariance[:kept, :kept],
         influence=linear.pseudo_inverse[:kept],
         sigma=sigma,
         rss=rss,
         dof=dof,
-        sweeps=sweeps,
-        fits=identified.fits,
         robust_sigma=robust_sigma(sweeps, linear.residual, dof),
     )
