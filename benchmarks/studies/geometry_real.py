@@ -15,7 +15,7 @@ from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
 from jointstiff.solver.geometry.identified_geometry import Conventions
-from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import flange_poses

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.trend.baseline import LEAST_BASELINE, Baseline, pooled_excess
-from jointstiff.solver.trend.monitor import FALSE_ALARMS, LIFE, alarm_level, monitor
+from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, alarm_level, monitor
 
 __all__ = ["run"]
 

@@ -16,14 +16,16 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, Support
 from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.active_set import (
+from jointstiff.solver.convex.certificate import (
+    Certificate,
+    Proposer,
     active_rows,
+    certify_scaled,
     exact_support,
     multipliers_of,
     polish,
     tight_rows,
 )
-from jointstiff.solver.convex.certificate import Certificate, Proposer, certify_scaled
 from jointstiff.solver.convex.problem import (
     FREE,
     LOWER,

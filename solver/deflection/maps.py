@@ -159,21 +159,24 @@ def map_postures(
         extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
         extrapolation = np.where(np.isfinite(extrapolation), extrapolation, np.inf)
     reached = found.reached
-    # Greatest eigenvalue (R,) of C_tt (R, 3, 3) in the plane across unit vectors (R, 3) [m/N]
-    helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    first = np.cross(direction, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    plane = np.stack([first, np.cross(direction, first)], axis=1)  # (R, 2, 3)
-    form = plane @ translation @ plane.transpose(0, 2, 1)
-    mean, gap = 0.5 * (form[:, 0, 0] + form[:, 1, 1]), 0.5 * (form[:, 0, 0] - form[:, 1, 1])
-    across = mean + np.hypot(gap, 0.5 * (form[:, 0, 1] + form[:, 1, 0]))
     for column, value in (
         (found.displacement, bent.displacement),
         (found.along, np.where(known_along, along, np.nan)),
-        (found.across, np.where(known_across, across, np.nan)),
+        (found.across, np.where(known_across, _greatest_across(translation, direction), np.nan)),
         (found.readings, readings),
         (found.with_model_error, with_model_error),
         (found.extrapolation, extrapolation),
     ):
         column[reached] = value[~unseen]
     return found
+
+
+def _greatest_across(translation: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the greatest eigenvalue (R,) of C_tt (R, 3, 3) in the plane across unit vectors (R, 3) [m/N]."""
+    helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    first = np.cross(direction, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    plane = np.stack([first, np.cross(direction, first)], axis=1)  # (R, 2, 3)
+    form = plane @ translation @ plane.transpose(0, 2, 1)
+    mean, half = 0.5 * (form[:, 0, 0] + form[:, 1, 1]), 0.5 * (form[:, 0, 0] - form[:, 1, 1])
+    return np.asarray(mean + np.hypot(half, 0.5 * (form[:, 0, 1] + form[:, 1, 0])))

@@ -1,12 +1,18 @@
 """Identify the geometry of a robot from sweeps or unloaded poses: one call from readings to a robot.
 
 Every number comes with its uncertainty and every suspicion with its figure; nothing is corrected silently.
+
+The uncertainty of the angles at which joints rest while others turn.
+
+The readings show how far each joint is from the controller's angle while it turns: its gear's error. At
+rest it is off by as much, and nothing shows it. Where joints rest at the same angles in all sweeps, that
+only turns what model angle zero means; where they do not, it moves the axes against each other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +41,6 @@ from jointstiff.solver.geometry.model.identified_model import (
 )
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
 from jointstiff.solver.geometry.model.link_parameters import dh_table
-from jointstiff.solver.geometry.model.poses import Poses
 from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
 from jointstiff.solver.geometry.sweeps.findings import (
@@ -43,13 +48,62 @@ from jointstiff.solver.geometry.sweeps.findings import (
     angle_probability,
     disagree,
     geometry_findings,
+    uneven,
 )
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
-from jointstiff.solver.geometry.sweeps.resting_angles import resting_angles, widened
-from jointstiff.solver.geometry.sweeps.sweep import SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
+from jointstiff.solver.geometry.sweeps.pose_fit import Poses
+from jointstiff.solver.geometry.sweeps.sweep import STILL, SweepSet
+from jointstiff.solver.geometry.sweeps.swept_axes import (
+    SweptAxes,
+    identify_axes,
+    influence_of_postures,
+    refine_axes,
+)
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.wrist import WRIST_JOINTS
+
+
+def resting_angles(swept: SweptAxes, probability: float, *, first: int = 0) -> FloatArray:
+    """Return what gear errors at rest do to axes and targets: (4 n + 3 T, G), one column a standard one.
+
+    Args:
+        swept: axes fitted one by one with free angles.
+        probability: that the controller's angles fit; if it is not small, gears are even and G is 0.
+        first: joint of the controller from which on errors count. Columns go from the last joint inwards, so
+            that those of fewer joints are the first of all.
+    """
+    columns = []
+    if uneven(probability):
+        matrix, by_posture = swept.sweeps.joint_map.matrix, influence_of_postures(swept)
+        turned_from_last = sorted(swept.fits, key=lambda fit: -fit.sweep.joint)
+        for fit in (fit for fit in turned_from_last if fit.sweep.joint >= first):
+            joint = fit.sweep.joint
+            # Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise
+            deviation = fit.angle_deviation
+            own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
+            noise = fit.sigma**2 * float(np.sum(own**2))
+            size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
+            # Masks (n,) of the sweeps, by model joint, in which a controller's joint rests at one angle
+            order = [swept.sweeps.sweeps[index] for index in swept.order]
+            angles = np.array([sweep.angles[:, joint].mean() for sweep in order])
+            others = np.array([sweep.joint != joint for sweep in order])
+            ascending = np.sort(angles[others])
+            starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > STILL)]
+            number = np.searchsorted(starts, angles, side="right")
+            for group in [others & (number == index + 1) for index in range(len(starts))]:
+                turned = np.where(group[:, None], matrix[:, joint], 0.0)
+                columns.append(size * by_posture @ turned.ravel())
+    return np.array(columns).T if columns else np.zeros((len(swept.covariance), 0))
+
+
+def widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
+    """Return the axes with an uncertainty that includes these columns, beside that of the readings."""
+    return replace(
+        identified,
+        covariance=identified.covariance + columns @ columns.T,
+        influence=np.hstack([identified.influence, columns / identified.sigma]),
+    )
+
 
 _DEGENERATE = "its uncertainty is too large"
 

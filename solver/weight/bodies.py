@@ -14,7 +14,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.robot.body import Body
 
 

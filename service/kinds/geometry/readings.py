@@ -12,7 +12,7 @@ from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.identified_geometry import Conventions
-from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.readings.tracker_noise import at_read_places
 from jointstiff.solver.robot.joint_map import JointMap

@@ -26,7 +26,7 @@ from jointstiff.solver.geometry.identification import identify_from_poses, ident
 from jointstiff.solver.geometry.identified_geometry import IdentifiedGeometry
 from jointstiff.solver.geometry.model.kinematic_calibration import CalibratedAxes
 from jointstiff.solver.geometry.model.link_parameters import DhTable
-from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.geometry.sweeps.sweep import SweepSet
 from jointstiff.solver.robot.joint_map import JointMap as RobotJointMap
 from jointstiff.solver.robot.model import Robot

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.assessment import Assessment
-from jointstiff.solver.trend.chart import Alarm, Chart, alarms_of, charts_of
-from jointstiff.solver.trend.monitor import FALSE_ALARMS, LIFE
+from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, Alarm, Chart, alarms_of, charts_of
 from jointstiff.solver.trend.series import Change, Series, change_between, log_stiffness
 
 _OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a quarter"

@@ -22,9 +22,8 @@ from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import LinearFit
-from jointstiff.solver.geometry.model.poses import Poses
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
-from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
+from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, Poses, PoseState, fit_poses
 from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.chain import KinematicChain
 

@@ -27,8 +27,8 @@ from jointstiff.solver.geometry.identification import identify_from_poses
 from jointstiff.solver.geometry.identified_geometry import Conventions
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model, link_table
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
-from jointstiff.solver.geometry.model.poses import Poses
 from jointstiff.solver.geometry.sweeps.identified_axes import posed
+from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.urdf import read_urdf

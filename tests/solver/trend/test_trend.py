@@ -11,8 +11,7 @@ from scipy import integrate, stats
 
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.trend.baseline import PRIOR_SCALE, Baseline, plausible_between, pooled_excess
-from jointstiff.solver.trend.chart import alarms_of, charts_of
-from jointstiff.solver.trend.monitor import FALSE_ALARMS, LIFE, alarm_level, monitor
+from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, alarm_level, alarms_of, charts_of, monitor
 from jointstiff.solver.trend.series import Series, change_between, log_stiffness
 
 _AGREED = np.zeros(())
