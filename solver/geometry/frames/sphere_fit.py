@@ -6,7 +6,7 @@ too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,53 +20,13 @@ from jointstiff.solver.regression.regressor import whitener
 
 
 @dataclass(frozen=True, eq=False)
-class SpherePosition:
-    """Three targets at one position."""
+class SphereReadings:
+    """Readings of T targets at P positions, with the arm at rest."""
 
-    points: FloatArray  #: (3, 3) readings [m]
-    factors: FloatArray  #: (3, 3, 3) Cholesky factors of their covariances in units of sigma²
-    columns: IndexArray  #: (9,) of the whitened readings in the order of all
-
-    @property
-    def covariances(self) -> FloatArray:
-        """Covariances (3, 3, 3) in units of sigma²."""
-        return np.asarray(self.factors @ np.swapaxes(self.factors, -1, -2))
-
-
-@dataclass(frozen=True, eq=False)
-class SphereFit:
-    """Common centre of one sphere for each target."""
-
-    centre: FloatArray  #: (3,) tracker's frame [m]
-    radii: FloatArray  #: (T,) [m]; NaN for a target without reading
-    influence: FloatArray  #: (3 + T, m) derivative of both by all whitened readings, in units of sigma
-    rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
-    dof: int  #: degrees of freedom
-    points: FloatArray  #: (P, T, 3) the readings used [m]
+    points: FloatArray  #: (P, T, 3) tracker's frame [m]
     factors: FloatArray  #: (P, T, 3, 3) Cholesky factors of their covariances in units of sigma²
     present: BoolArray  #: (P, T) which were read
     columns: IndexArray  #: (P, T, 3) index of each among all whitened readings
-
-    @property
-    def seen(self) -> BoolArray:
-        """Which targets (T,) were read at all."""
-        return np.asarray(self.present.any(axis=0))
-
-    def positions(self, targets: Sequence[int]) -> Iterator[SpherePosition]:
-        """The positions at which three targets were all read."""
-        chosen = list(targets)
-        for k in np.flatnonzero(self.present[:, chosen].all(axis=1)):
-            yield SpherePosition(
-                self.points[k, chosen], self.factors[k, chosen], self.columns[k, chosen].ravel()
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class _Readings:
-    points: FloatArray
-    factors: FloatArray
-    present: BoolArray
-    columns: IndexArray
 
     @property
     def rows(self) -> tuple[IndexArray, ...]:
@@ -82,6 +42,16 @@ class _Readings:
     def by_reading(self, along: FloatArray) -> FloatArray:
         """Derivative (m, 3) of a distance by its whitened reading; its norm is the distance's sigma."""
         return np.asarray(np.einsum("mji,mj->mi", self.factors[self.rows], along))
+
+
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """Common centre of one sphere for each target."""
+
+    centre: FloatArray  #: (3,) tracker's frame [m]
+    radii: FloatArray  #: (T,) [m]; of no meaning for a target without reading
+    influence: FloatArray  #: (3 + T, m) derivative of both by all whitened readings, in units of sigma
+    readings: SphereReadings  #: that were fitted
 
 
 def fit_spheres(identified: SweptAxes, sweeps: Sequence[int]) -> SphereFit | None:
@@ -107,7 +77,7 @@ def fit_spheres(identified: SweptAxes, sweeps: Sequence[int]) -> SphereFit | Non
         starts[index] + np.arange(all_sweeps[index].points.size).reshape(all_sweeps[index].points.shape)
         for index in sweeps
     ]
-    data = _Readings(
+    data = SphereReadings(
         np.concatenate([sweep.points for sweep in chosen]),
         np.concatenate(factors),
         np.concatenate([sweep.present for sweep in chosen]),
@@ -146,17 +116,7 @@ def fit_spheres(identified: SweptAxes, sweeps: Sequence[int]) -> SphereFit | Non
     influence = np.zeros((len(state), identified.influence.shape[1]))
     by_all = linear.pseudo_inverse[:, :, None] * by_reading
     influence[:, data.columns[data.rows].ravel()] = by_all.reshape(len(state), -1)
-    return SphereFit(
-        centre=state[:3],
-        radii=np.where(data.present.any(axis=0), state[3:], np.nan),
-        influence=influence,
-        rss=float(linear.residual @ linear.residual),
-        dof=len(spread) - linear.rank,
-        points=data.points,
-        factors=data.factors,
-        present=data.present,
-        columns=data.columns,
-    )
+    return SphereFit(state[:3], state[3:], influence, data)
 
 
 _COLLINEAR = 1e-3  # least height of the triangle over its base

@@ -250,7 +250,9 @@ def _by_trilateration(
     identified: SweptAxes, sphere: SphereFit, near: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
     """Weighted mean over all positions with the three targets, and its influence."""
-    triples = [list(three) for three in combinations(np.flatnonzero(sphere.seen).tolist(), 3)]
+    readings = sphere.readings
+    read = np.flatnonzero(readings.present.any(axis=0)).tolist()
+    triples = [list(three) for three in combinations(read, 3)]
     sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
     areas = [float(np.linalg.norm(np.cross(first, second))) for first, second in sides]
     if not max(areas, default=0.0) > 0.0:
@@ -259,16 +261,17 @@ def _by_trilateration(
     total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere.influence[:3])
     radii = sphere.radii[chosen]
     by_radius = sphere.influence[[3 + t for t in chosen]]
-    for position in sphere.positions(chosen):
+    for k in np.flatnonzero(readings.present[:, chosen].all(axis=1)):
+        factors = readings.factors[k, chosen]
         try:
-            found = trilaterate(position.points, radii, near)
+            found = trilaterate(readings.points[k, chosen], radii, near)
         except MeasurementError:
             continue
         row = found.by_distance @ by_radius
-        row[:, position.columns] += np.einsum("itj,tjk->itk", found.by_target, position.factors).reshape(
-            3, -1
-        )
-        weight = np.linalg.inv(found.covariance(position.covariances, by_radius @ by_radius.T))
+        by_reading = np.einsum("itj,tjk->itk", found.by_target, factors)
+        row[:, readings.columns[k, chosen].ravel()] += by_reading.reshape(3, -1)
+        covariances = factors @ np.swapaxes(factors, -1, -2)
+        weight = np.linalg.inv(found.covariance(covariances, by_radius @ by_radius.T))
         total += weight
         centre += weight @ found.centre
         influence += weight @ row

@@ -132,7 +132,7 @@ def calibrate(
         )
     angles = poses.joint_map.model_angles(poses.angles)
     motions = [posed(axes, q)[1:] for q in angles]
-    T, at_zero = _rough(motions, poses) if start is None else _with_start(motions, poses, start)
+    T, at_zero = _start(motions, poses, start)
     first = PoseState(
         tuple(axis.moved(T.rotation, T.translation) for axis in axes),
         T.apply(at_zero),
@@ -221,58 +221,29 @@ def pose_readings(angles: FloatArray, poses: Poses) -> PoseReadings:
     )
 
 
-def _rough(
-    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses
+def _start(
+    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses, start: RigidTransform | None
 ) -> tuple[RigidTransform, FloatArray]:
     """Base to tracker, and targets at angle zero in R0, by linear least squares.
 
-    ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ (nine numbers), s = −Rᵀ t and x_t; Q is then made a
-    rotation.
+    ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ (nine numbers), s = −Rᵀ t and x_t. Q is then made a
+    rotation, and s and x_t are those with it. Where the transform is known, x_t are those with that.
     """
-    rows, right = [], []
-    count = len(poses.targets)
-    for k, t in np.argwhere(poses.present).tolist():
-        R, shift = motions[k]
-        row = np.zeros((3, 12 + 3 * count))
-        row[:, :9] = np.kron(np.eye(3), poses.points[k, t])
-        row[:, 9:12] = np.eye(3)
-        row[:, 12 + 3 * t : 15 + 3 * t] = -R
-        rows.append(row)
-        right.append(shift)
-    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
-    U, _, Vt = np.linalg.svd(solution[:9].reshape(3, 3))
+    k, t = np.nonzero(poses.present)
+    rotation, shift = (np.stack(part)[k] for part in zip(*motions, strict=True))
+    points, size = poses.points[k, t], 3 * len(k)
+    by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
+    if start is not None:
+        local = start.inverse().apply(points) - shift
+        return start, np.linalg.lstsq(by_target, local.ravel(), rcond=None)[0].reshape(-1, 3)
+    by_shift = np.tile(np.eye(3), (len(k), 1))
+    by_rotation = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(size, 9)
+    system = np.hstack([by_rotation, by_shift, -by_target])
+    U, _, Vt = np.linalg.svd(np.linalg.lstsq(system, shift.ravel(), rcond=None)[0][:9].reshape(3, 3))
     Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    turned = RigidTransform(Q.T, np.zeros(3))
-    return _translated(motions, poses, turned)
-
-
-def _translated(
-    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses, turned: RigidTransform
-) -> tuple[RigidTransform, FloatArray]:
-    """The same with the rotation known: ``Q p = R_k x_t + t_k − s`` in x_t and s."""
-    rows, right = [], []
-    for k, t in np.argwhere(poses.present).tolist():
-        R, shift = motions[k]
-        row = np.zeros((3, 3 + 3 * len(poses.targets)))
-        row[:, :3] = -np.eye(3)
-        row[:, 3 + 3 * t : 6 + 3 * t] = R
-        rows.append(row)
-        right.append(turned.rotation.T @ poses.points[k, t] - shift)
-    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
-    translation = -turned.rotation @ solution[:3]
-    return RigidTransform(turned.rotation, translation), solution[3:].reshape(-1, 3)
-
-
-def _with_start(
-    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses, start: RigidTransform
-) -> tuple[RigidTransform, FloatArray]:
-    back = start.inverse()
-    targets = np.zeros((len(poses.targets), 3))
-    for t in range(len(targets)):
-        seen = np.flatnonzero(poses.present[:, t]).tolist()
-        local = [motions[k][0].T @ (back.apply(poses.points[k, t]) - motions[k][1]) for k in seen]
-        targets[t] = np.mean(local, axis=0) if local else 0.0
-    return start, targets
+    right = (points @ Q.T - shift).ravel()
+    solution = np.linalg.lstsq(np.hstack([-by_shift, by_target]), right, rcond=None)[0]
+    return RigidTransform(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
 
 
 def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> tuple[tuple[str, ...], ...]:
