@@ -41,7 +41,6 @@ from jointstiff.solver.geometry.model.identified_model import (
 )
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
 from jointstiff.solver.geometry.model.link_parameters import dh_table
-from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
 from jointstiff.solver.geometry.sweeps.findings import (
     agreement_findings,
@@ -208,11 +207,6 @@ def _identified_geometry(
     found += tables[0].findings()
     links = () if nominal is None else link_table(identified, base, flange, nominal)
     found += link_findings(links)
-
-    def in_flange(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
-        return flange.place(axes, points).inverse().apply(points).ravel()
-
-    spread = identified.standard_uncertainties(identified.jacobian_of(in_flange))
     return IdentifiedGeometry(
         identified=identified,
         sigma_stated=frame.stated,
@@ -220,7 +214,6 @@ def _identified_geometry(
         evidence=evidence,
         base=base,
         model=model,
-        targets_determined=np.asarray(np.isfinite(spread).reshape(-1, 3).all(axis=1)),
         links=links,
         wrist=wrist,
         tables=tables,

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_drift import BaseDrift, find_drift
 from jointstiff.solver.geometry.frames.base_frame import BaseFrame, PlacedAxis, place_axes
@@ -80,8 +80,6 @@ class IdentifiedGeometry:
     evidence: Evidence | None  #: of sweeps; None for poses
     base: BaseFrame  #: where R0 is
     model: IdentifiedModel  #: the robot
-    #: (T,) whether the readings determine the place of each target on the flange
-    targets_determined: BoolArray
     links: tuple[LinkParameter, ...]  #: beside those of the nominal model; empty without one
     wrist: WristCentre | str  #: its centre, or why there is none
     tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
@@ -109,10 +107,10 @@ class IdentifiedGeometry:
     @property
     def target_covariances(self) -> FloatArray:
         """(T, 3, 3) of the targets in the flange frame [m²]; NaN where not determined."""
-        count = len(self.targets_determined)
+        count = len(self.model.target_names)
         blocks = self.model.targets_covariance.reshape(count, 3, count, 3)
         own = np.stack([blocks[t, :, t] for t in range(count)])
-        return np.where(self.targets_determined[:, None, None], own, np.nan)
+        return np.where(self.model.targets_determined[:, None, None], own, np.nan)
 
     @property
     def sigma(self) -> float:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -96,7 +97,7 @@ class BaseConvention:
             MeasurementError: it has fewer than two axes, or its first two are nearly parallel.
         """
         axes, _ = chain_axes(chain)
-        _refuse_fewer_than_two(axes)
+        refuse_single_axis(axes, "base")
         return cls(perpendicular_frame(axes[0], axes[1]))
 
     @classmethod
@@ -110,7 +111,7 @@ class BaseConvention:
         Raises:
             MeasurementError: fewer than two axes.
         """
-        _refuse_fewer_than_two(identified.axes)
+        refuse_single_axis(identified.axes, "base")
         offset = _offset(identified.axes, identified.targets)
         uncertainty = np.sqrt(identified.covariance_of(_offset)[0, 0])
         sign = -1.0 if offset[0] < -_MEETING * uncertainty else 1.0
@@ -138,7 +139,7 @@ def find_base_frame(identified: IdentifiedAxes, convention: BaseConvention) -> B
     Raises:
         MeasurementError: fewer than two axes, or nearly parallel ones.
     """
-    _refuse_fewer_than_two(identified.axes)
+    refuse_single_axis(identified.axes, "base")
     draft = BaseFrame(RigidTransform.identity(), np.zeros((6, 0)), convention)
     transform = draft.place(identified.axes)
 
@@ -157,12 +158,18 @@ def _offset(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
     return np.array([(axes[1].at(second) - axes[0].at(first)) @ x])
 
 
-def _refuse_fewer_than_two(axes: Sequence[Axis]) -> None:
+def refuse_single_axis(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> None:
+    """Refuse to place a frame by fewer than two axes.
+
+    Raises:
+        MeasurementError: there are fewer.
+    """
     if len(axes) < 2:
+        explicit = "give the transform from the tracker's frame to R0 explicitly"
         raise MeasurementError(
-            "a single axis does not define a base frame",
+            f"a single axis does not define a {frame} frame",
             where="sweeps",
-            remedy="give the transform from the tracker's frame to R0 explicitly",
+            remedy=explicit if frame == "base" else "define the flange by three targets",
         )
 
 

@@ -8,10 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames.base_frame import BaseFrame, chain_axes, perpendicular_frame
+from jointstiff.solver.geometry.frames.base_frame import (
+    BaseFrame,
+    chain_axes,
+    perpendicular_frame,
+    refuse_single_axis,
+)
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.link_parameters import link_geometry, near_parallel, perpendicular_signs
 from jointstiff.solver.geometry.sweeps.axis import Axis
@@ -45,7 +50,7 @@ class FlangeConvention:
             MeasurementError: there are fewer than two axes, or they are nearly parallel.
         """
         axes, flange = chain_axes(chain)
-        _refuse_fewer_than_two(axes)
+        refuse_single_axis(axes, "flange")
         return cls("axes", perpendicular_frame(axes[-1], axes[-2]).inverse().after(flange))
 
     @classmethod
@@ -65,7 +70,7 @@ class FlangeConvention:
             MeasurementError: the axes are nearly parallel, or the targets lie on a line.
         """
         if self.by == "axes":
-            _refuse_fewer_than_two(axes)
+            refuse_single_axis(axes, "flange")
             return perpendicular_frame(axes[-1], axes[-2]).after(self.frame_from_flange)
         points = targets[list(self.targets)]
         x, side = points[1] - points[0], points[2] - points[0]
@@ -139,6 +144,7 @@ class IdentifiedModel:
     base: BaseFrame  #: where R0 is
     targets_in_flange: FloatArray  #: (T, 3) [m]
     targets_covariance: FloatArray  #: (3 T, 3 T) [m²]
+    targets_determined: BoolArray  #: (T,) whether the readings determine the place of each target
     target_names: tuple[str, ...]  #: of these
 
 
@@ -172,11 +178,14 @@ def identify_model(
     def in_flange(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
         return flange.place(moved, points).inverse().apply(points).ravel()
 
+    J = identified.jacobian_of(in_flange)
+    known = np.isfinite(identified.standard_uncertainties(J)).reshape(-1, 3).all(axis=1)
     return IdentifiedModel(
         chain=_chain(axes, placed, nominal, name),
         base=base,
         targets_in_flange=in_flange(identified.axes, identified.targets).reshape(-1, 3),
-        targets_covariance=identified.covariance_of(in_flange),
+        targets_covariance=J @ identified.covariance @ J.T,
+        targets_determined=np.asarray(known),
         target_names=identified.names,
     )
 
@@ -283,13 +292,4 @@ def _refuse_other_count(axes: Sequence[Axis], n: int) -> None:
             f"the nominal model has {len(axes)} revolute joints, but the sweeps show {n} axes",
             where="nominal",
             remedy="give the nominal model of the robot that was measured",
-        )
-
-
-def _refuse_fewer_than_two(axes: Sequence[Axis]) -> None:
-    if len(axes) < 2:
-        raise MeasurementError(
-            "a single axis does not define a flange frame",
-            where="sweeps",
-            remedy="define the flange by three targets",
         )
