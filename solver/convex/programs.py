@@ -10,7 +10,7 @@
     weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
 
 The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the last two to the cones of `weighed`.
+with x = near + y in the first of them, the last two to the cones of `perspective`.
 Variables are equilibrated. A program is compiled once for a shape,
 its data being parameters. `huber`, `sum_of_norms` and `penalised_end` are stated with their data, as that
 compiles faster. Ends of joints' intervals are found in batches, by `inference.profile`; tests hold them to
@@ -31,9 +31,9 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex.perspective import Block
 from jointstiff.solver.convex.problem import Scaled
 from jointstiff.solver.convex.semidefinite.cone import to_matrix
-from jointstiff.solver.convex.weighed import Block
 
 if TYPE_CHECKING:
     import cvxpy as cp  # takes a second to import: done where a program is stated
@@ -294,7 +294,7 @@ def penalised_end(
 
 @lru_cache(maxsize=32)
 def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `weighed`).
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `perspective`).
 
     Args:
         rows: of A.

@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.weighed import Block, Cones, Weighed, least_squares
+from jointstiff.solver.convex.perspective import Block, Cones
+from jointstiff.solver.convex.weighed import Weighed, least_squares
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.weighed import Block, Cones, ends, least_squares
+from jointstiff.solver.convex.perspective import Block, Cones
+from jointstiff.solver.convex.weighed import ends, least_squares
 from jointstiff.solver.errors import SolverError
 
 BLOCKS = (Block(2, ((1, 0.3), (-1, 0.0))), Block(0), Block(1))
