@@ -11,7 +11,8 @@ from jointstiff.schemas import map as messages
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, MapTask, ToolFan, tool_rotations
+from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
+from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
 
