@@ -46,12 +46,11 @@ class Action(Message):
         description="Target whose place and the load point are exchanged; null for other actions."
     )
     correction: list[float] = Field(
-        default_factory=list,
         description="Vector that is added: to the load points in the flange frame, in m, or to the forces in "
         "the axes of R0, in N; empty for other actions.",
     )
     unit: Literal["m", "mm", "deg", "rad", "N", "kN"] | None = Field(
-        default=None, description="Unit that the numbers are in; null for other actions."
+        description="Unit that the numbers are in; null for other actions."
     )
 
 

@@ -1,6 +1,5 @@
 import { describe, expect, it } from "vitest";
-import type { Action, QualityWarning, Reason, Robot } from "../src/api/types";
-import { withJointMap } from "../src/lib/corrections";
+import type { QualityWarning, Reason } from "../src/api/types";
 import { placeName, sentence, unsaid } from "../src/lib/said";
 
 const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as QualityWarning;
@@ -29,10 +28,4 @@ it("begins sentences with a capital, names and labels with what they are", () =>
   expect(placeName("observations[4] 'c05'")).toBe("c05");
   expect(placeName("first.observations[4] 'c05'")).toBe("c05 (first)");
   expect(placeName("joint_2")).toBe("joint_2");
-});
-
-it("takes matrix and offset of a suggested joint map", () => {
-  const robot = { model: {}, joints: [], joint_map: { matrix: [[1]], offset: [0] } } as unknown as Robot;
-  const action = { joint_map: [[-1]], offset: [1.5] } as unknown as Action;
-  expect(withJointMap(robot, action, "arm").joint_map).toEqual({ matrix: [[-1]], offset: [1.5] });
 });

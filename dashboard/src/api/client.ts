@@ -2,6 +2,7 @@
 import { text } from "../i18n";
 import type { Columns } from "../lib/sheet";
 import type {
+  Action,
   Authorisation,
   AuthorisationList,
   AuthorisationRequest,
@@ -194,6 +195,7 @@ export const api = {
   maps,
   mapTable: (map: string) => call<Columns>("GET", maps.file(map, "map.json")),
   programs,
+  apply: (run: string, action: Action) => call<Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
   programPoints: (program: string) => call<Columns>("GET", programs.file(program, "points.json")),
   programFile: (program: string, file: string) => programs.file(program, `program${query({ file })}`),

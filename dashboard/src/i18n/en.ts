@@ -578,23 +578,7 @@ export const en = {
       choose_model: () => "Let the readings choose the model",
       show_posture: () => "Show the posture",
     } satisfies Record<Action["kind"], (action: Action) => string>,
-    noPlace: ({ target }: Action) =>
-      target
-        ? `Not possible here: the set does not state where ${target} is on the flange.`
-        : "Not possible here: the set's forces are stated in a frame of its own.",
-    corrected: {
-      map: (robot: string) => `${robot}, joint map corrected`,
-      omit_noise: () => "noise from residuals",
-      noise: "noise stated",
-      exchange_columns: ({ joints }: Action) => `${joints.join(" and ")} exchanged`,
-      exchange_load_and_target: () => "load and target exchanged",
-      correct_load_point: () => "load point corrected",
-      correct_force: () => "force corrected",
-      convert_units: ({ unit }: Action) => `in ${unit ?? "another unit"}`,
-      exchange_readings: () => "unloaded and loaded exchanged",
-      choose_model: () => "",
-      show_posture: () => "",
-    },
+    noiseStated: "noise stated",
     beforeAfter: "Before and after",
     before: "Before",
     after: "This run",

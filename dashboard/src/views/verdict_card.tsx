@@ -2,7 +2,6 @@
 import type { Action, Assessment, Reason, Usability } from "../api/types";
 import { Badge } from "../components/badge";
 import { ProblemNote, Prose } from "../components/basics";
-import { exchangeable } from "../lib/corrections";
 import { placeName, sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { go, link } from "../state/router";
@@ -89,19 +88,17 @@ function unique(actions: Action[]): Action[] {
 /** What the action does, and where it is about postures, one to look at it first. */
 function ActionButtons({ action, context }: { action: Action; context: RunContext }) {
   const start = useAction(async () => {
-    const run = await variantBy(context, action);
+    const run = await variantBy(context.run, action);
     go(link(["runs", run.id]));
   });
   const [shown] = action.observations;
-  const possible = exchangeable(context.set, action);
   return (
     <>
       {action.kind !== "show_posture" && (
-        <button type="button" class="button" disabled={start.busy || !possible} onClick={start.run}>
+        <button type="button" class="button" disabled={start.busy} onClick={start.run}>
           {start.busy ? words.doing : words.actions[action.kind](action)}
         </button>
       )}
-      {!possible && <small class="soft">{words.noPlace(action)}</small>}
       {shown !== undefined && (
         <a class="button quiet" href={link(["runs", context.run.id, "robot"], { at: shown, from: "result" })}>
           {words.show(shown)}
