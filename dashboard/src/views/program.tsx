@@ -11,7 +11,7 @@ import { type PathPoint, pointsOf, thinned } from "../lib/program";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import type { Arrow } from "../scene/arrows";
 import type { Vector } from "../lib/vector";
-import { ArmView } from "../scene/view";
+import { ArmView, roomOf } from "../scene/view";
 import { useKinematics } from "../state/posture";
 import { link } from "../state/router";
 import { text } from "../i18n";
@@ -19,7 +19,8 @@ import { contextOfEnded, type RunContext } from "./run_context";
 
 const words = text.program;
 const MOST_DRAWN = 3_000;
-const WIDTH = 1 / 150; // of a point, in parts of the path
+const FINEST = 150; // points side by side along the path: more are drawn over each other
+const COARSEST = 25;
 
 interface Loaded extends RunContext {
   job: Program;
@@ -102,7 +103,10 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
   const point = points[chosen];
   const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
   const posture = kinematics?.postures[0];
-  const size = useMemo(() => WIDTH * extent(drawn.map((one) => one.place)), [drawn]);
+  const size = useMemo(
+    () => extent(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length)),
+    [drawn],
+  );
   const greatest = useMemo(
     () => points.reduce((most, one) => (one.deflection > most ? one.deflection : most), 0),
     [points],
@@ -123,7 +127,7 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
     };
   }, [posture, drawn, when, greatest, size, point]);
   const room = useMemo(
-    () => [...(posture ? [posture.flange_origin] : []), ...drawn.map((one) => one.place)],
+    () => [...(posture ? roomOf([posture]) : []), ...drawn.map((one) => one.place)],
     [posture, drawn],
   );
   if (!show || !point) return <Busy label={text.scene.loading} />;
@@ -206,5 +210,8 @@ function Worst({ result }: { result: ProgramResult }) {
       one.residual * 1e3,
     ]),
   };
-  return <DataTable table={table} caption={words.worst} />;
+  const filled = table.columns.map((_, i) => table.rows.some((row) => row[i] !== null && row[i] !== ""));
+  const columns = table.columns.filter((_, i) => filled[i]);
+  const rows = table.rows.map((row) => row.filter((_, i) => filled[i]));
+  return <DataTable table={{ columns, rows }} caption={words.worst} />;
 }
