@@ -54,6 +54,11 @@ class SetMetadata(Message):
         examples=["Leica AT960, 750123"],
     )
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
+    item_condition: Name | None = Field(
+        default=None,
+        description="Condition of the robot when it was measured.",
+        examples=["as found, 12,000 h of operation"],
+    )
     conditions: Name | None = Field(
         default=None,
         description="Conditions of the measurement.",

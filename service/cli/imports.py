@@ -43,8 +43,8 @@ def import_readings(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="Note about the set: measured_at, serial_number, operator, instrument, conditions or notes. "
-            "Repeatable.",
+            help="Note about the set: measured_at, serial_number, item_condition, operator, instrument, "
+            "conditions or notes. Repeatable.",
         ),
     ] = None,
     output: Annotated[

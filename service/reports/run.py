@@ -144,7 +144,7 @@ def _identification(subject: RunSubject, state: State) -> Section:
                 f"Industrial robot {subject.model.name}, {robot.n} joints: {', '.join(robot.joint_names)}",
             ),
             ("Serial number", readings.serial_number or NOT_STATED),
-            ("Condition of the item", readings.conditions or NOT_STATED),
+            ("Condition of the item", readings.item_condition or NOT_STATED),
             (
                 "Date of receipt",
                 NOT_STATED if subject.received_on is None else subject.received_on.isoformat(),

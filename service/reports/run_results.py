@@ -14,13 +14,15 @@ from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.reports.wording import percent
-from jointstiff.service.tables.numbers import NO_NUMBER, rounded
+from jointstiff.service.tables.numbers import NO_NUMBER, figure, rounded
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import text_table
 from jointstiff.service.tables.verdict import VERDICTS
 
 _UNIT = UNITS["MNm/rad"]
 _MICRO = 1e6
+_USUAL = 0.95
+"""Coverage probability of k = 2, nearly."""
 _MOST_WARNINGS = 12
 _STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
 
@@ -28,7 +30,9 @@ _STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at
 def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return stiffness, uncertainty and interval of each joint, with pictures."""
     result, confidence = model.result, model.run.request.confidence
-    factor = "" if result.budget is None else f", k = {result.budget.coverage_factor:.2f}"
+    factor = (
+        "" if result.budget is None else f", k = {figure(_factor(result.budget))}{_partial(result.budget)}"
+    )
     table = text_table(
         [
             "joint",
@@ -75,13 +79,30 @@ def _joint_row(joint: JointResult, budget: Budget | None) -> list[str]:
     value, uncertainty, interval = _UNIT.cells(joint)
     expanded = NO_NUMBER
     if budget is not None and joint.name in budget.joints and joint.stiffness is not None:
-        of_compliance = budget.expanded_uncertainty[budget.joints.index(joint.name)]
-        in_unit = _UNIT.factor * of_compliance * joint.stiffness**2
-        expanded = rounded(in_unit, in_unit)
+        of_compliance = _combined(budget)[budget.joints.index(joint.name)]
+        combined = _UNIT.factor * of_compliance * joint.stiffness**2
+        uncertainty, expanded = (rounded(size, size) for size in (combined, _factor(budget) * combined))
     verdict = (
         VERDICTS[joint.verdict] if joint.status == "identified" else _STATUS.get(joint.status, "no number")
     )
     return [joint.name, value, uncertainty, expanded, interval, verdict]
+
+
+def _combined(budget: Budget) -> list[float]:
+    """Return the standard uncertainty of each compliance by all sources that the budget names."""
+    return [each / budget.coverage_factor for each in budget.expanded_with_model_error]
+
+
+def _factor(budget: Budget) -> float:
+    """Return the coverage factor: 2 where a normal distribution has about 95 %, as EA-4/02 states it."""
+    if budget.probability == _USUAL and budget.coverage_factor <= 2.0:
+        return 2.0
+    return budget.coverage_factor
+
+
+def _partial(budget: Budget) -> str:
+    """Return the word for an expanded uncertainty without a bound of the model error."""
+    return "" if any(each.source == "model_error" for each in budget.components) else ", partial"
 
 
 def uncertainty(model: ExportedModel) -> Section:
@@ -114,20 +135,26 @@ def uncertainty(model: ExportedModel) -> Section:
         )
         for each in budget.components
     ]
+    factor, combined = _factor(budget), _combined(budget)
     rows += [
-        row("combined standard uncertainty", "", budget.standard_uncertainty),
-        row("expanded uncertainty", "", budget.expanded_uncertainty),
-        row("expanded, all sources", "", budget.expanded_with_model_error),
+        row("combined, sources in the intervals", "", budget.standard_uncertainty),
+        row("combined, all sources", "", combined),
+        row(f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]),
     ]
+    missing = "It is partial: there is no bound of the model error. " if _partial(budget) else ""
     caption = "Contributions to the standard uncertainty of each compliance [% of it]"
     return Section(
         statements.UNCERTAINTY,
         tables=[text_table(head, rows, caption)],
         paragraphs=[
-            "The expanded uncertainty is the combined standard uncertainty times the coverage factor k = "
-            f"{budget.coverage_factor:.3f}, for a coverage probability of {percent(budget.probability)} "
-            "(JCGM 100:2008). The relative uncertainty of a stiffness is that of its compliance. "
-            f"{_correlation(budget)}"
+            "The reported expanded uncertainty U is stated as the standard uncertainty of measurement, by "
+            f"all sources of this budget, multiplied by the coverage factor k = {figure(factor)}, which "
+            f"corresponds to a coverage probability of approximately {percent(budget.probability)} "
+            "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
+            f"{missing}{_correlation(budget)}",
+            "The interval of a joint differs from y ± U: it holds all stiffnesses that the likelihood of the "
+            "readings does not refuse, is skew where the readings are, and leaves out the sources that are "
+            "not included above.",
         ],
     )
 

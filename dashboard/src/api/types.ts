@@ -96,6 +96,7 @@ export type RobotSource = { robot_id: string } | { robot: RobotDocument };
 export const METADATA = [
   "measured_at",
   "serial_number",
+  "item_condition",
   "operator",
   "instrument",
   "conditions",

@@ -6,6 +6,7 @@ import { TextField } from "./fields";
 
 const LONGEST: Record<Exclude<keyof Metadata, "measured_at">, number> = {
   serial_number: 200,
+  item_condition: 200,
   operator: 200,
   instrument: 200,
   conditions: 200,

@@ -1126,13 +1126,15 @@ export const en = {
     fields: {
       measured_at: "Measured at",
       serial_number: "Serial number of the robot",
+      item_condition: "Condition of the robot",
       operator: "Operator",
       instrument: "Instrument",
-      conditions: "Conditions",
+      conditions: "Conditions of the room",
       notes: "Notes",
     } satisfies Record<keyof Metadata, string>,
     placeholders: {
       serial_number: "F-211034",
+      item_condition: "as found",
       operator: "M. Keller",
       instrument: "Leica AT960, 750123",
       conditions: "21 °C, warmed up for 30 min",

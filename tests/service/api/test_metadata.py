@@ -20,6 +20,7 @@ NOTED = {
     "operator": "M. Keller",
     "instrument": "Leica AT960, 750123",
     "serial_number": "F-211034",
+    "item_condition": "as found",
     "conditions": "21 °C, warmed up for 30 min",
     "notes": "before the gearbox of axis 2\nwas replaced",
 }

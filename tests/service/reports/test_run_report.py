@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import math
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -28,6 +30,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.page import report_page
 from jointstiff.service.reports.pdf import report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.run_results import results, uncertainty
 from jointstiff.service.reports.state import draft, state_of
 from jointstiff.service.reports.statements import ITEMS
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -46,6 +49,7 @@ METADATA = {
     "operator": "J. Doe",
     "instrument": "Tracker 750123",
     "serial_number": "SN-4711",
+    "item_condition": "as found, new gear in joint 3",
     "conditions": "21 °C, warmed up for 30 min",
     "notes": "load by a winch",
 }
@@ -123,7 +127,7 @@ STATED = {
     "7.8.2.1 n": "Deviation: the complementary stiffness is neglected.",
     "7.8.2.1 o": "Authorised by Dr. Key",
     "7.8.2.1 p": "Results from external providers: none",
-    "7.8.4.1 a": "the coverage factor k = 1.960, for a coverage probability of 95 %",
+    "7.8.4.1 a": "k = 2, which corresponds to a coverage probability of approximately 95 %",
     "7.8.4.1 b": "Conditions 21 °C, warmed up for 30 min",
     "7.8.4.1 c": "certificate K-17 of 2026-03-02",
     "7.8.4.1 d": "after compensation by the model, computed",
@@ -165,6 +169,44 @@ def test_numbers_limits_and_origin_are_in_the_pdf(signed, run):
     )
     assert "Force: no uncertainty stated, counted as exact." in text
     assert "accredit" not in text.lower()
+
+
+def test_the_headline_uncertainty_holds_all_sources_of_the_budget(subject):
+    """Root of the sum of the squares of all components, included or not, times 2, as a stiffness."""
+    model, budget = subject.model, subject.model.result.budget
+    table = results(model, subject.readings).tables[0]
+    head, rows = table.head(), [[cell.text for cell in row] for row in table.rows()]
+    column = next(place for place, name in enumerate(head) if name.startswith("expanded"))
+    partial = "model_error" not in {part.source for part in budget.components}
+    assert ("partial" in head[column]) == partial
+    assert "k = 2" in head[column]
+    for row, joint in zip(rows, model.result.joints, strict=True):
+        if joint.stiffness is None:
+            assert row[column] == "—"
+            continue
+        place = budget.joints.index(joint.name)
+        u = math.hypot(*(part.contributions[place] for part in budget.components))
+        assert float(row[column]) == pytest.approx(2e-6 * u * joint.stiffness**2, rel=0.06)
+        assert float(row[column]) == pytest.approx(2.0 * float(row[2]), rel=0.1)
+
+
+def test_a_budget_without_model_error_is_partial(subject):
+    """Without a bound of the model error the head and the text say that U is partial."""
+    result = subject.model.result
+    parts = [part for part in result.budget.components if part.source != "model_error"]
+    budget = result.budget.model_copy(update={"components": parts})
+    model = replace(subject.model, result=result.model_copy(update={"budget": budget}))
+    assert "k = 2, partial" in results(model, subject.readings).tables[0].head()[3]
+    assert "It is partial: there is no bound of the model error" in uncertainty(model).paragraphs[0]
+    student = budget.model_copy(update={"coverage_factor": 2.36})
+    model = replace(subject.model, result=result.model_copy(update={"budget": student}))
+    assert "k = 2.36" in results(model, subject.readings).tables[0].head()[3]
+
+
+def test_the_room_is_no_condition_of_the_item(signed):
+    text = " ".join(pages_of(signed))
+    assert "Condition of the item as found, new gear in joint 3" in text
+    assert text.count("21 °C, warmed up for 30 min") == 1
 
 
 def test_accreditation_stands_where_the_settings_name_it(campaign, run):
