@@ -37,9 +37,7 @@ class Selection:
 
     models: tuple[HeldOut, ...]  #: that were compared, each with all losses
     best: ModelName  #: of the least mean residual of postures left out, each model with its best loss
-    #: the simplest whose mean is within one standard error of the best one's, paired by posture; joints alone
-    #: within two, as then nothing shows that they lack anything
-    simplest: ModelName
+    simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
     #: of the best model but joints over joints alone; None where either has no answer
     gain: HeldOutGain | None
 
@@ -60,6 +58,8 @@ def select_model(
     fits: Mapping[tuple[ModelName, Loss], Sequence[FoldFit]],
     plan: Plan,
     asked: ModelName | None = None,
+    *,
+    screened: bool = False,
 ) -> Selection:
     """Choose the weight of each model and loss, and compare them at theirs.
 
@@ -70,6 +70,7 @@ def select_model(
         fits: of each model and loss, one a fold.
         plan: weights and rule.
         asked: the model that must have an answer; one without certified answers is left out otherwise.
+        screened: whether a test has shown that something besides the joints bends.
 
     Raises:
         UnsupportedMethodError: that model has no weight with certified answers.
@@ -104,10 +105,21 @@ def select_model(
     )
     by_name = [_best_loss(models, name, LOSSES) for name in MODELS if any(name == key[0] for key in keys)]
     best = min(by_name, key=lambda each: float(each.by_posture.mean()))
-    simplest = next(
-        each for each in by_name if _behind(each, best) <= (CLEAR_GAIN if each.model == "joints" else 1.0)
+    return Selection(models, best.model, simplest_of(by_name, best, screened=screened), _gain(by_name))
+
+
+def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
+    """Return the simplest of models, from simple to rich, that predicts nearly as well as the best.
+
+    Nearly means one paired standard error; two for joints alone, unless a test has shown that something
+    besides them bends: without it nearly every other rigid campaign would get a model with more.
+    """
+    of_joints = 1.0 if screened else CLEAR_GAIN
+    return next(
+        each.model
+        for each in by_name
+        if _behind(each, best) <= (of_joints if each.model == "joints" else 1.0)
     )
-    return Selection(models, best.model, simplest.model, _gain(by_name))
 
 
 def _behind(one: HeldOut, best: HeldOut) -> float:

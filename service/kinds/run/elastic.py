@@ -162,7 +162,8 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         }
         options = self._options
         asked = None if options.elasticity == "automatic" else options.elasticity
-        selection = select_model(robot, measurements, self._folds, fits, self._plan, asked)
+        screened = asked is None  # `work` compares models only where the screening speaks
+        selection = select_model(robot, measurements, self._folds, fits, self._plan, asked, screened=screened)
         chosen = selection.of(asked or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))

@@ -33,7 +33,7 @@ from jointstiff.solver.links.losses import compared_losses
 from jointstiff.solver.links.model import LOSSES, MODELS, ElasticModel, formulate
 from jointstiff.solver.links.penalty import judge_losses, judge_penalty
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks, elastic_rows
-from jointstiff.solver.links.selection import select_model
+from jointstiff.solver.links.selection import HeldOut, select_model, simplest_of
 from jointstiff.solver.robot.configuration import Configurations
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
@@ -548,3 +548,25 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     same = predictor.deflect(at_load)
     moved = np.einsum("bij,bj->bi", same.compliance.matrix[:, :3, :3], held_out.force)
     np.testing.assert_allclose(moved, same.displacement, atol=1e-12)
+
+
+@pytest.mark.parametrize(("screened", "expected"), [(False, "joints"), (True, "diagonal_links")])
+def test_joints_have_less_benefit_of_the_doubt_where_a_test_has_spoken(screened, expected):
+    """Joints alone are behind by 1.5 paired standard errors, diagonal links by half of one."""
+    best = np.full(16, 5e-5)
+    spread = np.tile([-1.0, 1.0], 8) * np.sqrt(15 / 16) * 4e-6  # a standard error of the mean of 1e-6
+    behind = {"joints": 1.5e-6, "diagonal_links": 0.5e-6, "joints_and_links": None}
+    models = [
+        HeldOut(
+            model=name,
+            loss="squared",
+            error=5e-5,
+            penalty=None if name == "joints" else 0.1,
+            compensation=0.98,
+            standard_error=0.01,
+            by_fold=np.full(5, 0.98),
+            by_posture=best if size is None else best + size + spread,
+        )
+        for name, size in behind.items()
+    ]
+    assert simplest_of(models, models[-1], screened=screened) == expected
