@@ -26,7 +26,7 @@ from jointstiff.service.tables.table import text_table
 
 MAX_ATTACHED_BYTES: Final = 2_500_000
 """JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
-_TITLE: Final = "Report on joint stiffness"
+TITLE: Final = "Report on joint stiffness"
 _BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 
 
@@ -87,7 +87,7 @@ def run_document(subject: RunSubject, state: State) -> Document:
     """Return the report of a run. The same run, metadata, settings and state give the same document."""
     run = subject.model.run
     return Document(
-        title=_TITLE,
+        title=TITLE,
         number=f"{run.id}-{state.number}",
         state=state,
         letterhead=subject.settings.letterhead(),

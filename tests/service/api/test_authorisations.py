@@ -137,7 +137,7 @@ def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp
 
     ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "A third person", "name": "renamed"})
     other = LaboratorySettings(Laboratory(name="Other Lab", traceability="next year's certificate"))
-    monkeypatch.setattr("jointstiff.service.reports.run._TITLE", "Another layout")
+    monkeypatch.setattr("jointstiff.service.reports.run.TITLE", "Another layout")
     assert ask("GET", f"{path}/report.pdf", settings=other).content == first
     assert ask("GET", f"{path}/issued/1.pdf", settings=other).content == first
     assert ask("GET", f"{path}/issued/2.pdf").status_code == 404
