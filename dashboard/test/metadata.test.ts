@@ -4,6 +4,7 @@ import { matches, notedIn, typedOf } from "../src/lib/metadata";
 const NOTED = {
   measured_at: "2026-11-20T13:30:00Z",
   serial_number: "F-211034",
+  item_condition: "as found",
   operator: "M. Keller",
   instrument: "Leica AT960, 750123",
   conditions: "21 °C",

@@ -44,6 +44,7 @@ class MeasurementSetEntry:
     operator: str | None = field(default=None, kw_only=True)
     instrument: str | None = field(default=None, kw_only=True)
     serial_number: str | None = field(default=None, kw_only=True)
+    item_condition: str | None = field(default=None, kw_only=True)
     conditions: str | None = field(default=None, kw_only=True)
     notes: str | None = field(default=None, kw_only=True)
 

@@ -98,6 +98,7 @@ describe("what is noted about a set", () => {
     expect(send).toHaveBeenCalledWith("s1", {
       measured_at: null,
       serial_number: "F-2",
+      item_condition: null,
       operator: "M. Keller",
       instrument: null,
       conditions: null,
