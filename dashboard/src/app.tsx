@@ -1,7 +1,7 @@
 /** The frame of the page: header, the view of the address, messages. */
 import { useEffect, useRef } from "preact/hooks";
 import { Tip } from "./charts/tip";
-import { Busy, Choice, Empty, Title } from "./components/basics";
+import { Busy, Button, Choice, Empty, LinkButton, Title } from "./components/basics";
 import { Select } from "./components/fields";
 import { Boundary } from "./components/boundary";
 import { lazy } from "./components/lazy";
@@ -139,9 +139,7 @@ function Lost() {
     <>
       <Title plain={text.app.notFound}>{text.app.notFound}</Title>
       <Empty title={text.app.notFound} hint={text.app.notFoundHint}>
-        <a class="button" href="#/runs">
-          {text.app.runs}
-        </a>
+        <LinkButton href="#/runs">{text.app.runs}</LinkButton>
       </Empty>
     </>
   );
@@ -227,9 +225,7 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
         {typeof session === "object" && session.key_name !== null && (
           <>
             <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>
-            <button type="button" class="button" onClick={() => void signOut().catch(() => toast(text.signIn.stuck))}>
-              {text.signIn.out}
-            </button>
+            <Button onClick={() => void signOut().catch(() => toast(text.signIn.stuck))}>{text.signIn.out}</Button>
           </>
         )}
       </div>
@@ -245,20 +241,18 @@ function Toasts() {
         <div class="toast" key={id}>
           <span>{message}</span>
           {action && (
-            <button
-              type="button"
-              class="button"
+            <Button
               onClick={() => {
                 action.run();
                 dismiss(id);
               }}
             >
               {action.label}
-            </button>
+            </Button>
           )}
-          <button type="button" class="button quiet close" aria-label={text.app.close} onClick={() => dismiss(id)}>
+          <Button look="quiet close" aria-label={text.app.close} onClick={() => dismiss(id)}>
             ×
-          </button>
+          </Button>
         </div>
       ))}
     </div>

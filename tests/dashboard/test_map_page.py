@@ -12,9 +12,8 @@ def test_from_a_run_to_the_numbers_of_a_place(visit, stored, api):
     visited = visit("tablet")
     page = visited.page
     visited.go(f"#/runs/{stored.run}/map")
-    expect(page.get_by_label("Process force on the robot [N] z")).not_to_have_value("")
-    page.get_by_label("Places along x, y, z x").fill("5")
-    page.get_by_label("Places along x, y, z z").fill("2")
+    expect(page.get_by_label("Process force on the robot [N]")).not_to_have_value("")
+    page.get_by_label("Places along x, y, z").fill("5, 15, 2")
     page.get_by_role("button", name="Make the map").click()
     expect(page).to_have_url(re.compile("#/maps/"))
     made = page.url.rsplit("/", 1)[1]

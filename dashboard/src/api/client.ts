@@ -9,6 +9,7 @@ import type {
   Catalogue,
   Comparison,
   ComparisonSummary,
+  DeflectionResult,
   Fleet,
   Geometry,
   GeometrySummary,
@@ -188,6 +189,7 @@ export const api = {
     call<AuthorisationList>("GET", runs.file(run, "authorisations"), options(signal)),
   authorise: (run: string, body: Partial<AuthorisationRequest>) =>
     call<Authorisation>("POST", runs.file(run, "authorisations"), { body }),
+  predict: (body: unknown) => call<DeflectionResult>("POST", "/v1/deflections", { body }),
   comparisons: jobs<Comparison, ComparisonSummary>("comparisons"),
   pairs: jobs<Pair, PairSummary>("pairs", true),
   geometries: jobs<Geometry, GeometrySummary>("geometries", true),

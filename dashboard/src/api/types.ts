@@ -14,6 +14,7 @@ export type Catalogue = Schemas["Catalogue"];
 export type ComparedFit = Schemas["ComparedFit"];
 export type Comparison = Schemas["Comparison"];
 export type ComparisonSummary = Schemas["ComparisonSummary"];
+export type DeflectionResult = Schemas["DeflectionResult"];
 export type DhModel = Schemas["DhModel-Output"];
 /** Columns of a DH table that every row has. */
 export type DhColumn = Exclude<keyof DhRow, "lower" | "upper">;

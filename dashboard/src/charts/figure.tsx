@@ -6,6 +6,7 @@ import { save, standalone } from "../components/download";
 import { csv, fileName } from "../lib/csv";
 import { useWidth } from "../state/size";
 import { text } from "../i18n";
+import { Button } from "../components/basics";
 
 interface LegendItem {
   label: string;
@@ -67,12 +68,12 @@ export function Figure({
         <summary>{text.figure.table}</summary>
         <DataTable table={table} caption={title} />
         <div class="actions">
-          <button type="button" class="button" onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
+          <Button onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
             {text.figure.csv}
-          </button>
-          <button type="button" class="button" onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
+          </Button>
+          <Button onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
             {text.figure.svg}
-          </button>
+          </Button>
         </div>
       </details>
     </figure>

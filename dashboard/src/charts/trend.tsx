@@ -1,5 +1,6 @@
 /** One joint over time: a point with its interval for each campaign, its EWMA between limits; logarithmic. */
 import { significant } from "../lib/format";
+import { dayText } from "../components/basics";
 import { extent, logarithmic } from "../lib/scale";
 import { go } from "../state/router";
 import { LeftAxis } from "./axis";
@@ -184,15 +185,14 @@ function placeIn(
 }
 
 function Dates({ first, last, from, to, y }: { first: number; last: number; from: number; to: number; y: number }) {
-  const date = (time: number) => new Date(time).toLocaleDateString(undefined, { dateStyle: "medium" });
   return (
     <g class="axis">
       <text x={from} y={y}>
-        {date(first)}
+        {dayText(first)}
       </text>
-      {date(first) !== date(last) && (
+      {dayText(first) !== dayText(last) && (
         <text x={to} y={y} text-anchor="end">
-          {date(last)}
+          {dayText(last)}
         </text>
       )}
     </g>

@@ -7,7 +7,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { ARM_ALONE } from "../scene/show";
 import { useKinematics } from "../state/posture";
 import { text } from "../i18n";
-import { Busy, ProblemNote } from "./basics";
+import { Busy, Button, ProblemNote } from "./basics";
 
 const TURNED: number[] = [-0.9, 0.8];
 
@@ -50,9 +50,7 @@ export function Arm({
               change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
             />
           ))}
-          <button type="button" class="button" onClick={() => setAngles(names.map(() => 0))}>
-            {text.robots.zero}
-          </button>
+          <Button onClick={() => setAngles(names.map(() => 0))}>{text.robots.zero}</Button>
         </details>
       )}
     </div>

@@ -14,7 +14,7 @@ export function VerdictFilter({ value, change }: { value: Usability | ""; change
   const options = Object.entries(text.usability).map(([each, label]) => ({ value: each, label }));
   return (
     <Select
-      label={text.lists.verdict}
+      label={text.run.verdict}
       value={value}
       change={(verdict) => change(verdict as Usability | "")}
       options={[{ value: "", label: text.assessment.any }, ...options]}

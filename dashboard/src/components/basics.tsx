@@ -1,7 +1,8 @@
 /** The small parts all views are made of. */
-import type { ComponentChildren } from "preact";
+import type { ComponentChildren, ComponentProps } from "preact";
 import { useEffect, useId, useRef } from "preact/hooks";
 import type { Problem, QualityWarning, RunState } from "../api/types";
+import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
 import { hasNavigated } from "../state/router";
 import { placeName, sentence } from "../lib/said";
@@ -36,6 +37,36 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
     </div>
   );
 }
+
+/** Its rank, and what is told apart by the style sheet. */
+interface Looks {
+  look?: "primary" | "primary big" | "quiet" | "quiet icon" | "quiet close" | "quiet back" | "bad";
+}
+
+const classOf = (look?: string): string => (look ? `button ${look}` : "button");
+
+export const Button = ({ look, ...rest }: Looks & ComponentProps<"button">) => (
+  <button type="button" class={classOf(look)} {...rest} />
+);
+
+/** The button of an action: it waits while the action goes on, below what went wrong the last time. */
+export const ActionButton = ({
+  action,
+  going,
+  disabled,
+  children,
+  ...rest
+}: Omit<ComponentProps<typeof Button>, "action"> & { action: Action<[]>; going?: string }) => (
+  <>
+    {action.problem && <ProblemNote problem={action.problem} />}
+    <Button disabled={action.busy || Boolean(disabled)} onClick={action.run} {...rest}>
+      {action.busy && going ? going : children}
+    </Button>
+  </>
+);
+
+/** A way to another place that looks like a button. */
+export const LinkButton = ({ look, ...rest }: Looks & ComponentProps<"a">) => <a class={classOf(look)} {...rest} />;
 
 export function Busy({ label = text.app.loading }: { label?: string }) {
   return (
@@ -73,11 +104,7 @@ export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () =
           ))}
         </ul>
       )}
-      {retry && (
-        <button type="button" class="button" onClick={retry}>
-          {text.app.retry}
-        </button>
-      )}
+      {retry && <Button onClick={retry}>{text.app.retry}</Button>}
     </div>
   );
 }
@@ -263,13 +290,15 @@ export function Tabs({
   );
 }
 
-/** A time as people of this device write it. */
+/** A day, or a time, in the language of the page. */
+export const dayText = (time: string | number): string =>
+  new Date(time).toLocaleDateString(text.dates, { dateStyle: "medium" });
 export const timeText = (time: string): string =>
-  new Date(time).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
+  new Date(time).toLocaleString(text.dates, { dateStyle: "medium", timeStyle: "short" });
 
 export function When({ time }: { time: string }) {
   return (
-    <time dateTime={time} title={new Date(time).toLocaleString()}>
+    <time dateTime={time} title={time}>
       {timeText(time)}
     </time>
   );

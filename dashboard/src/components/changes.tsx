@@ -4,7 +4,7 @@ import { namesChanged } from "../state/names";
 import { storedChanged } from "../state/stored";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
-import { ProblemNote } from "./basics";
+import { Button, ProblemNote } from "./basics";
 
 export interface Change {
   name?: string;
@@ -36,17 +36,12 @@ export function Changes({
   };
   return (
     <>
-      <button type="button" class="button quiet" disabled={action.busy} onClick={rename}>
+      <Button look="quiet" disabled={action.busy} onClick={rename}>
         {words.rename}
-      </button>
-      <button
-        type="button"
-        class="button quiet"
-        disabled={action.busy}
-        onClick={() => action.run({ archived: !archived })}
-      >
+      </Button>
+      <Button look="quiet" disabled={action.busy} onClick={() => action.run({ archived: !archived })}>
         {archived ? words.unarchive : words.archive}
-      </button>
+      </Button>
       {action.problem && <ProblemNote problem={action.problem} />}
     </>
   );

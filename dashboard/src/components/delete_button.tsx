@@ -3,7 +3,7 @@ import { namesChanged } from "../state/names";
 import { useDeletion } from "../state/deletion";
 import { storedChanged } from "../state/stored";
 import { text } from "../i18n";
-import { ProblemNote } from "./basics";
+import { Button, ProblemNote } from "./basics";
 
 export function DeleteButton({
   name,
@@ -29,14 +29,9 @@ export function DeleteButton({
   });
   return (
     <>
-      <button
-        type="button"
-        class="button quiet"
-        disabled={deletion.busy}
-        onClick={() => confirm(text.deletion.sure(name)) && deletion.run()}
-      >
+      <Button look="quiet" disabled={deletion.busy} onClick={() => confirm(text.deletion.sure(name)) && deletion.run()}>
         {text.run.delete}
-      </button>
+      </Button>
       {deletion.problem && <ProblemNote problem={deletion.problem} />}
     </>
   );

@@ -6,7 +6,7 @@ import type { Progress, RunState } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/progress";
 import { useAction } from "../state/action";
 import { text } from "../i18n";
-import { Busy, ProblemNote } from "./basics";
+import { ActionButton, Busy } from "./basics";
 
 const LOOK_MS = 5_000;
 
@@ -35,10 +35,9 @@ export function Going({ collection, job, ended }: { collection: Collection; job:
       ) : (
         <p>{text.run.started}</p>
       )}
-      <button type="button" class="button" disabled={stop.busy} onClick={stop.run}>
-        {stop.busy ? text.run.cancelling : text.run.cancel}
-      </button>
-      {stop.problem && <ProblemNote problem={stop.problem} />}
+      <ActionButton action={stop} going={text.run.cancelling}>
+        {text.run.cancel}
+      </ActionButton>
     </section>
   );
 }

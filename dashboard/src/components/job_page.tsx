@@ -10,7 +10,7 @@ import { useLoad } from "../state/load";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { Badge } from "./badge";
-import { Name, ProblemNote, Show, State, Title, When } from "./basics";
+import { ActionButton, Button, LinkButton, Name, ProblemNote, Show, State, Title, When } from "./basics";
 import { save } from "./download";
 import { Cancelled, Going } from "./going";
 
@@ -144,23 +144,20 @@ function Actions({
   return (
     <div class="actions">
       {REPORTED.includes(collection) && job.result && (
-        <a class="button" href={api[collection].file(job.id, "report.pdf")} download>
+        <LinkButton href={api[collection].file(job.id, "report.pdf")} download>
           {text.run.report}
-        </a>
+        </LinkButton>
       )}
       {children}
-      <button type="button" class="button" onClick={share}>
-        {text.run.share}
-      </button>
-      <button type="button" class="button" title={text.run.downloadHint} onClick={download}>
+      <Button onClick={share}>{text.run.share}</Button>
+      <Button title={text.run.downloadHint} onClick={download}>
         {text.run.download}
-      </button>
+      </Button>
       {!goesOn(job.state) && (
-        <button type="button" class="button quiet" disabled={deletion.busy} onClick={deletion.run}>
+        <ActionButton look="quiet" action={deletion}>
           {text.run.delete}
-        </button>
+        </ActionButton>
       )}
-      {deletion.problem && <ProblemNote problem={deletion.problem} />}
     </div>
   );
 }

@@ -33,6 +33,7 @@ const plural = (count: number, one: string, many: string) => `${count} ${count =
 
 export const en = {
   language: "en",
+  dates: "en-GB",
   geometry,
   app: {
     name: "Jointstiff",
@@ -275,7 +276,6 @@ export const en = {
     fromFile: (name: string) => `From the file: ${name}`,
     pick: "Choose a robot",
     needRobot: "This file names no robot. Choose the one that was measured.",
-    addRobot: "Add a robot",
     go: "Identify",
     going: "Identifying…",
     notReady: "Choose a file first",
@@ -434,10 +434,12 @@ export const en = {
       result: "Stiffness",
       deflection: "Deflection",
       robot: "3D view",
+      predict: "Predict",
       map: "Map",
       program: "Program",
-      evidence: "Evidence",
+      report: "Report",
     },
+    uses: "What to do with this result",
     tabs: "Parts of the result",
     progress: "Progress",
     progressOf: (done: number, total: number, unit: string) => `${done} of ${total} ${unit}`,
@@ -605,7 +607,6 @@ export const en = {
     sideBySide: (count: number) => `${count} runs side by side`,
     selectTwo: "Select two to four runs in the list of runs.",
     test: "Test the differences",
-    verdict: "Verdict",
     groups: "Group by set",
     robot: "Robot",
     deleted: "Deleted",
@@ -928,7 +929,17 @@ export const en = {
     npz: "npz",
     failed: "This map failed",
   },
+  predict: {
+    title: "How far the tool bends",
+    posture: "Posture",
+    typed: "typed",
+    place: "Load point and tool, x, y, z, flange frame",
+    view: "Robot bent by the force. Arrow keys orbit, plus and minus zoom.",
+    along: (axis: string, level: string) => `Along ${axis}, ${level} interval of the readings`,
+    ball: (level: string) => `With model error, within (${level})`,
+  },
   evidence: {
+    title: "Evidence",
     identifiability: "Observability",
     rank: "Rank",
     rankOf: (rank: number, total: number) => `${rank} of ${total}`,
@@ -940,7 +951,6 @@ export const en = {
     stage: (number: number) => `stage ${number}`,
     stages: { arm: "arm", wrist: "wrist" },
     jointsAlone: "Joint model only: elastic links are not included.",
-    observability: "Observability indices and singular values",
     observabilityNote: "Larger is better, none exceeds 1.",
     indices: {
       o1: "O₁ geometric mean",
@@ -978,7 +988,6 @@ export const en = {
     input: "Input hash",
     versions: "Versions",
     request: "Request",
-    set: "Measurement set",
     robot: "Robot",
     identifier: "Run",
     suspicious: "Suspicious readings",
@@ -1009,9 +1018,7 @@ export const en = {
     count: (shown: number, all: number) =>
       shown === all ? plural(all, "run", "runs") : `${shown} of ${plural(all, "run", "runs")}`,
     delete: (set: string) => `Delete run of ${set}`,
-    method: "Method",
     when: "When",
-    set: "Measurement set",
   },
   robots: {
     title: "Robots",
@@ -1169,7 +1176,6 @@ export const en = {
     methodsIntro:
       "All methods on one measurement set, unconstrained and constrained, as a table: shows which numbers depend on the method.",
     pairsIntro: "Two measurement sets, or runs, of one robot: the effect of secondary encoders, or of a repair.",
-    set: "Measurement set",
     first: "First side",
     second: "Second side",
     runSide: (set: string, how: string, when: string) => `Run: ${set}, ${how}, ${when}`,
@@ -1228,7 +1234,6 @@ export const en = {
     byConfigurationNote: "One minus the mean deflection on the second side over that on the first.",
     changed: "changed",
     unchanged: "no change shown",
-    p: "p value",
     first: "first",
     second: "second",
     ordered: "With the order: no joint softer on the second side",
@@ -1238,7 +1243,6 @@ export const en = {
   },
   trend: {
     title: (robot: string) => `${robot} over time`,
-    method: "Method",
     encoders: "Encoders",
     serial: "Serial number",
     none: "No campaign enters this trend",

@@ -1,9 +1,8 @@
 /** What a dropped file is, and what was understood of it, before the service checks it. */
 import type { MeasurementSet, RobotDocument, RunOptions, Units } from "../api/types";
+import { type Fields, isFields, parsed } from "./json";
 import { factors } from "./units";
 import { norm, times, type Vector } from "./vector";
-
-type Fields = Record<string, unknown>;
 
 const ENCODERS: MeasurementSet["encoders"][] = ["motor", "secondary"];
 
@@ -39,13 +38,9 @@ export type Fault = "not_json" | "not_finite" | "empty" | "not_object" | "not_a_
 
 /** Read a file's text. Only its outline is looked at here: the service says what is wrong inside. */
 export function understand(content: string): Campaign | Fault {
-  let document: unknown;
   if (content.trim() === "") return "empty";
-  try {
-    document = JSON.parse(content.replace(/^\ufeff/, ""));
-  } catch {
-    return notFinite(content) === null ? "not_json" : "not_finite";
-  }
+  const document = parsed(content);
+  if (document === undefined) return notFinite(content) === null ? "not_json" : "not_finite";
   if (!isFields(document)) return "not_object";
   if (Array.isArray(document["sweeps"]) || Array.isArray(document["poses"])) return "sweeps";
   const inside = document["measurement_set"];
@@ -146,8 +141,4 @@ function vector(value: unknown): Vector | null {
 
 function numbers(value: unknown): number[] | null {
   return Array.isArray(value) && value.length > 0 && value.every((v) => typeof v === "number") ? value : null;
-}
-
-function isFields(value: unknown): value is Fields {
-  return typeof value === "object" && value !== null && !Array.isArray(value);
 }

@@ -1,8 +1,8 @@
 /** A plan carried out: what is to be filled in, what has been read, how sure the joints are. */
 import type { JointResult, MeasurementSet, PlanResult, PlanRequest } from "../api/types";
+import type { Fields } from "./json";
 import { factors } from "./units";
 
-type Fields = Record<string, unknown>;
 export type Planned = PlanResult["readings"][number];
 type Promised = PlanResult["joints"][number];
 

@@ -4,7 +4,8 @@
 export function numberIn(text: string): number | null {
   const trimmed = text.trim().replace("\u2212", "-");
   if (trimmed === "") return null;
-  return /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i.test(trimmed) ? Number(trimmed.replace(",", ".")) : Number.NaN;
+  const value = Number(trimmed.replace(",", "."));
+  return /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i.test(trimmed) && Number.isFinite(value) ? value : Number.NaN;
 }
 
 /**
@@ -34,3 +35,7 @@ export function vectorIn(text: string): [number, number, number] | null | undefi
   const three = values.length === 3 && values.every((value) => value !== null && Number.isFinite(value));
   return three ? [x as number, y as number, z as number] : undefined;
 }
+
+/** Numbers as they stand in a field, rounded. */
+export const typedOf = (values: readonly number[], digits: number): string =>
+  values.map((value) => Number(value.toFixed(digits))).join(", ");

@@ -1,6 +1,7 @@
 /** How to identify: what the form of a run holds, and the request that comes of it. Defaults left alone are not sent. */
 import type { Elasticity, Loss, Method, RunOptions, Weighting } from "../api/types";
 import { posted } from "./entered";
+import type { Fields } from "./json";
 
 /** Two fields of one joint, as typed: least and greatest stiffness, or stiffness and its standard uncertainty. */
 export type Two = [string, string];
@@ -37,8 +38,6 @@ export interface Options {
   /** Fields of a file that the form does not show: sent as they stand. */
   given: Fields;
 }
-
-type Fields = Record<string, unknown>;
 
 export const initialOptions: Options = {
   method: "partial_pose",

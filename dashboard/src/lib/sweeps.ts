@@ -1,8 +1,7 @@
 /** Sweeps or poses in a dropped file: what was understood, before the service checks them. */
 import type { RobotDocument } from "../api/types";
+import { type Fields, isFields, parsed } from "./json";
 import { degrees } from "./units";
-
-type Fields = Record<string, unknown>;
 
 /** A file of readings for a geometry. `request` goes to the service with the nominal model that is chosen. */
 export interface Readings {
@@ -23,12 +22,7 @@ export interface ReadingFacts {
 
 /** Read a file's text; null if there are no sweeps and no poses in it. */
 export function readingsOf(content: string): Readings | null {
-  let document: unknown;
-  try {
-    document = JSON.parse(content.replace(/^\ufeff/, ""));
-  } catch {
-    return null;
-  }
+  const document = parsed(content);
   if (!isFields(document)) return null;
   const { robot, robot_id: robotId, ...request } = document;
   const { sweeps, poses } = request;
@@ -74,7 +68,3 @@ function arcOf(positions: Fields[], unit: unknown): number | null {
 }
 
 const list = (value: unknown): Fields[] => (Array.isArray(value) ? value.filter(isFields) : []);
-
-function isFields(value: unknown): value is Fields {
-  return typeof value === "object" && value !== null && !Array.isArray(value);
-}

@@ -1,5 +1,6 @@
 /** Templates of imports: the options by which files of the same form are read again. */
 import type { ImportAnswer, ImportOptions } from "../api/types";
+import { isFields, parsed } from "./json";
 
 export interface Template {
   /** Of the file it was made of. */
@@ -27,7 +28,7 @@ export function withTemplate(templates: Template[], added: Template): Template[]
 /** A template from a JSON file; null if the file is something else. */
 export function templateIn(name: string, content: string): Template | null {
   const document = parsed(content);
-  if (typeof document !== "object" || document === null || Array.isArray(document)) return null;
+  if (!isFields(document)) return null;
   const known = ["layouts", "columns", "units"].filter((key) => key in document);
   const other = ["observations", "measurement_set", "robot", "sweeps"].some((key) => key in document);
   return known.length > 0 && !other ? { name, options: document as ImportOptions } : null;
@@ -40,12 +41,4 @@ export function templatesIn(content: string | null): Template[] {
   return list.filter(
     (one) => typeof one?.name === "string" && typeof one?.options === "object" && one.options !== null,
   );
-}
-
-function parsed(content: string): unknown {
-  try {
-    return JSON.parse(content.replace(/^\ufeff/, ""));
-  } catch {
-    return null;
-  }
 }

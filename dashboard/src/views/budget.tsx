@@ -7,16 +7,14 @@ import { text } from "../i18n";
 const words = text.budget;
 const shown = (value: number) => significant(value, 2);
 
-export function BudgetCard({ budget, joints }: { budget: Budget; joints: JointResult[] }) {
+export function BudgetTable({ budget, joints }: { budget: Budget; joints: JointResult[] }) {
   const sizes = budget.joints.map((name) => joints.find((joint) => joint.name === name)?.compliance ?? null);
   /** In per cent of the compliance, which is that of the stiffness, too. */
   const relative = (values: number[]) =>
     values.map((value, j) => (sizes[j] ? (100 * value) / Math.abs(sizes[j]) : null));
   return (
-    <details class="card">
-      <summary>
-        <h2>{words.title}</h2>
-      </summary>
+    <section class="wide">
+      <h3>{words.title}</h3>
       <p class="soft">{words.note}</p>
       <DataTable
         caption={words.title}
@@ -54,6 +52,6 @@ export function BudgetCard({ budget, joints }: { budget: Budget; joints: JointRe
           rows: budget.correlation.map((row, j) => [budget.joints[j] ?? "", ...row]),
         }}
       />
-    </details>
+    </section>
   );
 }

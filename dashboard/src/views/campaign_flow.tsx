@@ -1,9 +1,9 @@
 /** From a campaign file, or a stored set, to its result: three taps. */
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { api, problemOf } from "../api/client";
-import type { MeasurementSet, Problem, RobotSource } from "../api/types";
+import { api } from "../api/client";
+import type { MeasurementSet, RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { Busy, ProblemNote } from "../components/basics";
+import { Busy, LinkButton, ProblemNote } from "../components/basics";
 import { Select } from "../components/fields";
 import { Findings } from "../components/findings";
 import { Preview } from "../components/preview";
@@ -11,7 +11,7 @@ import { type Campaign, factsOf } from "../lib/campaign";
 import { contentKey, freshKey } from "../lib/hash";
 import { statesNoise } from "../lib/noise";
 import { useAction } from "../state/action";
-import { valueOf } from "../state/load";
+import { useLoad, valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
 import type { Opened } from "../state/opened";
 import { go, link } from "../state/router";
@@ -50,9 +50,9 @@ export function CampaignFlow({
   const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
   const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
 
-  const stored = useStored(storedId);
+  const stored = useLoad(async () => (storedId ? storedSet(storedId) : null), [storedId]);
   const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
-  const set = campaign ? (added?.of === campaign ? added.set : null) : stored.set;
+  const set = campaign ? (added?.of === campaign ? added.set : null) : valueOf(stored);
   const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
   const source = useMemo<RobotSource | null>(() => {
     if (campaign?.robot && chosenRobot === FROM_FILE) return { robot: campaign.robot };
@@ -102,8 +102,8 @@ export function CampaignFlow({
             <Preview facts={facts} />
           </>
         )}
-        {stored.busy && <Busy label={text.files.checking} />}
-        {stored.problem && <ProblemNote problem={stored.problem} />}
+        {stored.state === "loading" && storedId && <Busy label={text.files.checking} />}
+        {stored.state === "failed" && <ProblemNote problem={stored.problem} />}
         {set && <Findings warnings={set.warnings} />}
         {set && campaign && <p class="soft">{text.start.readFindings}</p>}
       </section>
@@ -130,9 +130,7 @@ export function CampaignFlow({
                     ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
                   ]}
                 />
-                <a class="button" href="#/robots/new">
-                  {text.start.addRobot}
-                </a>
+                <LinkButton href="#/robots/new">{text.robots.add}</LinkButton>
               </div>
             )}
             {source ? (
@@ -152,34 +150,10 @@ export function CampaignFlow({
       <GoBar
         action={identify}
         ready={campaign ? chosenRobot !== "" : set !== null}
-        why={stored.busy ? null : lacking}
+        why={stored.state === "loading" ? null : lacking}
       />
     </div>
   );
-}
-
-interface Stored {
-  set: MeasurementSet | null;
-  busy: boolean;
-  problem: Problem | null;
-}
-
-/** The stored set that was chosen. */
-function useStored(setId: string): Stored {
-  const [stored, put] = useState<Stored>({ set: null, busy: false, problem: null });
-  useEffect(() => {
-    put({ set: null, busy: setId !== "", problem: null });
-    if (setId === "") return undefined;
-    let gone = false;
-    storedSet(setId).then(
-      (set) => gone || put({ set, busy: false, problem: null }),
-      (error: unknown) => gone || put({ set: null, busy: false, problem: problemOf(error) }),
-    );
-    return () => {
-      gone = true;
-    };
-  }, [setId]);
-  return stored;
 }
 
 /** Store robot and readings of a file, as the last tap does. */

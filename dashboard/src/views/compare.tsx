@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RunSummary } from "../api/types";
-import { Empty, Name, ProblemNote, Show, Tabs, Title, Toggle, timeText } from "../components/basics";
+import { ActionButton, Empty, LinkButton, Name, Show, Tabs, timeText, Title, Toggle } from "../components/basics";
 import { Select } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -29,9 +29,9 @@ export function CompareView({ kind }: { kind: string }) {
         {(known) =>
           known.sets.length === 0 ? (
             <Empty title={text.robots.setsNone} hint={words.noSets}>
-              <a class="button primary" href="#/">
+              <LinkButton look="primary" href="#/">
                 {text.app.measure}
-              </a>
+              </LinkButton>
             </Empty>
           ) : kind === "pairs" ? (
             <StartPair names={known} />
@@ -60,12 +60,11 @@ function StartMethods({ names }: { names: Names }) {
     <>
       <section class="card form">
         <p>{words.methodsIntro}</p>
-        <Select label={words.set} value={set} change={setSet} options={setOptions(names)} />
+        <Select label={text.sets.kind} value={set} change={setSet} options={setOptions(names)} />
         <Toggle label={words.resample} checked={resample} change={setResample} />
-        {start.problem && <ProblemNote problem={start.problem} />}
-        <button type="button" class="button primary" disabled={start.busy || !set} onClick={start.run}>
-          {start.busy ? words.going : words.go}
-        </button>
+        <ActionButton look="primary" action={start} disabled={!set} going={words.going}>
+          {words.go}
+        </ActionButton>
       </section>
       <Earlier
         collection="comparisons"
@@ -123,11 +122,10 @@ function StartPair({ names }: { names: Names }) {
           <Select label={words.second} help={words.secondHint} value={second} change={setSecond} options={options} />
         </div>
         <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
-        {start.problem && <ProblemNote problem={start.problem} />}
         {!possible && <p class="soft">{words.twoSets}</p>}
-        <button type="button" class="button primary" disabled={start.busy || !possible} onClick={start.run}>
-          {start.busy ? words.going : words.go}
-        </button>
+        <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>
+          {words.go}
+        </ActionButton>
       </section>
       <Earlier
         collection="pairs"

@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { ComparedFit, JointResult } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Choice, Name, Prose } from "../components/basics";
+import { Choice, LinkButton, Name, Prose } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { Term } from "../components/term";
 import { Scroll, type Table } from "../components/table";
@@ -37,9 +37,9 @@ export function ComparisonView({ id }: { id: string }) {
         list: "#/compare/methods",
         about: <a href={link(["sets", set.id])}>{text.sets.kind}</a>,
         actions: job.result && (
-          <a class="button" href={api.comparisons.file(id, "table.csv")} download>
+          <LinkButton href={api.comparisons.file(id, "table.csv")} download>
             {text.figure.csv}
-          </a>
+          </LinkButton>
         ),
       })}
     >
@@ -82,7 +82,7 @@ function TableTwo({ entries }: { entries: ComparedFit[] }) {
         <table class="two">
           <thead>
             <tr>
-              <th scope="col">{text.runs.method}</th>
+              <th scope="col">{text.run.method}</th>
               {joints.map((joint) => (
                 <th scope="col">
                   <Name>{joint}</Name>
@@ -239,7 +239,7 @@ function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
   const { column } = STIFFNESS_UNITS[unit];
   return {
     columns: [
-      { title: text.runs.method },
+      { title: text.run.method },
       { title: text.options.constrained },
       { title: text.run.joint },
       { title: text.run.value, unit: column },

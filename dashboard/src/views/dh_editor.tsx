@@ -1,8 +1,9 @@
 /** A Denavit-Hartenberg table to fill in, and the joint map for coupled axes. */
 import type { DhModel, JointMap as Map, RobotDocument } from "../api/types";
-import { Choice } from "../components/basics";
-import { Select } from "../components/fields";
+import { Button, Choice } from "../components/basics";
+import { NumberBox, Select } from "../components/fields";
 import { Scroll } from "../components/table";
+import { numberIn } from "../lib/entered";
 import { degrees, radians } from "../lib/units";
 import { text } from "../i18n";
 import { useCatalogue } from "./catalogue";
@@ -65,18 +66,12 @@ export function tableOf(model: DhModel, map: Map | null): DhTable {
 
 const typed = (value: number): string => String(Number(value.toFixed(9)));
 
-/** A decimal comma is a point; what is not a number is none. */
-export function numberOf(typed: string): number | null {
-  const value = Number(typed.trim().replace(",", ".").replace("\u2212", "-"));
-  return typed.trim() !== "" && Number.isFinite(value) ? value : null;
-}
-
 /** The robot of a table, or null while something is no number, or no length is given. A blank cell is 0. */
 export function documentOf(name: string, table: DhTable): RobotDocument | null {
   const unit = { a: table.length, d: table.length, alpha: table.angle, theta: table.angle };
   const si = (column: Column, typed: string) => {
-    const value = typed.trim() === "" ? 0 : numberOf(typed);
-    return value === null ? NaN : unit[column] === "mm" ? value / 1e3 : unit[column] === "deg" ? radians(value) : value;
+    const value = numberIn(typed) ?? 0;
+    return unit[column] === "mm" ? value / 1e3 : unit[column] === "deg" ? radians(value) : value;
   };
   const limit = (typed: string) => (typed.trim() === "" ? null : si("theta", typed));
   const rows = table.rows.map((row) => ({
@@ -87,8 +82,8 @@ export function documentOf(name: string, table: DhTable): RobotDocument | null {
     lower: limit(row.lower),
     upper: limit(row.upper),
   }));
-  const matrix = table.matrix.map((line) => line.map((typed) => numberOf(typed) ?? NaN));
-  const offset = table.offset.map((typed) => si("theta", typed));
+  const matrix = table.matrix.map((line) => line.map((typed) => numberIn(typed) ?? NaN));
+  const offset = table.offset.map((typed) => (typed.trim() === "" ? NaN : si("theta", typed)));
   const numbers = [
     ...rows.flatMap((row) => Object.values(row)),
     ...(table.mapped ? [...matrix.flat(), ...offset] : []),
@@ -172,8 +167,8 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
                 <th scope="row">{i + 1}</th>
                 {COLUMNS.map((column) => (
                   <td>
-                    <NumberInput
-                      label={words.cell(words.column[column] ?? column, i + 1)}
+                    <NumberBox
+                      aria-label={words.cell(words.column[column] ?? column, i + 1)}
                       value={row[column]}
                       change={(typed) => put(i, column, typed)}
                       placeholder="0"
@@ -182,8 +177,8 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
                 ))}
                 {LIMITS.map((limit) => (
                   <td>
-                    <NumberInput
-                      label={words.cell(words[limit], i + 1)}
+                    <NumberBox
+                      aria-label={words.cell(words[limit], i + 1)}
                       value={row[limit]}
                       change={(typed) => put(i, limit, typed)}
                       placeholder={words.unknown}
@@ -196,22 +191,18 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
         </table>
       </Scroll>
       <div class="row">
-        <button
-          type="button"
-          class="button"
+        <Button
           disabled={table.rows.length >= 32}
           onClick={() => change(resized({ ...table, rows: [...table.rows, EMPTY] }))}
         >
           {words.addRow}
-        </button>
-        <button
-          type="button"
-          class="button"
+        </Button>
+        <Button
           disabled={table.rows.length <= 1}
           onClick={() => change(resized({ ...table, rows: table.rows.slice(0, -1) }))}
         >
           {words.removeRow}
-        </button>
+        </Button>
       </div>
       <details open={table.mapped} onToggle={(event) => set({ mapped: event.currentTarget.open })}>
         <summary>{words.jointMap}</summary>
@@ -232,7 +223,7 @@ function Presets({ table, change }: { table: DhTable; change: (part: Partial<DhT
   const rows = (map: Map) => map.matrix.map((row) => row.map(typed));
   const current = fitting.find(
     ({ joint_map }) =>
-      JSON.stringify(rows(joint_map)) === JSON.stringify(table.matrix) && table.offset.every((o) => numberOf(o) === 0),
+      JSON.stringify(rows(joint_map)) === JSON.stringify(table.matrix) && table.offset.every((o) => numberIn(o) === 0),
   );
   if (fitting.length === 0) return null;
   return (
@@ -271,12 +262,17 @@ function JointMap({ table, change }: { table: DhTable; change: (part: Partial<Dh
               <th scope="row">{i + 1}</th>
               {line.map((typed, j) => (
                 <td>
-                  <NumberInput label={words.mapCell(i + 1, j + 1)} value={typed} change={(next) => put(i, j, next)} />
+                  <NumberBox
+                    aria-label={words.mapCell(i + 1, j + 1)}
+                    aria-invalid={typed.trim() === ""}
+                    value={typed}
+                    change={(next) => put(i, j, next)}
+                  />
                 </td>
               ))}
               <td>
-                <NumberInput
-                  label={words.offsetCell(i + 1)}
+                <NumberBox
+                  aria-label={words.offsetCell(i + 1)}
                   value={table.offset[i] ?? "0"}
                   change={(next) => change({ offset: table.offset.map((old, k) => (k === i ? next : old)) })}
                 />
@@ -286,32 +282,5 @@ function JointMap({ table, change }: { table: DhTable; change: (part: Partial<Dh
         </tbody>
       </table>
     </Scroll>
-  );
-}
-
-function NumberInput({
-  label,
-  value,
-  change,
-  placeholder,
-}: {
-  label: string;
-  value: string;
-  change: (typed: string) => void;
-  placeholder?: string;
-}) {
-  const bad = numberOf(value) === null && (placeholder === undefined || value.trim() !== "");
-  return (
-    <input
-      type="text"
-      inputMode="decimal"
-      aria-label={label}
-      aria-invalid={bad}
-      title={bad ? text.robots.number : undefined}
-      {...(placeholder === undefined ? {} : { placeholder })}
-      value={value}
-      onInput={(event) => change(event.currentTarget.value)}
-      onFocus={(event) => event.currentTarget.select()}
-    />
   );
 }

@@ -5,7 +5,7 @@ import { api, problemOf } from "../api/client";
 import type { Collection } from "../api/events";
 import type { Page, RunState, RunSummary, Usability } from "../api/types";
 import { Badge, VerdictFilter } from "../components/badge";
-import { Choice, Empty, Name, ProblemNote, State, When } from "../components/basics";
+import { Button, Choice, Empty, Name, ProblemNote, State, When } from "../components/basics";
 import { Item } from "../components/item";
 import { useLoad } from "../state/load";
 import type { Names } from "../state/names";
@@ -97,11 +97,7 @@ export function Earlier<Of extends Listed>({
               when={<When time={item.created_at} />}
               standing={item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
             >
-              {deleted && (
-                <button type="button" class="button" onClick={() => bringBack(item.id)}>
-                  {text.lists.restore}
-                </button>
-              )}
+              {deleted && <Button onClick={() => bringBack(item.id)}>{text.lists.restore}</Button>}
             </Item>
           ))}
         </ul>

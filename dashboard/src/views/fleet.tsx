@@ -1,13 +1,14 @@
 /** All robots at a glance: one row a robot and serial number, its worst joint, those in alarm first. */
 import { api } from "../api/client";
 import type { FleetRow } from "../api/types";
-import { Empty, Name, Show, Title, When } from "../components/basics";
+import { Name, Show, Title, When } from "../components/basics";
 import { Item } from "../components/item";
 import { RobotTabs } from "../components/robot_tabs";
 import { changeText } from "../lib/trend";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { NoRobots } from "./robots";
 
 const words = text.fleet;
 
@@ -20,11 +21,7 @@ export function FleetView() {
       <Show of={fleet}>
         {({ items, is_whole: whole }) =>
           items.length === 0 ? (
-            <Empty title={text.robots.none} hint={text.robots.noneHint}>
-              <a class="button primary" href="#/robots/new">
-                {text.robots.add}
-              </a>
-            </Empty>
+            <NoRobots />
           ) : (
             <>
               {!whole && <p class="note">{words.some}</p>}

@@ -3,7 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { Busy, Facts, Name, ProblemNote, Title } from "../components/basics";
+import { ActionButton, Busy, Facts, Name, Title } from "../components/basics";
 import { Select } from "../components/fields";
 import { DropZone } from "../components/drop";
 import { RobotTabs } from "../components/robot_tabs";
@@ -134,11 +134,10 @@ function Start({ readings }: { readings: Readings }) {
         ]}
       />
       {source && <Arm key={chosen} source={source} start={null} sliders={false} />}
-      <button type="button" class="button primary big" disabled={start.busy || (needed && !source)} onClick={start.run}>
-        {start.busy ? words.going : words.identify}
-      </button>
+      <ActionButton look="primary big" action={start} disabled={needed && !source} going={words.going}>
+        {words.identify}
+      </ActionButton>
       {start.busy && <Busy label={words.goingHint} />}
-      {start.problem && <ProblemNote problem={start.problem} />}
     </section>
   );
 }

@@ -3,7 +3,7 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
 import { Arm } from "../components/arm";
-import { type Fact, Facts, ProblemNote } from "../components/basics";
+import { ActionButton, Facts, type Fact } from "../components/basics";
 import { TextField } from "../components/fields";
 import { JobPage } from "../components/job_page";
 import { fixed, significant } from "../lib/format";
@@ -102,12 +102,11 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
     <>
       <div class="row">
         <TextField label={words.saveName} value={name} maxLength={200} change={setName} />
-        <button type="button" class="button primary" disabled={save.busy || !name.trim()} onClick={save.run}>
-          {save.busy ? words.saving : words.save}
-        </button>
+        <ActionButton look="primary" action={save} disabled={!name.trim()} going={words.saving}>
+          {words.save}
+        </ActionButton>
       </div>
       {result.assessment.verdict === "do_not_use" && <p class="note warn">{words.doubtful}</p>}
-      {save.problem && <ProblemNote problem={save.problem} />}
     </>
   );
 }

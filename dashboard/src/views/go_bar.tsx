@@ -1,6 +1,6 @@
 /** The one button at the end of a flow, and why it cannot be pressed yet. */
 import type { Problem } from "../api/types";
-import { ProblemNote } from "../components/basics";
+import { Button, ProblemNote } from "../components/basics";
 import { elsewhere } from "../lib/faults";
 import type { Action } from "../state/action";
 import { text } from "../i18n";
@@ -11,9 +11,9 @@ export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boole
     <div class={ready ? "gobar wide ready" : "gobar wide"}>
       {action.problem && <GoProblem problem={action.problem} />}
       <div class="go">
-        <button type="button" class="button primary big" disabled={!ready || action.busy} onClick={action.run}>
+        <Button look="primary big" disabled={!ready || action.busy} onClick={action.run}>
           {action.busy ? text.start.going : text.start.go}
-        </button>
+        </Button>
         {!ready && why !== null && <span class="soft">{why}</span>}
       </div>
     </div>

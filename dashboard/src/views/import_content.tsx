@@ -7,6 +7,7 @@ import { keptTemplates } from "../state/templates";
 import { text } from "../i18n";
 import { ImportReading } from "./import_reading";
 import { FaultList, ImportTable } from "./import_table";
+import { Button } from "../components/basics";
 
 const words = text.imports;
 
@@ -33,17 +34,15 @@ export function ImportContent({
       {offered && !inUse && (
         <div class="note good row">
           <p>{words.fits(offered.name)}</p>
-          <button type="button" class="button" onClick={() => use(offered)}>
-            {words.useTemplate}
-          </button>
+          <Button onClick={() => use(offered)}>{words.useTemplate}</Button>
         </div>
       )}
       {inUse && (
         <div class="row by-template">
           <span class="soft">{words.byTemplate}</span>
-          <button type="button" class="button quiet" onClick={() => change({})}>
+          <Button look="quiet" onClick={() => change({})}>
             {words.withoutTemplate}
-          </button>
+          </Button>
         </div>
       )}
       <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />

@@ -3,7 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportAnswer, ImportOptions, Units } from "../api/types";
 import { Arm } from "../components/arm";
-import { Busy, ProblemNote } from "../components/basics";
+import { Busy, Button, ProblemNote } from "../components/basics";
 import { save } from "../components/download";
 import { Findings } from "../components/findings";
 import { MetadataForm } from "../components/metadata_form";
@@ -135,9 +135,9 @@ export function ImportFlow({
           <p class="stage blank">{text.start.armHere}</p>
         )}
         {answer?.template && (
-          <button type="button" class="button quiet" onClick={() => download(answer, files)}>
+          <Button look="quiet" onClick={() => download(answer, files)}>
             {words.saveTemplate}
-          </button>
+          </Button>
         )}
       </section>
 

@@ -1,6 +1,6 @@
 /** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */
 import type { ImportOptions } from "../api/types";
-import { Choice, Toggle } from "../components/basics";
+import { Button, Choice, Toggle } from "../components/basics";
 import { Field, Select } from "../components/fields";
 import type { ImportFault } from "../lib/columns";
 import { widthOf } from "../lib/lines";
@@ -31,13 +31,9 @@ export function ImportReading({
   return (
     <div class="import-form">
       {headless && /\.xlsx$/i.test(headless.name) === false && (
-        <button
-          type="button"
-          class="button"
-          onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}
-        >
+        <Button onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}>
           {words.nameColumns}
-        </button>
+        </Button>
       )}
       {shown("decimal_mark") && (
         <Choice

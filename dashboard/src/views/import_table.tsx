@@ -1,7 +1,7 @@
 /** The first rows of a file, a meaning and a unit over each column, and faults in their cells. */
 import { useId } from "preact/hooks";
 import type { ImportOptions } from "../api/types";
-import { Prose } from "../components/basics";
+import { Button, Prose } from "../components/basics";
 import { Faults } from "../components/fields";
 import { Scroll } from "../components/table";
 import {
@@ -140,9 +140,9 @@ function ToLookAt({
       ))}
       {columns.length > IN_VIEW && <span class="soft">{words.andMore(columns.length - IN_VIEW)}</span>}
       {unknown.length > 1 && (
-        <button type="button" class="button" onClick={() => change(withoutColumns(options, preview, unknown))}>
+        <Button onClick={() => change(withoutColumns(options, preview, unknown))}>
           {words.leaveUnknown(unknown.length)}
-        </button>
+        </Button>
       )}
     </div>
   );

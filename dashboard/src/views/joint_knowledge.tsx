@@ -7,6 +7,7 @@ import { formUnit } from "../lib/units";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import type { SettingsProps } from "./advanced";
+import { Button } from "../components/basics";
 
 const words = text.settings;
 
@@ -139,20 +140,17 @@ function Orders({
           <JointSelect label={words.stiffer} joints={joints} value={first} change={(to) => put(row, [to, second])} />
           <span>{words.atLeast}</span>
           <JointSelect label={words.softer} joints={joints} value={second} change={(to) => put(row, [first, to])} />
-          <button
-            type="button"
-            class="button quiet"
+          <Button
+            look="quiet"
             onClick={() => change(orders.filter((_, i) => i !== row))}
             aria-label={words.removeOrder(first, second)}
           >
             {words.remove}
-          </button>
+          </Button>
         </div>
       ))}
       <Faults faults={faults} />
-      <button type="button" class="button" onClick={() => change([...orders, ["", ""]])}>
-        {words.addOrder}
-      </button>
+      <Button onClick={() => change([...orders, ["", ""]])}>{words.addOrder}</Button>
     </fieldset>
   );
 }

@@ -3,7 +3,7 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { goesOn } from "../api/events";
 import type { Map as WorkMap, Posture } from "../api/types";
-import { Choice, Facts, Name, ProblemNote } from "../components/basics";
+import { Choice, Facts, LinkButton, Name, ProblemNote } from "../components/basics";
 import { Select } from "../components/fields";
 import { Going } from "../components/going";
 import { JobPage } from "../components/job_page";
@@ -71,9 +71,9 @@ export function MapView({ id, beside }: { id: string; beside: string | null }) {
         actions:
           job.result &&
           (["csv", "npz"] as const).map((extension) => (
-            <a class="button" href={api.maps.file(id, `map.${extension}`)} download>
+            <LinkButton href={api.maps.file(id, `map.${extension}`)} download>
               {words[extension]}
-            </a>
+            </LinkButton>
           )),
       })}
     >

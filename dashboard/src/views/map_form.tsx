@@ -1,10 +1,10 @@
 /** What a map is asked: a box around what was measured, a process force, the tool, and which posture to take. */
-import type { ComponentChildren } from "preact";
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Posture } from "../api/types";
-import { Busy, Choice, ProblemNote } from "../components/basics";
-import { TextField, Select } from "../components/fields";
+import { ActionButton, Busy, Choice } from "../components/basics";
+import { Select, TextField, VectorField } from "../components/fields";
+import { typedOf, vectorIn } from "../lib/entered";
 import { freshKey } from "../lib/hash";
 import { boxAround } from "../lib/map";
 import { loadOf } from "../lib/places";
@@ -17,8 +17,6 @@ import type { RunContext } from "./run_context";
 import { usePostures } from "./run_postures";
 
 const words = text.map;
-const TRIPLE = [0, 1, 2] as const;
-type Triple = [string, string, string];
 
 export function MapForm({ context }: { context: RunContext }) {
   const postures = usePostures(context.set, context.robot);
@@ -27,13 +25,13 @@ export function MapForm({ context }: { context: RunContext }) {
 
 function Form({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
-  const [least, setLeast] = useState<Triple>(start.least);
-  const [greatest, setGreatest] = useState<Triple>(start.greatest);
-  const [grid, setGrid] = useState<Triple>(["15", "15", "5"]);
-  const [force, setForce] = useState<Triple>(start.force);
-  const [tool, setTool] = useState<Triple>(start.tool);
-  const [axis, setAxis] = useState<Triple>(["0", "0", "1"]);
-  const [direction, setDirection] = useState<Triple>(start.direction);
+  const [least, setLeast] = useState(start.least);
+  const [greatest, setGreatest] = useState(start.greatest);
+  const [grid, setGrid] = useState("15, 15, 5");
+  const [force, setForce] = useState(start.force);
+  const [tool, setTool] = useState(start.tool);
+  const [axis, setAxis] = useState("0, 0, 1");
+  const [direction, setDirection] = useState(start.direction);
   const [turns, setTurns] = useState("8");
   const [posture, setPosture] = useState<"stiffest" | "nearest">("stiffest");
   const [near, setNear] = useState("0");
@@ -43,12 +41,12 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
     const stated = {
       run_id: run.id,
       area: [metres(least), metres(greatest)],
-      grid: numbers(grid),
+      grid: vectorIn(grid),
       place: metres(tool),
-      tool_axis: numbers(axis),
-      directions: [numbers(direction)],
+      tool_axis: vectorIn(axis),
+      directions: [vectorIn(direction)],
       turns: Number(turns),
-      force: numbers(force),
+      force: vectorIn(force),
       ...(posture === "nearest" && joints ? { near: joints } : {}),
     };
     const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
@@ -60,13 +58,13 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
       <div class="map-fields">
-        <Three label={`${words.least} [${mm}]`} values={least} change={setLeast} />
-        <Three label={`${words.greatest} [${mm}]`} values={greatest} change={setGreatest} />
-        <Three label={words.grid} values={grid} change={setGrid} />
-        <Three label={`${words.force} [${newton}]`} values={force} change={setForce} />
-        <Three label={`${words.tool} [${mm}]`} values={tool} change={setTool} />
-        <Three label={words.toolAxis} values={axis} change={setAxis} />
-        <Three label={words.direction} values={direction} change={setDirection} />
+        <VectorField label={words.least} unit={mm} value={least} change={setLeast} />
+        <VectorField label={words.greatest} unit={mm} value={greatest} change={setGreatest} />
+        <VectorField label={words.grid} value={grid} change={setGrid} />
+        <VectorField label={words.force} unit={newton} value={force} change={setForce} />
+        <VectorField label={words.tool} unit={mm} value={tool} change={setTool} />
+        <VectorField label={words.toolAxis} value={axis} change={setAxis} />
+        <VectorField label={words.direction} value={direction} change={setDirection} />
         <TextField label={words.turns} type="number" min={1} max={360} value={turns} change={setTurns} />
       </div>
       <Choice
@@ -86,43 +84,10 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
           options={set.observations.map((one, i) => ({ value: String(i), label: one.label }))}
         />
       )}
-      {make.problem && <ProblemNote problem={make.problem} />}
-      <button type="button" class="button primary" disabled={make.busy} onClick={make.run}>
+      <ActionButton look="primary" action={make}>
         {words.make}
-      </button>
+      </ActionButton>
     </section>
-  );
-}
-
-/** Three numbers along x, y and z. */
-function Three({
-  label,
-  values,
-  change,
-}: {
-  label: ComponentChildren;
-  values: Triple;
-  change: (values: Triple) => void;
-}) {
-  return (
-    <fieldset>
-      <legend>{label}</legend>
-      <div class="triple">
-        {TRIPLE.map((i) => (
-          <input
-            type="number"
-            step="any"
-            aria-label={`${label} ${"xyz"[i]}`}
-            value={values[i]}
-            onInput={(event) => {
-              const next: Triple = [...values];
-              next[i] = event.currentTarget.value;
-              change(next);
-            }}
-          />
-        ))}
-      </div>
-    </fieldset>
   );
 }
 
@@ -137,16 +102,16 @@ function proposal(set: RunContext["set"], postures: Posture[]) {
   const sum = postures.reduce<Vector>((all, { flange_axes: axes }) => add(all, axes[2] ?? [0, 0, 0]), [0, 0, 0]);
   const mean: Vector = norm(sum) > 0.2 * postures.length ? times(sum, 1 / norm(sum)) : [0, 0, -1];
   const point = times(set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0], factors(set.units).length);
-  const shown = (vector: Vector, digits: number): Triple =>
-    vector.map((value) => String(Number(value.toFixed(digits)))) as Triple;
   return {
-    least: shown(times(least, 1e3), 0),
-    greatest: shown(times(greatest, 1e3), 0),
-    force: shown(strongest, 0),
-    tool: shown(times(point, 1e3), 1),
-    direction: shown(mean, 2),
+    least: typedOf(times(least, 1e3), 0),
+    greatest: typedOf(times(greatest, 1e3), 0),
+    force: typedOf(strongest, 0),
+    tool: typedOf(times(point, 1e3), 1),
+    direction: typedOf(mean, 2),
   };
 }
 
-const numbers = (values: Triple): number[] => values.map(Number);
-const metres = (values: Triple): number[] => values.map((value) => Number(value) / 1e3);
+const metres = (typed: string): Vector | null => {
+  const vector = vectorIn(typed);
+  return vector ? times(vector, 1e-3) : null;
+};

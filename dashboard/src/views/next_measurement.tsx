@@ -11,6 +11,7 @@ import { valueOf } from "../state/load";
 import { link } from "../state/router";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
+import { Button, LinkButton } from "../components/basics";
 
 const words = text.next;
 
@@ -94,13 +95,13 @@ function One({
               <small>A{i + 1}</small> {angle}°
             </span>
           ))}
-          <button type="button" class="button quiet" onClick={copy}>
+          <Button look="quiet" onClick={copy}>
             {words.copy}
-          </button>
+          </Button>
           {advice.observation !== null && set.observations.some((one) => one.label === advice.observation) && (
-            <a class="button quiet" href={link(["runs", run.id, "robot"], { at: advice.observation })}>
+            <LinkButton look="quiet" href={link(["runs", run.id, "robot"], { at: advice.observation })}>
               {words.show}
-            </a>
+            </LinkButton>
           )}
         </p>
       </div>

@@ -4,7 +4,7 @@ import type { Pair } from "../api/types";
 import { Bars } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Name } from "../components/basics";
+import { LinkButton, Name } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
 import { percent, pValue, significant } from "../lib/format";
@@ -57,12 +57,11 @@ export function PairView({ id }: { id: string }) {
           </>
         ),
         actions: (
-          <a
-            class="button"
+          <LinkButton
             href={link(["compare", "pairs"], { first: sideOf(job.request.second), second: sideOf(job.request.first) })}
           >
             {words.swap}
-          </a>
+          </LinkButton>
         ),
       })}
     >
@@ -128,7 +127,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
           { title, show },
           { title: text.run.low, show },
           { title: text.run.high, show },
-          { title: words.p, show: pValue },
+          { title: text.evidence.pValue, show: pValue },
           { title: text.run.verdict },
         ],
         rows: result.joints.map((joint) => [

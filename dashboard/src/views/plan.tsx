@@ -1,7 +1,7 @@
 /** One plan: its promise beside other plans', its certificate, and its check-list. */
 import { api } from "../api/client";
 import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
-import { Name } from "../components/basics";
+import { Button, LinkButton, Name } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
@@ -72,16 +72,15 @@ function Files({
   const toMeasure = () => JSON.stringify(toFillIn(request, result.readings, robot.id, base), null, 1);
   return (
     <>
-      <button
-        type="button"
-        class="button primary"
+      <Button
+        look="primary"
         onClick={() => save(toMeasure(), "application/json", fileName(`${subject} planned`, "json"))}
       >
         {words.fillIn}
-      </button>
-      <a class="button" href={api.plans.file(plan, "readings.csv")} download>
+      </Button>
+      <LinkButton href={api.plans.file(plan, "readings.csv")} download>
         {words.csv}
-      </a>
+      </LinkButton>
     </>
   );
 }

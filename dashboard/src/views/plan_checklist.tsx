@@ -3,7 +3,7 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Plan, PlanResult, Posture, Robot, Run } from "../api/types";
 import { Badge } from "../components/badge";
-import { Busy, ProblemNote } from "../components/basics";
+import { Busy, Button, ProblemNote } from "../components/basics";
 import { DropZone } from "../components/drop";
 import { DataTable } from "../components/table";
 import { understand } from "../lib/campaign";
@@ -66,10 +66,10 @@ export function Checklist({ plan, result, robot }: { plan: Plan; result: PlanRes
                 />
                 <b>{each.label}</b>
               </label>
-              <button type="button" class="button quiet" onClick={() => choose(each.label)}>
+              <Button look="quiet" onClick={() => choose(each.label)}>
                 <span class="hidden">{words.show(each.label)}: </span>
                 {angles(each)}
-              </button>
+              </Button>
             </li>
           ))}
         </ol>

@@ -1,7 +1,7 @@
 /** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { Empty, Name, ProblemNote, Show, Title, Toggle } from "../components/basics";
+import { ActionButton, Name, Show, Title, Toggle } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { type Asked, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
@@ -11,6 +11,7 @@ import { type Names, useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { storedRobot } from "../state/stored";
 import { text } from "../i18n";
+import { NoRobots } from "./robots";
 import { Earlier } from "./earlier";
 
 const words = text.plan;
@@ -37,11 +38,7 @@ export function PlansView({ query }: { query: URLSearchParams }) {
       <Show of={names}>
         {(known) =>
           known.robots.length === 0 ? (
-            <Empty title={text.robots.none} hint={text.robots.noneHint}>
-              <a class="button primary" href="#/robots/new">
-                {text.robots.add}
-              </a>
-            </Empty>
+            <NoRobots />
           ) : (
             <>
               <Form names={known} given={given} />
@@ -118,15 +115,9 @@ function Form({ names, given }: { names: Names; given: string }) {
         change={(joints) => change({ joints })}
       />
       {typeof options === "string" && <p class="note warn">{words.unread(options)}</p>}
-      {start.problem && <ProblemNote problem={start.problem} />}
-      <button
-        type="button"
-        class="button primary big"
-        disabled={start.busy || !id || typeof options === "string"}
-        onClick={start.run}
-      >
-        {start.busy ? words.going : words.go}
-      </button>
+      <ActionButton look="primary big" action={start} disabled={!id || typeof options === "string"} going={words.going}>
+        {words.go}
+      </ActionButton>
     </section>
   );
 }

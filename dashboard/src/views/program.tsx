@@ -2,7 +2,7 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Program, ProgramResult } from "../api/types";
-import { Busy, Choice, Facts } from "../components/basics";
+import { Busy, Choice, Facts, LinkButton } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
 import { DataTable } from "../components/table";
@@ -47,13 +47,13 @@ export function ProgramView({ id }: { id: string }) {
         actions: job.result && (
           <>
             {job.result.files.map((file) => (
-              <a class="button primary" href={api.programFile(id, file.name)} download>
+              <LinkButton look="primary" href={api.programFile(id, file.name)} download>
                 {words.download(file.name)}
-              </a>
+              </LinkButton>
             ))}
-            <a class="button" href={api.programs.file(id, "points.csv")} download>
+            <LinkButton href={api.programs.file(id, "points.csv")} download>
               {words.table}
-            </a>
+            </LinkButton>
           </>
         ),
       })}

@@ -1,7 +1,7 @@
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { ProblemNote } from "../components/basics";
+import { ActionButton, Button } from "../components/basics";
 import { DropZone } from "../components/drop";
 import { TextField, Select } from "../components/fields";
 import { freshKey } from "../lib/hash";
@@ -48,13 +48,9 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           {files.map((file) => (
             <li>
               <bdi>{file.name}</bdi>{" "}
-              <button
-                type="button"
-                class="button quiet"
-                onClick={() => setFiles(files.filter((one) => one.name !== file.name))}
-              >
+              <Button look="quiet" onClick={() => setFiles(files.filter((one) => one.name !== file.name))}>
                 {words.remove}
-              </button>
+              </Button>
             </li>
           ))}
         </ul>
@@ -77,15 +73,9 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         <Numbers label={words.base} value={base} change={setBase} help={words.frameHint} />
         <Numbers label={`${words.start} [${text.units.deg}]`} value={start} change={setStart} help={words.startHint} />
       </div>
-      {make.problem && <ProblemNote problem={make.problem} />}
-      <button
-        type="button"
-        class="button primary"
-        disabled={make.busy || files.length === 0 || accuracy === ""}
-        onClick={make.run}
-      >
+      <ActionButton look="primary" action={make} disabled={files.length === 0 || accuracy === ""}>
         {words.make}
-      </button>
+      </ActionButton>
     </section>
   );
 }

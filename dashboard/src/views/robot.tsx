@@ -3,7 +3,7 @@ import type { Robot } from "../api/types";
 import { api } from "../api/client";
 import { Arm } from "../components/arm";
 import { Changes } from "../components/changes";
-import { Empty, Facts, Name, Show, Title } from "../components/basics";
+import { Empty, Facts, LinkButton, Name, Show, Title } from "../components/basics";
 import { DeleteButton } from "../components/delete_button";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
@@ -39,15 +39,11 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         </Title>
         {robot.archived && <p class="meta">{text.changes.archived}</p>}
         <div class="actions">
-          <a class="button primary" href={link([], { robot: robot.id })}>
+          <LinkButton look="primary" href={link([], { robot: robot.id })}>
             {text.robots.use}
-          </a>
-          <a class="button" href={link(["plans"], { robot: robot.id })}>
-            {text.plan.begin}
-          </a>
-          <a class="button" href={link(["compare", "trend", robot.id])}>
-            {text.robots.trend}
-          </a>
+          </LinkButton>
+          <LinkButton href={link(["plans"], { robot: robot.id })}>{text.plan.begin}</LinkButton>
+          <LinkButton href={link(["compare", "trend", robot.id])}>{text.robots.trend}</LinkButton>
           <Changes
             name={robot.name}
             archived={robot.archived}

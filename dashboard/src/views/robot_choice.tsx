@@ -1,7 +1,7 @@
 /** The robot that was measured: the newest few in view, the others in a list, or a new one. */
 import { useState } from "preact/hooks";
 import type { RobotSummary } from "../api/types";
-import { Choice } from "../components/basics";
+import { Choice, LinkButton } from "../components/basics";
 import { Select } from "../components/fields";
 import { text } from "../i18n";
 
@@ -53,9 +53,7 @@ export function RobotChoice({
             ]}
           />
         )}
-        <a class="button" href="#/robots/new">
-          {text.start.addRobot}
-        </a>
+        <LinkButton href="#/robots/new">{text.robots.add}</LinkButton>
       </div>
     </>
   );

@@ -3,7 +3,7 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { NominalArm, RobotDocument } from "../api/types";
 import { Arm } from "../components/arm";
-import { Choice, ProblemNote, Title } from "../components/basics";
+import { ActionButton, Button, Choice, Title } from "../components/basics";
 import { TextField } from "../components/fields";
 import { contentKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -80,20 +80,17 @@ export function RobotNewView() {
         <section class="card sticky">
           <h2>{words.draw}</h2>
           {source ? <Arm source={source} start={null} /> : <p class="stage blank">{text.start.armHere}</p>}
-          {save.problem && <ProblemNote problem={save.problem} />}
           <div class="go">
-            <button
-              type="button"
-              class="button primary big"
-              disabled={!document || (!name.trim() && format !== "catalogue") || save.busy}
-              onClick={save.run}
+            <ActionButton
+              look="primary big"
+              action={save}
+              disabled={!document || (!name.trim() && format !== "catalogue")}
+              going={words.saving}
             >
-              {save.busy ? words.saving : words.save}
-            </button>
+              {words.save}
+            </ActionButton>
             {format === "catalogue" && arm && (
-              <button
-                type="button"
-                class="button"
+              <Button
                 onClick={() => {
                   setDh(tableOf(arm.model, arm.joint_map));
                   setName(name || arm.name);
@@ -101,7 +98,7 @@ export function RobotNewView() {
                 }}
               >
                 {words.edit}
-              </button>
+              </Button>
             )}
           </div>
           {format === "catalogue" && arm && <ArmFacts arm={arm} />}

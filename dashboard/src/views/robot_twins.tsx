@@ -1,7 +1,7 @@
 /** Robots of the same kinematics side by side: the latest run of each robot and serial number. */
 import { api, every } from "../api/client";
 import type { MeasurementSetSummary, Robot, Run, RunSummary } from "../api/types";
-import { Name, When } from "../components/basics";
+import { LinkButton, Name, When } from "../components/basics";
 import { Scroll } from "../components/table";
 import { shownStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS } from "../lib/units";
@@ -115,9 +115,7 @@ export function Twins({ robot }: { robot: Robot }) {
           </tbody>
         </table>
       </Scroll>
-      <a class="button" href={link(["compare", "runs"], { ids: ids.join() })}>
-        {words.beside}
-      </a>
+      <LinkButton href={link(["compare", "runs"], { ids: ids.join() })}>{words.beside}</LinkButton>
     </section>
   );
 }

@@ -2,7 +2,7 @@
 import type { ComponentChild } from "preact";
 import { useState } from "preact/hooks";
 import { api, every } from "../api/client";
-import { Empty, Name, Show, Title, Toggle, When } from "../components/basics";
+import { Empty, LinkButton, Name, Show, Title, Toggle, When } from "../components/basics";
 import { TextField } from "../components/fields";
 import { Item } from "../components/item";
 import { RobotTabs } from "../components/robot_tabs";
@@ -20,9 +20,9 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
       <div class="head">
         <Title plain={title}>{title}</Title>
         <div class="actions">
-          <a class="button primary" href="#/robots/new">
+          <LinkButton look="primary" href="#/robots/new">
             {text.robots.add}
-          </a>
+          </LinkButton>
         </div>
       </div>
       <RobotTabs current={list} />
@@ -45,40 +45,38 @@ function Robots({ names }: { names: Names }) {
   const [archived, toggle] = useArchived(names.archived.robots);
   const robots = archived ? names.archived.robots : names.robots;
   const sets = [...names.sets, ...names.archived.sets];
-  if (robots.length === 0) {
-    return archived ? (
-      <>
-        {toggle}
-        <NothingArchived />
-      </>
-    ) : (
-      <>
-        {toggle}
-        <Empty title={text.robots.none} hint={text.robots.noneHint}>
-          <a class="button primary" href="#/robots/new">
-            {text.robots.add}
-          </a>
-        </Empty>
-      </>
-    );
-  }
   return (
     <>
       {toggle}
-      <ul class="rows">
-        {robots.map((robot) => (
-          <Item
-            href={link(["robots", robot.id])}
-            what={<Name>{robot.name}</Name>}
-            note={text.robots.joints(robot.joints.length) + (robot.nominal_arm ? `, ${text.robots.nominal}` : "")}
-            how={`${text.robots.sets}: ${sets.filter((set) => set.robot_id === robot.id).length}`}
-            when={<When time={robot.created_at} />}
-          />
-        ))}
-      </ul>
+      {robots.length > 0 ? (
+        <ul class="rows">
+          {robots.map((robot) => (
+            <Item
+              href={link(["robots", robot.id])}
+              what={<Name>{robot.name}</Name>}
+              note={text.robots.joints(robot.joints.length) + (robot.nominal_arm ? `, ${text.robots.nominal}` : "")}
+              how={`${text.robots.sets}: ${sets.filter((set) => set.robot_id === robot.id).length}`}
+              when={<When time={robot.created_at} />}
+            />
+          ))}
+        </ul>
+      ) : archived ? (
+        <NothingArchived />
+      ) : (
+        <NoRobots />
+      )}
     </>
   );
 }
+
+/** There is no robot yet, and how to add one. */
+export const NoRobots = () => (
+  <Empty title={text.robots.none} hint={text.robots.noneHint}>
+    <LinkButton look="primary" href="#/robots/new">
+      {text.robots.add}
+    </LinkButton>
+  </Empty>
+);
 
 function Sets({ names }: { names: Names }) {
   const [archived, toggle] = useArchived(names.archived.sets);
@@ -87,9 +85,9 @@ function Sets({ names }: { names: Names }) {
   if (names.sets.length === 0 && names.archived.sets.length === 0) {
     return (
       <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint}>
-        <a class="button primary" href="#/">
+        <LinkButton look="primary" href="#/">
           {text.app.measure}
-        </a>
+        </LinkButton>
       </Empty>
     );
   }

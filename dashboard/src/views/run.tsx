@@ -1,7 +1,7 @@
 /** One run: its result in parts. */
 import { api } from "../api/client";
 import type { Run } from "../api/types";
-import { Name, ProblemNote, Tabs } from "../components/basics";
+import { ActionButton, Name, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -12,9 +12,10 @@ import { text } from "../i18n";
 import { Earlier } from "./earlier";
 import { contextOf, elasticityOf, isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
-import { EvidencePart } from "./run_evidence";
 import { MapForm } from "./map_form";
+import { PredictPart } from "./predict";
 import { ProgramForm } from "./program_form";
+import { RunFiles } from "./run_files";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
@@ -64,10 +65,7 @@ function Repeat({ run }: { run: Run }) {
   });
   return (
     <>
-      <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>
-        {text.run.repeat}
-      </button>
-      {repeat.problem && <ProblemNote problem={repeat.problem} />}
+      <ActionButton action={repeat}>{text.run.repeat}</ActionButton>
     </>
   );
 }
@@ -89,6 +87,8 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
         <DeflectionPart context={context} result={result} at={query.get("at")} />
       ) : part === "robot" ? (
         <RobotPart context={context} result={result} query={query} />
+      ) : part === "predict" ? (
+        <PredictPart context={context} result={result} />
       ) : part === "map" ? (
         <>
           <MapForm context={context} />
@@ -109,8 +109,8 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
             title={({ file_name: name }) => <Name>{name ?? text.program.kind}</Name>}
           />
         </>
-      ) : part === "evidence" ? (
-        <EvidencePart context={context} result={result} />
+      ) : part === "report" ? (
+        <RunFiles run={context.run.id} assessment={result.assessment} />
       ) : (
         <StiffnessPart context={context} result={result} />
       )}

@@ -3,33 +3,38 @@ import { entriesOf } from "../lib/entries";
 import type { RunResult } from "../api/types";
 import { Facts, Name, When } from "../components/basics";
 import { Term } from "../components/term";
-import { DataTable, TableCard } from "../components/table";
+import { DataTable } from "../components/table";
 import { fixed, percent, pValue, significant } from "../lib/format";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { BudgetTable } from "./budget";
 import { isElastic, type RunContext } from "./run_context";
-import { RunFiles } from "./run_files";
 
 const words = text.evidence;
 
-export function EvidencePart({ context, result }: { context: RunContext; result: RunResult }) {
+export function Evidence({ context, result }: { context: RunContext; result: RunResult }) {
   const elastic = isElastic(context.run); // what is said of identifiability is then of the joints alone
   return (
-    <div class="evidence">
-      <Identifiable result={result} elastic={elastic} />
-      <Goodness result={result} />
-      <Certificate result={result} />
-      {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
-      <Provenance context={context} />
-      <RunFiles run={context.run.id} assessment={result.assessment} />
-    </div>
+    <details class="card">
+      <summary>
+        <h2>{words.title}</h2>
+      </summary>
+      <div class="evidence">
+        <Identifiable result={result} elastic={elastic} />
+        <Goodness result={result} />
+        <Certificate result={result} />
+        {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
+        {result.budget && <BudgetTable budget={result.budget} joints={result.joints} />}
+        <Provenance context={context} />
+      </div>
+    </details>
   );
 }
 
 function Identifiable({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
   return (
-    <section class="card">
-      <h2>{words.identifiability}</h2>
+    <section>
+      <h3>{words.identifiability}</h3>
       {elastic && <p class="soft">{words.jointsAlone}</p>}
       <Facts
         facts={[
@@ -69,8 +74,7 @@ function Singular({ found, elastic }: { found: RunResult["identifiability"]; ela
     ]),
   );
   return (
-    <details>
-      <summary>{words.observability}</summary>
+    <>
       {indices.length > 0 && (
         <>
           <p class="soft">{words.observabilityNote}</p>
@@ -87,15 +91,15 @@ function Singular({ found, elastic }: { found: RunResult["identifiability"]; ela
         caption={words.singular}
         table={{ columns: [{ title: words.singular }, { title: text.run.value }], rows: values }}
       />
-    </details>
+    </>
   );
 }
 
 function Goodness({ result }: { result: RunResult }) {
   const { goodness, complementary_stiffness: complementary } = result;
   return (
-    <section class="card">
-      <h2>{words.goodness}</h2>
+    <section>
+      <h3>{words.goodness}</h3>
       <Facts
         facts={[
           // with sigma from the residuals it equals the degrees of freedom, whatever was read
@@ -125,8 +129,8 @@ function Goodness({ result }: { result: RunResult }) {
 function Certificate({ result: { certificate } }: { result: RunResult }) {
   const small = (value: number) => (value === 0 ? "0" : significant(value, 2));
   return (
-    <section class="card">
-      <h2>{words.certificate}</h2>
+    <section>
+      <h3>{words.certificate}</h3>
       <p class="soft">{words.certificateNote}</p>
       <Facts
         facts={[
@@ -145,46 +149,41 @@ function Certificate({ result: { certificate } }: { result: RunResult }) {
 
 function Suspicious({ result }: { result: RunResult }) {
   return (
-    <TableCard
-      title={words.suspicious}
-      table={{
-        columns: [
-          { title: text.deflection.configuration },
-          { title: text.deflection.target },
-          { title: words.weight, show: (v) => fixed(v, 2) },
-          { title: words.norm, show: (v) => fixed(v, 1) },
-        ],
-        rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
-      }}
-    />
+    <section class="wide">
+      <h3>{words.suspicious}</h3>
+      <DataTable
+        caption={words.suspicious}
+        table={{
+          columns: [
+            { title: text.deflection.configuration },
+            { title: text.deflection.target },
+            { title: words.weight, show: (v) => fixed(v, 2) },
+            { title: words.norm, show: (v) => fixed(v, 1) },
+          ],
+          rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
+        }}
+      />
+    </section>
   );
 }
 
-function Provenance({ context: { run, set, robot } }: { context: RunContext }) {
+function Provenance({ context: { run, set } }: { context: RunContext }) {
   const { provenance } = run;
   const took =
     provenance.started_at && provenance.ended_at
       ? (Date.parse(provenance.ended_at) - Date.parse(provenance.started_at)) / 1e3
       : null;
   return (
-    <section class="card wide">
-      <h2>{words.provenance}</h2>
+    <section class="wide">
+      <h3>{words.provenance}</h3>
       <Facts
         wide
         facts={[
           {
-            label: words.set,
+            label: text.sets.kind,
             value: (
               <a href={link(["sets", set.id])}>
                 <Name>{set.name}</Name>
-              </a>
-            ),
-          },
-          {
-            label: words.robot,
-            value: (
-              <a href={link(["robots", robot.id])}>
-                <Name>{robot.name}</Name>
               </a>
             ),
           },

@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Assessment } from "../api/types";
-import { Name, ProblemNote, When } from "../components/basics";
+import { Button, LinkButton, Name, ProblemNote, When } from "../components/basics";
 import { TextField } from "../components/fields";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
@@ -21,15 +21,14 @@ export function RunFiles({ run, assessment }: { run: string; assessment: Assessm
       <h2>{words.title}</h2>
       <p class="soft">{words.note}</p>
       <div class="actions">
-        <a class="button" href={api.runs.file(run, "report.pdf")} download>
+        <LinkButton href={api.runs.file(run, "report.pdf")} download>
           {words.pdf}
-        </a>
-        <a class="button" href={api.runs.file(run, "report.html")} target="_blank" rel="noreferrer">
+        </LinkButton>
+        <LinkButton href={api.runs.file(run, "report.html")} target="_blank" rel="noreferrer">
           {words.html}
-        </a>
+        </LinkButton>
         {(Object.keys(words.models) as (keyof typeof words.models)[]).map((format) => (
-          <a
-            class="button"
+          <LinkButton
             key={format}
             href={api.runs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
             onClick={sure}
@@ -37,7 +36,7 @@ export function RunFiles({ run, assessment }: { run: string; assessment: Assessm
             download
           >
             {words.models[format][0]}
-          </a>
+          </LinkButton>
         ))}
       </div>
       <Authorisations run={run} />
@@ -93,30 +92,25 @@ function Authorisations({ run }: { run: string }) {
           <TextField label={words.remark} value={note} maxLength={200} change={setNote} />
           <TextField label={words.customer} value={customer} maxLength={200} change={setCustomer} />
           <TextField label={words.received} type="date" value={received} change={setReceived} />
-          {!asking && (
-            <button type="button" class="button" onClick={() => setAsking(true)}>
-              {words.authorise}
-            </button>
-          )}
+          {!asking && <Button onClick={() => setAsking(true)}>{words.authorise}</Button>}
         </div>
       )}
       {asking && (
         <div class="note warn" role="group" aria-label={words.sure}>
           <p>{words.states(found.name ?? "")}</p>
           <div class="actions">
-            <a class="button" href={`${api.runs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
+            <LinkButton href={`${api.runs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
               {words.draftNow}
-            </a>
-            <button type="button" class="button primary" disabled={authorise.busy} onClick={authorise.run}>
+            </LinkButton>
+            <Button look="primary" disabled={authorise.busy} onClick={authorise.run}>
               {words.sure}
-            </button>
-            <button type="button" class="button quiet" onClick={() => setAsking(false)}>
+            </Button>
+            <Button look="quiet" onClick={() => setAsking(false)}>
               {words.cancel}
-            </button>
+            </Button>
           </div>
         </div>
       )}
-      {authorise.problem && <ProblemNote problem={authorise.problem} />}
     </>
   );
 }

@@ -3,7 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { follow, goesOn, type Standing } from "../api/events";
 import type { RunSummary } from "../api/types";
 import { Badge } from "../components/badge";
-import { Name, State, When } from "../components/basics";
+import { Button, Name, State, When } from "../components/basics";
 import { Bar } from "../components/going";
 import { percent } from "../lib/format";
 import type { Names } from "../state/names";
@@ -132,15 +132,10 @@ function RunRow({
           {body}
         </a>
       )}
-      {restore && (
-        <button type="button" class="button" onClick={() => restore(run)}>
-          {text.lists.restore}
-        </button>
-      )}
+      {restore && <Button onClick={() => restore(run)}>{text.lists.restore}</Button>}
       {remove && !goesOn(standing.state) && (
-        <button
-          type="button"
-          class="button quiet icon"
+        <Button
+          look="quiet icon"
           aria-label={text.runs.delete(set)}
           title={text.run.delete}
           onClick={() => remove(run)}
@@ -148,7 +143,7 @@ function RunRow({
           <svg viewBox="0 0 24 24" aria-hidden="true">
             <path d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
           </svg>
-        </button>
+        </Button>
       )}
     </div>
   );

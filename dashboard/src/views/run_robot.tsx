@@ -1,7 +1,7 @@
 /** The robot in each configuration, its load, and its deflection, measured and predicted. */
 import { useCallback, useEffect, useMemo, useState } from "preact/hooks";
 import type { MeasurementSet, Posture, RunResult } from "../api/types";
-import { Busy, Choice, Toggle } from "../components/basics";
+import { Busy, Button, Choice, LinkButton, Toggle } from "../components/basics";
 import { DataTable } from "../components/table";
 import { arrowsOf, type DrawnSet, magnification } from "../lib/drawn";
 import { bendOf } from "../lib/bend";
@@ -94,14 +94,14 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
       </div>
       <div class="controls">
         {from && (
-          <a class="button quiet back" href={link(["runs", run.id, from], { at: observation.label })}>
+          <LinkButton look="quiet back" href={link(["runs", run.id, from], { at: observation.label })}>
             ‹ {words.backTo(text.run.views[from as keyof typeof text.run.views] ?? text.run.views.deflection)}
-          </a>
+          </LinkButton>
         )}
         <div class="stepper">
-          <button type="button" class="button" aria-label={words.previous} onClick={() => step(-1)}>
+          <Button aria-label={words.previous} onClick={() => step(-1)}>
             ‹
-          </button>
+          </Button>
           <label>
             <span>
               <bdi>{observation.label}</bdi> <small class="soft">{words.of(index + 1, postures.length)}</small>
@@ -117,9 +117,9 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
               onInput={(event) => setIndex(Number(event.currentTarget.value))}
             />
           </label>
-          <button type="button" class="button" aria-label={words.next} onClick={() => step(1)}>
+          <Button aria-label={words.next} onClick={() => step(1)}>
             ›
-          </button>
+          </Button>
         </div>
         <ul class="legend">
           <li>
@@ -145,31 +145,17 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
           )}
         </ul>
         <div class="magnify">
-          <button
-            type="button"
-            class="button"
-            aria-label={words.scaleDown}
-            onClick={() => setFactor((f) => roundStep(f / 2.2, 1))}
-          >
+          <Button aria-label={words.scaleDown} onClick={() => setFactor((f) => roundStep(f / 2.2, 1))}>
             −
-          </button>
+          </Button>
           <output>{words.magnified(fixed(factor, 0))}</output>
-          <button
-            type="button"
-            class="button"
-            aria-label={words.scaleUp}
-            onClick={() => setFactor((f) => roundStep(f * 1.8, 1))}
-          >
+          <Button aria-label={words.scaleUp} onClick={() => setFactor((f) => roundStep(f * 1.8, 1))}>
             +
-          </button>
+          </Button>
         </div>
         <div class="buttons">
-          <button type="button" class="button" onClick={() => setBends((n) => n + 1)}>
-            {words.bend}
-          </button>
-          <button type="button" class="button" onClick={() => setResets((n) => n + 1)}>
-            {words.reset}
-          </button>
+          <Button onClick={() => setBends((n) => n + 1)}>{words.bend}</Button>
+          <Button onClick={() => setResets((n) => n + 1)}>{words.reset}</Button>
         </div>
         <Choice
           label={words.colour}

@@ -2,20 +2,21 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Run, RunResult } from "../api/types";
-import { ProblemNote } from "../components/basics";
+import { ActionButton, LinkButton } from "../components/basics";
 import { TableCard } from "../components/table";
 import { percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { freshKey } from "../lib/hash";
 import { changeIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
 import { useAction } from "../state/action";
+import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import { JointTable } from "./joint_table";
-import { BudgetCard } from "./budget";
 import { BeforeAfter } from "./before_after";
 import { Further } from "./further";
 import { isElastic, type RunContext } from "./run_context";
+import { Evidence } from "./run_evidence";
 import { ElementShares, ModelChoice } from "./run_links";
 import { VerdictCard } from "./verdict_card";
 
@@ -29,7 +30,6 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
     <>
       <VerdictCard assessment={result.assessment} context={context} />
       {run.request.variant_of !== null && <BeforeAfter run={run} origin={run.request.variant_of} />}
-      <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       {!nothing && <Summary result={result} />}
       <JointTable
         context={context}
@@ -38,17 +38,22 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
         bare={nothing}
         tools={
           isElastic(run) || nothing ? null : (
-            <button type="button" class="button" disabled={other.busy} onClick={other.run}>
-              {other.busy ? text.run.besideWorking : beside ? text.run.besideOff : text.run.beside(!positive)}
-            </button>
+            <ActionButton action={other} going={text.run.besideWorking}>
+              {beside ? text.run.besideOff : text.run.beside(!positive)}
+            </ActionButton>
           )
         }
       />
-      {other.problem && <ProblemNote problem={other.problem} />}
-      {result.budget && <BudgetCard budget={result.budget} joints={result.joints} />}
+      <nav class="actions" aria-label={text.run.uses}>
+        {(["predict", "map", "program", "report"] as const).map((part) => (
+          <LinkButton href={link(["runs", run.id, part])}>{text.run.views[part]}</LinkButton>
+        ))}
+      </nav>
       {result.links && <ElementShares links={result.links} />}
       {result.selection && <ModelChoice selection={result.selection} />}
       {result.resampling && <Resampled result={result} />}
+      <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
+      <Evidence context={context} result={result} />
     </>
   );
 }

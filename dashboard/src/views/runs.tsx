@@ -3,7 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
 import { VerdictFilter } from "../components/badge";
-import { Busy, Choice, Empty, Name, ProblemNote, Title, Toggle } from "../components/basics";
+import { Busy, Button, Choice, Empty, LinkButton, Name, ProblemNote, Title, Toggle } from "../components/basics";
 import { Select } from "../components/fields";
 import { type Names, useNames } from "../state/names";
 import { valueOf } from "../state/load";
@@ -126,17 +126,16 @@ export function RunsView({ query }: { query: URLSearchParams }) {
       {selected.size > 0 && (
         <div class="selection" role="region" aria-label={text.lists.selected(selected.size)}>
           <b>{text.lists.selected(selected.size)}</b>
-          <button
-            type="button"
-            class="button primary"
+          <Button
+            look="primary"
             disabled={selected.size < 2 || selected.size > MOST_RUNS}
             onClick={() => go(link(["compare", "runs"], { ids: [...selected].join(",") }))}
           >
             {text.lists.compare}
-          </button>
-          <button type="button" class="button quiet" onClick={() => setSelected(new Set())}>
+          </Button>
+          <Button look="quiet" onClick={() => setSelected(new Set())}>
             {text.lists.clear}
-          </button>
+          </Button>
           {(selected.size < 2 || selected.size > MOST_RUNS) && <small class="soft">{text.lists.selectTwo}</small>}
         </div>
       )}
@@ -144,25 +143,19 @@ export function RunsView({ query }: { query: URLSearchParams }) {
         runs.length === 0 &&
         (state === "all" ? (
           <Empty title={text.runs.none} hint={text.runs.noneHint}>
-            <a class="button primary" href="#/">
+            <LinkButton look="primary" href="#/">
               {text.app.measure}
-            </a>
+            </LinkButton>
           </Empty>
         ) : (
           <Empty title={text.runs.noMatch} hint={text.runs.noMatchHint} />
         ))}
       {runs && runs.length > 0 && found.length === 0 && (
         <Empty title={text.runs.noMatch} hint={text.runs.noMatchHint}>
-          <button type="button" class="button" onClick={() => setSearch("")}>
-            {text.runs.clear}
-          </button>
+          <Button onClick={() => setSearch("")}>{text.runs.clear}</Button>
         </Empty>
       )}
-      {more && (
-        <button type="button" class="button" onClick={more}>
-          {text.app.more}
-        </button>
-      )}
+      {more && <Button onClick={more}>{text.app.more}</Button>}
     </>
   );
 }

@@ -53,7 +53,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
           </tr>
         </thead>
         <tbody>
-          {row(text.lists.verdict, ({ run }) => run.result && <Badge verdict={run.result.assessment.verdict} />)}
+          {row(text.run.verdict, ({ run }) => run.result && <Badge verdict={run.result.assessment.verdict} />)}
           {row(text.lists.explainedTitle, ({ run }) => {
             const share = run.result?.compensation ?? null;
             return share === null ? null : percent(share);

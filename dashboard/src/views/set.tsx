@@ -1,7 +1,7 @@
 /** One measurement set: what it says, its findings, what was made of it. */
 import type { MeasurementSet } from "../api/types";
 import { api } from "../api/client";
-import { Name, Show, Title, Warnings, When } from "../components/basics";
+import { LinkButton, Name, Show, Title, Warnings, When } from "../components/basics";
 import { Changes } from "../components/changes";
 import { DeleteButton } from "../components/delete_button";
 import { Preview } from "../components/preview";
@@ -41,15 +41,11 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
           {set.archived && <span>{text.changes.archived}</span>}
         </p>
         <div class="actions">
-          <a class="button primary" href={link([], { set: set.id })}>
+          <LinkButton look="primary" href={link([], { set: set.id })}>
             {text.sets.identify}
-          </a>
-          <a class="button" href={link(["compare", "methods"], { set: set.id })}>
-            {text.sets.compare}
-          </a>
-          <a class="button" href={link(["plans"], { set: set.id })}>
-            {text.plan.goOn}
-          </a>
+          </LinkButton>
+          <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
+          <LinkButton href={link(["plans"], { set: set.id })}>{text.plan.goOn}</LinkButton>
           <Changes
             name={set.name}
             archived={set.archived}

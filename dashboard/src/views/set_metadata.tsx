@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { METADATA, type MeasurementSet } from "../api/types";
 import { api } from "../api/client";
-import { Facts, ProblemNote, When } from "../components/basics";
+import { Button, Facts, ProblemNote, When } from "../components/basics";
 import { MetadataForm } from "../components/metadata_form";
 import { notedIn, typedOf } from "../lib/metadata";
 import { useAction } from "../state/action";
@@ -41,9 +41,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
             <button type="submit" class="button primary" disabled={save.busy || notedIn(typed) === null}>
               {words.save}
             </button>
-            <button type="button" class="button" onClick={() => setEditing(false)}>
-              {words.cancel}
-            </button>
+            <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
           </div>
         </form>
       ) : (
@@ -58,16 +56,14 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
               }))}
             />
           )}
-          <button
-            type="button"
-            class="button"
+          <Button
             onClick={() => {
               setTyped(typedOf(set));
               setEditing(true);
             }}
           >
             {known.length === 0 ? words.add : words.edit}
-          </button>
+          </Button>
         </>
       )}
     </section>

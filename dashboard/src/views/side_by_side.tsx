@@ -3,7 +3,7 @@ import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Empty, ProblemNote, Show, Title } from "../components/basics";
+import { ActionButton, Empty, Show, Title } from "../components/basics";
 import { percent } from "../lib/format";
 import { freshKey } from "../lib/hash";
 import { axisStiffness } from "../lib/stiffness";
@@ -69,13 +69,10 @@ function Page({ columns }: { columns: RunColumn[] }) {
         </Title>
         {columns.length === 2 && (
           <div class="actions">
-            <button type="button" class="button" disabled={pair.busy} onClick={pair.run}>
-              {words.test}
-            </button>
+            <ActionButton action={pair}>{words.test}</ActionButton>
           </div>
         )}
       </div>
-      {pair.problem && <ProblemNote problem={pair.problem} />}
       <section class="card">
         <RunsTable columns={columns} label={title} />
       </section>

@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { Method, Robot, Trend as Found, TrendJoint } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Trend } from "../charts/trend";
-import { Choice, Empty, Name, Show, Title } from "../components/basics";
+import { Choice, dayText, Empty, LinkButton, Name, Show, Title } from "../components/basics";
 import { Select } from "../components/fields";
 import { Item } from "../components/item";
 import { pValue } from "../lib/format";
@@ -43,7 +43,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
             {(found) => (
               <>
                 <Choice
-                  label={words.method}
+                  label={text.run.method}
                   value={method ?? found.selection?.method ?? "partial_pose"}
                   change={setMethod}
                   options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
@@ -88,9 +88,9 @@ function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; re
     return (
       <>
         <Empty title={words.none} hint={words.noneHint}>
-          <a class="button primary" href={link([], { robot })}>
+          <LinkButton look="primary" href={link([], { robot })}>
             {text.app.measure}
-          </a>
+          </LinkButton>
         </Empty>
         <LeftOut trend={trend} />
       </>
@@ -130,7 +130,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
       ]}
       table={{
         columns: [
-          { title: text.runs.set },
+          { title: text.sets.kind },
           { title: text.runs.when },
           { title: words.role },
           { title: text.run.value, unit: column },
@@ -177,7 +177,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
 const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
   const [campaign, point] = [trend.campaigns[index], joint.points[index]];
   if (!campaign || !point) return "";
-  const day = new Date(campaign.at).toLocaleDateString(undefined, { dateStyle: "medium" });
+  const day = dayText(campaign.at);
   const said = point.change ? changeText(point.change) : (point.reason ?? words.roles[point.role]);
   const alarm = point.exceeded ? joint.alarms.filter((one) => one.since <= campaign.at).at(-1)?.message : undefined;
   return [

@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
-import { Name, ProblemNote, When } from "../components/basics";
+import { dayText, Name, ProblemNote, When } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
@@ -104,7 +104,6 @@ export function NewBaseline({ trend, reload }: Noted) {
     await api.addBaseline(trend.robot_id, { run_id: run, reason: reason.trim(), campaigns: size });
     reload();
   });
-  const day = (at: string) => new Date(at).toLocaleDateString(undefined, { dateStyle: "medium" });
   return (
     <details class="baselines">
       <summary>{words.baselines(trend.baselines.length)}</summary>
@@ -127,7 +126,7 @@ export function NewBaseline({ trend, reload }: Noted) {
           label={words.from}
           value={run}
           change={setRun}
-          options={trend.campaigns.map(({ run_id: value, name, at }) => ({ value, label: `${day(at)}, ${name}` }))}
+          options={trend.campaigns.map(({ run_id: value, name, at }) => ({ value, label: `${dayText(at)}, ${name}` }))}
         />
         <TextField
           label={words.reason}

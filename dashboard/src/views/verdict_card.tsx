@@ -1,7 +1,7 @@
 /** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
 import type { Action, Assessment, Reason, Usability } from "../api/types";
 import { Badge } from "../components/badge";
-import { ProblemNote, Prose } from "../components/basics";
+import { ActionButton, LinkButton, Prose } from "../components/basics";
 import { placeName, sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { go, link } from "../state/router";
@@ -95,16 +95,15 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
   return (
     <>
       {action.kind !== "show_posture" && (
-        <button type="button" class="button" disabled={start.busy} onClick={start.run}>
-          {start.busy ? words.doing : words.actions[action.kind](action)}
-        </button>
+        <ActionButton action={start} going={words.doing}>
+          {words.actions[action.kind](action)}
+        </ActionButton>
       )}
       {shown !== undefined && (
-        <a class="button quiet" href={link(["runs", context.run.id, "robot"], { at: shown, from: "result" })}>
+        <LinkButton look="quiet" href={link(["runs", context.run.id, "robot"], { at: shown, from: "result" })}>
           {words.show(shown)}
-        </a>
+        </LinkButton>
       )}
-      {start.problem && <ProblemNote problem={start.problem} />}
     </>
   );
 }

@@ -1,0 +1,179 @@
+/** How far the tool bends: a posture that was measured or typed, a force, and the arm bent by it. */
+import { useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { DeflectionResult, Posture, RunResult } from "../api/types";
+import { ActionButton, Busy, Button, Facts, Prose } from "../components/basics";
+import { Select, TextField, VectorField } from "../components/fields";
+import { bendOf } from "../lib/bend";
+import { typedOf, vectorIn } from "../lib/entered";
+import { decimalsFor, fixed, percent, significant } from "../lib/format";
+import { loadOf } from "../lib/places";
+import { numbersIn } from "../lib/program";
+import { roundStep } from "../lib/scale";
+import { degrees, factors, radians } from "../lib/units";
+import { add, fromFlange, norm, times, type Vector } from "../lib/vector";
+import { ARM_ALONE } from "../scene/show";
+import { ArmView, roomOf } from "../scene/view";
+import { useAction } from "../state/action";
+import { text } from "../i18n";
+import type { RunContext } from "./run_context";
+import { usePostures } from "./run_postures";
+
+const words = text.predict;
+const TYPED = "";
+
+interface PredictProps {
+  context: RunContext;
+  result: RunResult;
+}
+
+export function PredictPart(props: PredictProps) {
+  const postures = usePostures(props.context.set, props.context.robot);
+  return postures ? <Form {...props} postures={postures} /> : <Busy />;
+}
+
+/** A prediction with the posture and the load that it is about, R0, SI. */
+interface Predicted {
+  posture: Posture;
+  point: Vector;
+  force: Vector;
+  answer: DeflectionResult;
+}
+
+function Form({ context: { run, set, robot }, result, postures }: PredictProps & { postures: Posture[] }) {
+  const unit = factors(set.units);
+  const anglesAt = (i: number) =>
+    typedOf(set.observations[i]?.joints.map((value) => degrees(value * unit.angle)) ?? [], 3);
+  const forceAt = (i: number) => {
+    const [observation, posture] = [set.observations[i], postures[i]];
+    return observation && posture ? typedOf(loadOf(set, observation, posture).force, 1) : "";
+  };
+  const [chosen, setChosen] = useState("0");
+  const [joints, setJoints] = useState(anglesAt(0));
+  const [force, setForce] = useState(forceAt(0));
+  const [place, setPlace] = useState(
+    typedOf(times((set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0]) as Vector, 1e3 * unit.length), 3),
+  );
+  const [found, setFound] = useState<Predicted | null>(null);
+  const predict = useAction(async () => {
+    const vector = (typed: string): Vector => vectorIn(typed) ?? [0, 0, 0];
+    const [angles, load, point] = [numbersIn(joints) ?? [], vector(force), vector(place)] as const;
+    const answer = await api.predict({
+      run_id: run.id,
+      units: { length: "mm", angle: "deg", force: "N" },
+      load_point: point,
+      cases: [{ joints: angles, force: load }],
+    });
+    const [posture] = (await api.kinematics({ robot_id: robot.id }, [angles.map(radians)])).postures;
+    if (!posture) return;
+    const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(point, 1e-3));
+    setFound({ posture, point: inBase, force: load, answer });
+  });
+  const choose = (value: string) => {
+    setChosen(value);
+    if (value === TYPED) return;
+    setJoints(anglesAt(Number(value)));
+    setForce(forceAt(Number(value)));
+  };
+  const { deg, newton, mm } = text.units;
+  return (
+    <div class="flow">
+      <section class="card form">
+        <h2>{words.title}</h2>
+        <Select
+          label={words.posture}
+          value={chosen}
+          change={choose}
+          options={[
+            ...set.observations.map(({ label }, i) => ({ value: String(i), label })),
+            { value: TYPED, label: words.typed },
+          ]}
+        />
+        <TextField
+          label={text.map.angles}
+          unit={deg}
+          value={joints}
+          change={(typed) => {
+            setChosen(TYPED);
+            setJoints(typed);
+          }}
+          aria-invalid={numbersIn(joints)?.length !== robot.joints.length}
+        />
+        <VectorField label={text.imports.force} unit={newton} value={force} change={setForce} />
+        <VectorField label={words.place} unit={mm} value={place} change={setPlace} />
+        <ActionButton
+          look="primary"
+          action={predict}
+          disabled={numbersIn(joints) === null || !vectorIn(force) || !vectorIn(place)}
+        >
+          {text.run.views.predict}
+        </ActionButton>
+      </section>
+      {found && (
+        <section class="card" aria-live="polite">
+          <Bent found={found} result={result} />
+          <Answer answer={found.answer} />
+        </section>
+      )}
+    </div>
+  );
+}
+
+function Bent({ found: { posture, point, force, answer }, result }: { found: Predicted; result: RunResult }) {
+  const displacement = (answer.cases[0]?.displacement ?? [0, 0, 0]) as Vector;
+  const room = useMemo(() => roomOf([posture]), [posture]);
+  const show = useMemo(() => {
+    const reach = Math.max(0.2, ...room.map(norm));
+    const factor = roundStep((0.14 * reach) / Math.max(1e-9, norm(displacement)), 1);
+    const compliances = result.joints.map((joint) => joint.compliance);
+    return {
+      posture,
+      ...ARM_ALONE,
+      axes: false,
+      predicted: [{ from: point, along: displacement }],
+      load: norm(force) > 0 ? { from: point, along: force } : null,
+      factor,
+      bend: bendOf(posture, compliances, { point, force }),
+    };
+  }, [posture, answer]);
+  const tip = add(point, times(displacement, show.factor));
+  const [bends, setBends] = useState(0);
+  return (
+    <>
+      <ArmView show={show} room={[...room, point, tip]} label={words.view} bends={bends} />
+      <Button onClick={() => setBends((count) => count + 1)}>{text.scene.bend}</Button>
+    </>
+  );
+}
+
+function Answer({ answer: { cases, confidence, remarks } }: { answer: DeflectionResult }) {
+  const [found] = cases;
+  if (!found) return null;
+  const level = percent(confidence);
+  const { micrometre } = text.units;
+  const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
+  const { displacement, readings_only: readings, with_model_error: model } = found;
+  return (
+    <>
+      {displacement && (
+        <Facts
+          facts={[
+            { label: text.map.deflection, value: <b>{`${significant(norm(displacement) * 1e6, 3)} ${micrometre}`}</b> },
+            ...(model
+              ? [{ label: words.ball(level), value: `± ${significant(model.radius * 1e6, 2)} ${micrometre}` }]
+              : []),
+            ...(readings?.displacement ?? []).map(([low, high], i) => ({
+              label: words.along("xyz"[i] ?? "", level),
+              value: `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}`,
+            })),
+          ]}
+        />
+      )}
+      {[...found.remarks, ...remarks].map((remark) => (
+        <p class="note warn">
+          <Prose text={remark} />
+        </p>
+      ))}
+    </>
+  );
+}
