@@ -17,7 +17,7 @@ def large_run(api, stored):
     """200 configurations, 3 targets."""
     document = campaign(configurations=200, load="pull", seed=9)["measurement_set"]
     set_id = post(api, "/v1/measurement-sets", {**document, "robot_id": stored.robot})["id"]
-    return post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
+    return post(api, "/v1/runs", {"measurement_set_id": set_id, "elasticity": "joints"})["id"]
 
 
 def test_a_frame_of_200_configurations_takes_little_script(visit, large_run):
