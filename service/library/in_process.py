@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison, ComparisonOptions
     from jointstiff.schemas.deflection import DeflectionResult
     from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
+    from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.schemas.map import Map, MapOptions
     from jointstiff.schemas.pair import Pair, PairOptions
     from jointstiff.schemas.plan import Plan, PlanOptions
@@ -149,6 +149,7 @@ def import_files(*files: str | PathLike[str], **options: Any) -> ImportAnswer:  
     Raises:
         CampaignError: a file or an option was not understood.
     """
+    from jointstiff.schemas.imports import ImportRequest
     from jointstiff.service.importing.reading import SourceFile
     from jointstiff.service.problems.errors import FilesError
     from jointstiff.service.problems.table import problem_of

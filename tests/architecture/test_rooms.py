@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from jointstiff import solver
+
 ROOT = Path(__file__).parents[2]
 MOST_MODULES = 6
 DOORS = {ROOT / "solver" / "__init__.py"}
@@ -33,3 +35,8 @@ def test_packages_give_no_names_of_their_modules(room):
         if path not in DOORS and "__all__" in path.read_text(encoding="utf-8")
     ]
     assert not doors
+
+
+def test_the_door_of_the_solver_gives_every_name_that_it_promises():
+    given = {name: getattr(solver, name) for name in solver.__all__}
+    assert all(value.__name__ == name for name, value in given.items())

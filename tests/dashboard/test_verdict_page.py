@@ -32,9 +32,7 @@ def test_the_page_asks_before_it_maps(visit, unusable, tmp_path):
 
     page.on("dialog", answer)
     visited.go(f"#/runs/{unusable}/map")
-    page.get_by_label("Places along x, y, z x").fill("3")
-    page.get_by_label("Places along x, y, z y").fill("3")
-    page.get_by_label("Places along x, y, z z").fill("1")
+    page.get_by_label("Places along x, y, z").fill("3, 3, 1")
     page.get_by_role("button", name="Make the map").click()
     expect(page.get_by_text("the verdict on run")).to_be_visible()
     page.get_by_role("button", name="Make the map").click()

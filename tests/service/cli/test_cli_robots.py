@@ -67,7 +67,10 @@ def test_a_table_and_the_name_of_an_arm_make_a_campaign(folder):
     options = ("--robot", "KUKA KR 210 R2700", "--encoders", "motor", "--load-point", point)
     about = ("--about", "serial_number=F-211034", "--about", "notes=load = 150 kg")
     when = ("--about", "measured_at=2026-11-20T14:30:00+01:00")
-    shown = run("import", "cell.csv", *options, *about, *when, "--output", "new.json")
+    new = (*about, *when, "--output", "new.json")
+    assert run("import", "cell.csv", *options, *new).exit_code == 1, "another arm's readings: errors"
+    assert not (folder / "new.json").exists()
+    shown = run("import", "cell.csv", *options, *new, "--despite-errors")
     assert shown.exit_code == 0, shown.output
     written = Campaign.model_validate_json((folder / "new.json").read_text())
     assert written.robot.name == "KUKA KR 210 R2700 extra (nominal)"
