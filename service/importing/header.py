@@ -151,7 +151,7 @@ def is_joint(text: str) -> bool:
 
 def split_unit(header: str) -> tuple[str, str | None]:
     """`x [mm]`, `x (mm)` or `x/mm` as name and unit; what follows a slash must be one of ours."""
-    header = header.strip()
+    header = collapsed(header)  # runs of blanks would cost the pattern their square
     match = _UNIT.fullmatch(header)
     if match is None:
         return header, None

@@ -102,6 +102,11 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     _check_remarks(grid, heading, columns, faults)
     _check_end(grid, rows, faults)
     rows, deleted = _not_deleted(grid, rows, columns, faults)
+    if deleted and options.by_order and "name" not in columns.texts:
+        reason = "rows are marked as deleted, so that the rows of this file are not those of the others"
+        faults.report(
+            Place(grid.file), reason, "give every row a label, or delete them from all files", "by_order"
+        )
     notes += (*columns.notes, *deleted)
     if frame is not None:
         notes += (f"positions are in the frame {shown(frame)}, as the file says",)
@@ -431,8 +436,10 @@ def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> None:
     keeps_zeros = any(part.endswith("0") and len(part) > 1 for row in decimals for part in row)
     *lengths, length = (len(row[-1]) for row in decimals)
     shorter = looks_like_a_number(last) and length < min(lengths) - (not keeps_zeros)
-    begun = len(last) < min(map(len, others)) and any(cell.startswith(last) for cell in others)
-    if shorter or begun:
+    narrower = len(last.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in others)
+    begun = any(cell.startswith(last) for cell in others)
+    whole = looks_like_a_number(last) and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
+    if shorter or (narrower and (begun or whole)):
         faults.report(
             grid.place(rows[-1], len(rows[-1].cells) - 1),
             f"the file is cut off: its last line has no end, and {shown(last)} is shorter than its column",

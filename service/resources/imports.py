@@ -281,6 +281,7 @@ def template_of(request: ImportRequest, files: Sequence[FilePreview], imported: 
         "name": None,
         "robot_id": None,
         "show_faults": False,
+        "accept_unusual": False,  # what was confirmed are these values, not the next file's
     }
     return ImportTemplate.model_validate(request.model_dump() | changes)
 

@@ -281,6 +281,28 @@ def test_a_file_that_is_cut_off_within_a_number_is_refused(cut):
     assert fault.place.line == 5
 
 
+@pytest.mark.parametrize("last", ["22", "2", "-2"])
+def test_a_number_that_is_cut_off_at_its_point_is_refused(last):
+    """Zeros are dropped here: 63.6 has one decimal less than the others, and a cut one might have, too."""
+    names = ("c01_P10_unloaded", "c01_P10_loaded", "c02_P10_unloaded", "c02_P10_loaded")
+
+    def points(*heights):
+        return "\n".join(
+            ("x [mm];y [mm];name;z [mm]", *(f"1;2;{n};{z}" for n, z in zip(names, heights, strict=True)))
+        )
+
+    (fault,) = faults(("a.csv", points("836.13", "-63.6", "97.31", last)))
+    assert fault.reason.startswith("the file is cut off")
+    assert read(("a.csv", points("-12", "-10", "11", "-9")))  # numbers without decimals may be short
+
+
+def test_rows_by_order_beside_deleted_ones_are_refused():
+    """What is left of a file without some rows would be paired with other postures."""
+    table = "x [mm];y [mm];z [mm];Delete\n1.5;0;0;0\n2.5;0;0;{}\n3.5;0;0;{}\n4.5;0;0;0\n"
+    files = (("P_unloaded.csv", table.format(1, 0)), ("P_loaded.csv", table.format(0, 1)))
+    assert {fault.option for fault in faults(*files, by_order=True)} == {"by_order"}
+
+
 def test_a_name_that_is_cut_off_is_refused():
     content = "x [mm];y [mm];z [mm];name\n1;2;3.5;c01_P10_unloaded\n1;2;3;c01_P10_loaded"
     assert read(("a.csv", content))
@@ -309,7 +331,9 @@ def test_a_value_far_from_its_column_is_asked_about():
     assert found.missing_fields == ["accept_unusual"]
     assert "P1 unloaded x 12495 ('day.csv', line 9, column 6) is" in found.missing[0]
     assert found.measurement_set is None
-    assert answer(accept_unusual=True).measurement_set is not None
+    confirmed = answer(accept_unusual=True)
+    assert confirmed.measurement_set is not None
+    assert not confirmed.template.accept_unusual, "the next file is asked about again"
 
 
 def test_a_load_point_beyond_5_m_is_asked_about():
