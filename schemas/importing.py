@@ -109,7 +109,7 @@ class ColumnMeaning(Message):
     column: int = Field(description="Number of the column, from 1.")
     header: str = Field(description="Header as it is in the file; empty without a header.")
     meaning: str = Field(
-        description="In words that `columns` takes, too; `unknown` if it was not understood.",
+        description="Meaning in words that `columns` takes, too; `unknown` if it was not understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
     unit: str | None = Field(description="Unit of the numbers; null if there are none.")
@@ -174,7 +174,6 @@ class ImportPreview(Message):
     states: list[State] = Field(description="States that were read.")
     reading_count: int = Field(description="Number of complete readings, of all targets and observations.")
     assumptions: list[str] = Field(description="Assumptions made in combining the files.")
-    missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
     uncertainty: Literal["coordinate", "point"] | None = Field(
         default=None,
         description="Uncertainty that the files state: U(95) of each coordinate or of each point.",

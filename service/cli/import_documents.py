@@ -54,6 +54,9 @@ def write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None
         typer.Exit: something is missing, or the file cannot be written.
     """
     if answer.template is None:
+        if not answer.missing:
+            reason = "no template was written: the files have too many columns, or too long headers"
+            raise failed(reason, "ignore columns that are not needed, in smaller files")
         raise failed(
             f"no template was written, because this is missing: {'; '.join(answer.missing)}", "add it"
         )

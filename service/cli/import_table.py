@@ -65,7 +65,8 @@ def _findings(answer: ImportAnswer) -> Iterator[Text]:
     for finding in answer.findings:
         remedy = f"; {finding.remedy}" if finding.remedy else ""
         style = "red" if finding.severity == "error" else "yellow"
-        yield Text(f"  {finding.severity}: {finding.message}{remedy}", style=style)
+        place = f"{finding.observation}: " if finding.observation else ""
+        yield Text(f"  {finding.severity}: {place}{finding.message}{remedy}", style=style)
 
 
 def _dialect(file: FilePreview) -> str:

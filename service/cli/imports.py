@@ -137,7 +137,7 @@ def _understood(
 
 
 def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer":
-    """Return the answer with the integrity findings for a robot that was named later.
+    """Return the answer with the integrity findings for a robot that was named later, in words of options.
 
     Raises:
         CampaignError: the readings do not fit it.
@@ -149,9 +149,14 @@ def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer"
     from jointstiff.service.resources.imports import inspect_import
 
     try:
-        return inspect_import(answer, prepare_robot(owner).robot)
+        answer = inspect_import(answer, prepare_robot(owner).robot)
     except FilesError as error:
         raise CampaignError(in_options(problem_of(error))) from error
+    findings = [
+        finding.model_copy(update={"remedy": options_for_fields(finding.remedy)})
+        for finding in answer.findings or ()
+    ]
+    return answer.model_copy(update={"findings": findings})
 
 
 def _request(chosen: Options) -> "ImportRequest":

@@ -11,8 +11,8 @@ from typing import Final, Literal
 from jointstiff.schemas.importing import State
 from jointstiff.schemas.measurement.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.records import Point, Record, Vector
+from jointstiff.service.importing.words import Kind
 
 _U95: Final[Mapping[Literal["coordinate", "point"], str]] = MappingProxyType(
     {
@@ -25,6 +25,8 @@ _FAR: Final = 100.0
 """Distance of a value from its column's median, in spreads, beyond which it is asked about."""
 _LEAST: Final = 5
 """Values of a column that has a spread."""
+_LISTED: Final = 3
+"""Labels named in a message."""
 _HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
 
 
@@ -97,13 +99,13 @@ def assemble(records: Iterable[Record], faults: Faults, *, allow_missing: bool) 
     notes: list[str] = []
     if targets and present not in _HALVES:
         observations, notes = _complete(observations, targets, faults, allow_missing=allow_missing)
-    uncertainty = _check_sigmas(observations, faults)
-    if uncertainty is not None:
-        notes.append(_U95[uncertainty])
+    sigmas = _check_sigmas(observations, faults)
+    for kind, count in sigmas.items():
+        notes.append(f"{_U95[kind]}{f' ({count} points)' if len(sigmas) > 1 else ''}")
     if faults.found:
         return None
     unusual = tuple(_unusual(observations))
-    return Assembly(tuple(observations), targets, states, tuple(notes), uncertainty, unusual)
+    return Assembly(tuple(observations), targets, states, tuple(notes), next(iter(sigmas), None), unusual)
 
 
 def _twice(what: str, place: Place, before: Place) -> ImportFileError:
@@ -145,17 +147,18 @@ def _check_values(observations: list[Gathered], faults: Faults) -> None:
     """Check that what one observation has, all have."""
     kinds = dict.fromkeys(kind for one in observations for kind in one.values)
     for kind in kinds:
-        count = None
-        for one in observations:
-            if kind not in one.values:
-                faults.report(
-                    one.place,
-                    f"{shown(one.label)} has no {kind}, but other labels have",
-                    "check that labels are spelt the same in all files",
-                )
-                continue
+        having = [one for one in observations if kind in one.values]
+        lacking = [one for one in observations if kind not in one.values]
+        if lacking:
+            others = f" and {len(lacking) - 1} others have" if len(lacking) > 1 else " has"
+            faults.report(
+                lacking[0].place,
+                f"{shown(lacking[0].label)}{others} no {kind}, but other labels have: {_listed(having)}",
+                f"spell labels alike in all files; without {kind}: {_listed(lacking)}",
+            )
+        count = len(having[0].values[kind][0])
+        for one in having:
             vector, place = one.values[kind]
-            count = count or len(vector)
             if len(vector) != count:
                 faults.report(
                     place,
@@ -164,17 +167,31 @@ def _check_values(observations: list[Gathered], faults: Faults) -> None:
                 )
 
 
-def _check_sigmas(observations: list[Gathered], faults: Faults) -> Literal["coordinate", "point"] | None:
-    """Return what every point has an uncertainty by; that only some have is a fault."""
-    points = [point for one in observations for states in one.points.values() for point in states.values()]
-    stated = [point for point in points if point.sigma is not None]
-    if stated and len(stated) < len(points):
-        place = next(point.place for point in points if point.sigma is None)
+def _listed(observations: list[Gathered]) -> str:
+    """Return the first labels, in words."""
+    names = ", ".join(shown(one.label) for one in observations[:_LISTED])
+    return names + ", …" * (len(observations) > _LISTED)
+
+
+def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[Literal["coordinate", "point"], int]:
+    """Return how many points have an uncertainty by their coordinates, and by themselves.
+
+    That only some points have one is a fault; those without a position need none.
+    """
+    counts: dict[Literal["coordinate", "point"], int] = {}
+    without: Place | None = None
+    for point in (
+        point for one in observations for states in one.points.values() for point in states.values()
+    ):
+        if point.sigma is not None:
+            kind: Literal["coordinate", "point"] = "point" if point.by_point else "coordinate"
+            counts[kind] = counts.get(kind, 0) + 1
+        elif point.vector is not None:
+            without = without or point.place
+    if counts and without is not None:
         reason = "the point has no uncertainty, but others have"
-        faults.report(place, reason, "add it, or skip the columns of U(95) with `ignore`")
-    if not stated:
-        return None
-    return "point" if all(point.by_point for point in stated) else "coordinate"
+        faults.report(without, reason, "add it, or skip the columns of U(95) with `ignore`")
+    return dict(sorted(counts.items()))
 
 
 def _unusual(observations: list[Gathered]) -> Iterator[str]:

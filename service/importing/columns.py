@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -11,27 +11,34 @@ from jointstiff.schemas.importing import ImportOptions, ImportUnits
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import words
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.grid import Row
 from jointstiff.service.importing.header import (
     DIMENSIONS,
     POINTS,
     UNKNOWN,
-    Kind,
     Meaning,
     Quantity,
     checked_unit,
     collapsed,
     folded,
     meaning_of,
+    names_a_state,
     split_unit,
 )  # fmt: skip
 from jointstiff.service.importing.limits import MAX_COLUMNS
-from jointstiff.service.importing.words import FOREIGN, SPOKEN, Dimension, unit_named
+from jointstiff.service.importing.numbers import looks_like_a_number
+from jointstiff.service.importing.words import SPOKEN, Dimension, Kind, any_unit, unit_named
 
 _MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 _MANY, _TOGETHER = 3, 4
 """Unknown headers told one by one; of more, headers in one message, which is cut beyond 300 characters."""
+_NAMES: Final = ("name", "collection", "group")
+"""Columns whose texts may say a state."""
+_UNIT_NORM: Final = 0.01
+"""How far the squares of a rounded quaternion may add up from 1."""
 _NAMED: Final[tuple[Literal["target", "state"], ...]] = ("target", "state")
 """What headers of positions may name."""
+_AXIS: Final = re.compile(r"(?<![^\W_])[xyzXYZ](?![^\W_])")
 _ENDS: Final = (
     re.compile(r"(?P<target>.*[^\s_-])[\s_-]+(?P<word>[^\s_-]+)"),
     re.compile(r"(?P<word>[^\s_-]+)[\s_-]+(?P<target>[^\s_-].*)"),
@@ -46,7 +53,6 @@ class HeaderCell:
     text: str  # as it stands in the file, of several rows put together
     place: Place  # where it stands
     guessed: bool = False  # whether it was put together or assumed
-    unused: bool = False  # whether the column has no header and no cells
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ class Columns:
 
 def understand(
     headers: Sequence[HeaderCell],
+    rows: Sequence[Row],
     options: ImportOptions,
     axes_unit: str | None,
     faults: Faults,
@@ -86,6 +93,7 @@ def understand(
 
     Args:
         headers: one a column.
+        rows: of data, as long as the header.
         options: units, meanings, words for states, columns to leave out.
         axes_unit: of x, y and z, as a comment of the file says.
         faults: where to tell what is not understood.
@@ -97,16 +105,23 @@ def understand(
     before = len(faults.found)
     unclear = Faults(MAX_COLUMNS)
     notes: list[str] = []
-    rotation = _rotation(headers)
-    meanings = _meanings(headers, rotation, options, unclear)
+    rotation = _rotation(headers, rows, options)
+    bare = (column for column, header in enumerate(headers) if not header.text)
+    unused = {*rotation, *(column for column in bare if not any(row.cells[column] for row in rows))}
+    meanings = _meanings(headers, unused, options, unclear)
     for fault in _gathered(unclear.found, headers):
         faults.add(fault)
     kinds = {meaning.kind for meaning in meanings}
     if rotation:
-        notes.append("Q0 to Q3 were taken for the rotation of a probe, and not read")
+        first, *_, last = (headers[column].text for column in rotation)
+        notes.append(f"{first} to {last} were taken for the rotation of a probe, and not read")
     if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
         meanings = [Meaning("name") if meaning.kind == "target" else meaning for meaning in meanings]
-    if "state" not in kinds and not state_in_name:
+    names = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAMES]
+    cells = (row.cells[column] for row in rows for column in names)
+    by_template = "{state}" in f"{options.point_name} {options.file_name}"
+    by_name = state_in_name or any(names_a_state(cell, options.state_words) for cell in cells)
+    if not ("state" in kinds or by_template or by_name):  # nothing else says the state
         meanings = _with_states(meanings, headers, notes, faults)
     resolved = _with_units(meanings, headers, options, axes_unit, faults)
     texts: dict[Kind, int] = {}
@@ -134,15 +149,14 @@ def understand(
 
 
 def _meanings(
-    headers: Sequence[HeaderCell], rotation: frozenset[int], options: ImportOptions, unclear: Faults
+    headers: Sequence[HeaderCell], unused: Collection[int], options: ImportOptions, unclear: Faults
 ) -> list[Meaning]:
     """Return what each column means, no two the same; what is not understood is `unknown`."""
     meanings: list[Meaning] = []
     for column, header in enumerate(headers):
         meaning = Meaning("unknown")
         with unclear.collected():
-            ignored = header.unused or column in rotation
-            meaning = Meaning("ignored") if ignored else _meaning(header, options)
+            meaning = Meaning("ignored") if column in unused else _meaning(header, options)
             if meaning.kind not in _MAY_REPEAT and meaning.part in [other.part for other in meanings]:
                 raise ImportFileError(
                     header.place,
@@ -153,12 +167,27 @@ def _meanings(
     return meanings
 
 
-def _rotation(headers: Sequence[HeaderCell]) -> frozenset[int]:
-    """Return the columns of a quaternion, Q0 to Q3: no angles of joints, which are numbered from 1."""
-    named = {folded(split_unit(header.text)[0]): column for column, header in enumerate(headers)}
-    if named.keys() >= words.ROTATION and "q4" not in named:
-        return frozenset(named[word] for word in words.ROTATION)
-    return frozenset()
+def _rotation(headers: Sequence[HeaderCell], rows: Sequence[Row], options: ImportOptions) -> tuple[int, ...]:
+    """Return the columns of a quaternion, Q0 to Q3 or Q1 to Q4: no angles of joints.
+
+    Their squares add up to 1 in each row, or they are empty or 0. Angles have a unit, or the caller states
+    what they are; Q0 is no joint, and where Q1 to Q4 are 0 in all rows, they may be joints.
+    """
+    stated = {collapsed(text) for text in options.columns}
+    named = {
+        folded(header.text): column
+        for column, header in enumerate(headers)
+        if collapsed(header.text) not in stated and split_unit(header.text)[1] is None
+    }
+    first = 0 if "q0" in named else 1
+    found = tuple(named[word] for word in (f"q{first + part}" for part in range(4)) if word in named)
+    if len(found) < 4 or f"q{first + 4}" in named:
+        return ()
+    cells = [[row.cells[column].replace(",", ".") for column in found] for row in rows]
+    sums = [sum(float(cell) ** 2 for cell in row if looks_like_a_number(cell)) for row in cells]
+    units = [abs(total - 1.0) < _UNIT_NORM for total in sums]
+    alike = all(unit or total == 0.0 for unit, total in zip(units, sums, strict=True))
+    return found if alike and (any(units) or first == 0) else ()
 
 
 def _gathered(found: list[ImportFileError], headers: Sequence[HeaderCell]) -> list[ImportFileError]:
@@ -194,26 +223,28 @@ def _meaning(header: HeaderCell, options: ImportOptions) -> Meaning:
 def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
     """Return a meaning that the caller states, in the unit of the header if it has one.
 
-    A tail without brackets is a unit only if it can be no other word: the t of `x_t` is no tonne.
+    What stands in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
+    of a position `x_t` is no tonne, and the m of `x_m` no metre if the caller states a unit.
 
     Raises:
         Fault: the unit is none of ours, or not the stated one.
     """
     bracketed, dimension = split_unit(header)[1], DIMENSIONS[meaning.kind]
-    tail = bracketed or header.replace("_", " ").split(" ")[-1]
-    named = unit_named(tail)
-    if bracketed is None and (len(tail) == 1 or named is None or named[0] != dimension):
+    tail = bracketed if bracketed is not None else header.replace("_", " ").split(" ")[-1]
+    known = any_unit(tail)
+    certain = bracketed is not None and (known is not None or header.endswith("]"))
+    measured = header.endswith("_m") and meaning.unit is not None
+    if not certain and (measured or known is None or known[0] != dimension):
         return meaning
-    if named is None:
-        if tail in FOREIGN:
-            checked_unit(header, tail, meaning.kind)
-        return meaning
-    if named[0] != dimension or (meaning.unit is not None and meaning.unit != named[1]):
+    ours = unit_named(tail)
+    if ours is None:
+        checked_unit(header, tail, meaning.kind)  # which refuses it
+    elif ours[0] != dimension or meaning.unit not in (None, ours[1]):
         raise Fault(
-            f"{shown(header)} is in {named[1]}, but {shown(stated)} by `columns`",
+            f"{shown(header)} is in {spoken(ours[1])}, but {shown(stated)} by `columns`",
             "correct one of them; a unit is never converted silently",
         )
-    return replace(meaning, unit=named[1])
+    return replace(meaning, unit=ours and ours[1], guessed=bracketed is None)
 
 
 def _with_states(
@@ -261,6 +292,7 @@ def _quantities(
     for quantity, axes in found.items():
         count = {"joint": max(axes) + 1, "point uncertainty": 1}.get(quantity.kind, 3)
         absent = [axis for axis in range(count) if axis not in axes]
+        _check_spelling(quantity, [headers[column] for column in axes.values()], faults)
         if absent or count > MAX_JOINTS:
             first = Meaning(quantity.kind, absent[0] if absent else 0, quantity.target, quantity.state)
             faults.report(
@@ -269,6 +301,16 @@ def _quantities(
                 "add it, or correct the header of the column that holds it",
             )
     return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in found.items()}
+
+
+def _check_spelling(quantity: Quantity, headers: Sequence[HeaderCell], faults: Faults) -> None:
+    """Refuse x, y and z of one quantity in capital and small letters: one may be of another quantity."""
+    letters = [axis[0] for header in headers if (axis := _AXIS.search(header.text))]
+    if quantity.kind in POINTS and len({letter.isupper() for letter in letters}) > 1:
+        reason = f"{' and '.join(map(shown, (header.text for header in headers)))} are not spelt alike"
+        faults.report(
+            headers[0].place, reason, "write x, y and z alike, or say what they mean with `columns`", UNKNOWN
+        )
 
 
 def _check_keys(
@@ -283,7 +325,8 @@ def _check_keys(
     if "name" not in texts and not options.by_order:
         reason = "no column names the observations or points"
         remedy = (
-            "add a column `label` or `name`; only if the rows of all files are in the same order, `by_order`"
+            "add a column with the header label or name; only if all files have the same rows in the same "
+            "order, `by_order`"
         )
         faults.report(place, reason, remedy, "by_order")
     if not quantities:
@@ -332,17 +375,23 @@ def _with_units(
             faults.add(fault)
     if options.units is not None and options.units.length == "m":
         bare.pop("moment", None)  # force times m
-    for dimension, columns in bare.items():
-        meaning, count = meanings[columns[0]], len(columns) - 1
-        more = f", nor {'has 1 other' if count == 1 else f'have {count} others'}" if count else ""
-        example = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}[dimension]
-        faults.report(
-            headers[columns[0]].place,
-            f"{meaning} has no unit{more}",
-            f"write it in the header, such as `{meaning} [{example}]`, or give `units`",
-            f"units.{dimension}",
-        )
+    for columns in bare.values():
+        _report_bare([(meanings[column], headers[column]) for column in columns], faults)
     return resolved
+
+
+def _report_bare(bare: Sequence[tuple[Meaning, HeaderCell]], faults: Faults) -> None:
+    """Report columns of one dimension that have no unit."""
+    (meaning, header), count = bare[0], len(bare) - 1
+    more = f", nor {'has 1 other' if count == 1 else f'have {count} others'}" if count else ""
+    dimension = DIMENSIONS[meaning.kind]
+    example = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}[dimension]
+    remedy = f"write it in the header, such as `{header.text or meaning} [{example}]`, or give `units`"
+    what = str(meaning)
+    if meaning.target is not None:  # which may be another word
+        what = f"{shown(header.text)}, read as {meaning},"
+        remedy += f"; if it is something else, say so with `columns`, such as {header.text}=x"
+    faults.report(header.place, f"{what} has no unit{more}", remedy, f"units.{dimension}")
 
 
 def _unit(meaning: Meaning, given: ImportUnits | None, of_axes: str | None, place: Place) -> str | None:

@@ -31,39 +31,33 @@ class Place:
         return ", ".join(parts)
 
 
-class _UnclearError(Exception):
-    """Something that was not understood, in words."""
-
-    def __init__(
-        self, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
-    ) -> None:
-        super().__init__(reason, remedy)
-        self.reason = reason  # what is wrong, in a sentence
-        self.remedy = remedy  # how to mend it
-        self.option = option  # that settles it, if one does
-        self.words = words  # of the files that the option is about
-
-
-class Fault(_UnclearError):  # noqa: N818 - it becomes an ImportFileError where the place is known
-    """Fault in one text, wherever it occurs."""
-
-    def at(self, place: Place) -> ImportFileError:
-        """The same as an error of the file."""
-        return ImportFileError(place, self.reason, self.remedy, self.option, self.words)
-
-
-class ImportFileError(_UnclearError):
+class ImportFileError(Exception):
     """A file that cannot be understood, or only in more than one way."""
 
     def __init__(
         self, place: Place, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
     ) -> None:
-        super().__init__(reason, remedy, option, words)
+        super().__init__(reason, remedy)
         self.place = place  # where, as far as it is one place
+        self.reason = reason  # what is wrong, in a sentence
+        self.remedy = remedy  # how to mend it
+        self.option = option  # that settles it, if one does
+        self.words = words  # of the files that the option is about
 
     def __str__(self) -> str:
         place = str(self.place)
         return f"{place + ': ' if place else ''}{self.reason}; {self.remedy}"
+
+
+class Fault(ImportFileError):  # noqa: N818 - it becomes an ImportFileError of a place
+    """Fault in one text, wherever it occurs."""
+
+    def __init__(self, reason: str, remedy: str, option: str | None = None) -> None:
+        super().__init__(Place(), reason, remedy, option)
+
+    def at(self, place: Place) -> ImportFileError:
+        """Return it as an error of the file."""
+        return ImportFileError(place, self.reason, self.remedy, self.option)
 
 
 class Faults:

@@ -33,6 +33,7 @@ _SIGNATURES: Final = (
 )
 _TEXT_LIKE: Final = frozenset((b"BM", b"MZ", b"RIFF", b"BZh"))
 """Signatures that a text may begin with, too."""
+JSON: Final = "a JSON document"
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
 _ZIP: Final = b"PK\x03\x04"
 _PARTS: Final = (
@@ -49,7 +50,9 @@ def file_type(content: bytes) -> str | None:
         return _archive_type(content)
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
-    start = content[:256].lstrip()
+    start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start[:1] in (b"{", b"[") and content.rstrip()[-1:] in (b"}", b"]"):
+        return JSON
     for signature, name in _SIGNATURES:
         if start.startswith(signature) and not (signature in _TEXT_LIKE and b"\0" not in content[:32]):
             return name

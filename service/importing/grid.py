@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Final, Literal
 
 from jointstiff.schemas.importing import Delimiter, TableFormat
@@ -38,6 +39,11 @@ class Grid:
     sheet: str | None = None  # of an Excel file
     assumptions: tuple[str, ...] = ()  # in words
     ended: bool = True  # whether its last line has an end
+
+    @property
+    def stem(self) -> str:
+        """Return the name of the file without what follows its last full stop."""
+        return PurePath(self.file).stem
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of its cell with this index."""

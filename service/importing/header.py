@@ -6,19 +6,14 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 from types import MappingProxyType
-from typing import Final, Literal, TypeVar
+from typing import Final, TypeVar
 
 from jointstiff.schemas.importing import State
 from jointstiff.service.importing import words
 from jointstiff.service.importing.errors import Fault, shown
-from jointstiff.service.importing.words import UNITS, Dimension, unit_named
+from jointstiff.service.importing.words import UNITS, Dimension, Kind, unit_named
 
-Kind = Literal[
-    "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "joint", "force",
-    "moment", "load point", "position", "addition", "uncertainty", "point uncertainty", "ignored", "unknown",
-]  # fmt: skip
 DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
     {
         "joint": "angle",
@@ -69,6 +64,7 @@ _PHRASE: Final = re.compile(
 )
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[([^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
 _TOKEN: Final = re.compile(r"[^\s_]+")
+_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
 
@@ -134,9 +130,9 @@ def state_named(word: str, extra: Mapping[str, State]) -> State | None:
     return _STATES.get(text)
 
 
-def names_a_state(file: str, extra: Mapping[str, State]) -> bool:
-    """Return whether the name of a file has a word for a state."""
-    return any(state_named(word, extra) for word in re.split(r"[\W_]+", PurePath(file).stem))
+def names_a_state(name: str, extra: Mapping[str, State]) -> bool:
+    """Return whether a name has a word for a state."""
+    return any(state_named(word, extra) for word in re.split(r"[\W_]+", name))
 
 
 def is_key(text: str) -> bool:
@@ -219,6 +215,12 @@ def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meani
     return _position(header, base, state_words)
 
 
+def _no_target(word: str) -> bool:
+    """Return whether a word tells of something other than a position: `sigma`, `StdDev`, `P10Std`."""
+    pieces = [folded(piece) for piece in (word, re.sub(r"\W", "", word), *_PIECE.findall(word))]
+    return not words.NOT_TARGETS.isdisjoint(pieces)
+
+
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
     """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece."""
     base = _PHRASE.sub(lambda phrase: _STATES[folded(phrase[0].replace("-", " "))], base)
@@ -246,7 +248,8 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
         unclear
         or len(set(states)) > 1
         or len(named) != len(rest)
-        or any(folded(word) in words.NOT_TARGETS or _BRACKET.search(word) for word in named)
+        or any(_BRACKET.search(word) for word in named)
+        or any(_no_target(word) for word in named)
     ):
         raise Fault(
             f"unknown column header {shown(header)}",

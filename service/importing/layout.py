@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from jointstiff.schemas.importing import ImportOptions
+from jointstiff.schemas.importing import DecimalMark, ImportOptions
 from jointstiff.service.importing.columns import Columns, HeaderCell, spoken, understand
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import CellKind, Grid, Row
@@ -24,8 +24,9 @@ from jointstiff.service.importing.header import (
     split_unit,
     state_named,
 )  # fmt: skip
-from jointstiff.service.importing.numbers import looks_like_a_number
-from jointstiff.service.importing.words import FOREIGN, MARKS, unit_named
+from jointstiff.service.importing.numbers import decide_mark, looks_like_a_number
+from jointstiff.service.importing.remarks import check_units, read_remarks
+from jointstiff.service.importing.words import MARKS, any_unit
 
 _MAX_TITLES: Final = 20
 """Rows above a header."""
@@ -33,6 +34,8 @@ _MAX_ROWS: Final = 3
 """Rows of a header: groups, axes, units."""
 _DATA: Final = 3
 """Numbers in a row of data: no table has fewer."""
+_FINE: Final = 6
+"""Decimals of a number to which another one adds nothing that matters."""
 _NONE: Final = frozenset("-–/")
 """Cells of a row of units for columns without one."""
 _HEADERLESS: Final = MappingProxyType(
@@ -43,23 +46,25 @@ _HEADERLESS: Final = MappingProxyType(
     }
 )
 _TRAILING: Final = "every row ends with a delimiter; the empty last column was ignored"
-_LENGTH: Final = re.compile(r"(?<![\d\w.,])(?<!\d )(mm|inch|inches)(?!\w)", re.IGNORECASE)
-"""A unit that is not of a number, as the diameter of a reflector would be."""
-_AXES: Final = re.compile(r"AXES\s*=\s*(\w+)", re.IGNORECASE)
-_AXES_UNIT: Final = re.compile(r"\bX\W+Y\W+Z\s*(?:\(\s*|in\s+)([^\W\d]+)\s*\)?\s*", re.IGNORECASE)
-_FRAME: Final = re.compile(r"(?:\bFRAME\s*=|\bCOORDINATE\s+FRAME\b)\s*(\S.*)", re.IGNORECASE)
+_ORDER: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IGNORECASE)
+"""Names of axes, and words, in their order."""
+_GAPS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
+"""What may stand between the headers in a comment."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """A table whose columns are understood."""
 
+    grid: Grid  # the file
     headers: tuple[str, ...]  # as they stand in the file; empty texts where there is no header
     lines: tuple[int, ...]  # of the file that make the header
     columns: Columns  # what they mean
     rows: tuple[Row, ...]  # of data, as long as the header
+    mark: DecimalMark | None  # None if it is not clear
     frame: str | None = None  # of positions, as a comment of the file names it
     assumptions: tuple[str, ...] = ()  # in words
+    doubt: str | None = None  # value to be confirmed, in words
 
 
 @dataclass(frozen=True)
@@ -87,20 +92,17 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     Raises:
         ImportFileError: there is none and it is no such list.
     """
-    unit, frame = _said_in_comments(grid)
     heading = _find_heading(grid, options, faults)
+    titles = grid.rows[: heading.start - len(heading.lines)] if heading.start else ()
+    remarks, unit, frame = read_remarks(grid, titles)
     rows, cells, notes = _fitted(grid, heading, faults)
-    cells = tuple(
-        replace(cell, unused=not cell.text and not any(row.cells[column] for row in rows))
-        for column, cell in enumerate(cells)
-    )
     headers = tuple("" if heading.assumed else cell.text for cell in cells)
     if options.layouts:
         _check_template(options, headers, Place(grid.file, *heading.lines[-1:]), faults)
-    in_name = names_a_state(grid.file, options.state_words)
-    columns = understand(cells, options, unit, faults, state_in_name=in_name)
-    _check_remarks(grid, heading, columns, faults)
-    _check_end(grid, rows, faults)
+    in_name = names_a_state(grid.stem, options.state_words)
+    columns = understand(cells, rows, options, unit, faults, state_in_name=in_name)
+    check_units(grid.file, remarks, columns, faults)
+    doubt = _check_end(grid, rows, faults)
     rows, deleted = _not_deleted(grid, rows, columns, faults)
     if deleted and options.by_order and "name" not in columns.texts:
         reason = "rows are marked as deleted, so that the rows of this file are not those of the others"
@@ -114,60 +116,14 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
         notes += (f"positions are in {spoken(unit)}, as the file says",)
     if columns.units.get("length") == "in":
         notes += ("lengths in inches were converted to mm; so are numbers in options",)
-    return Layout(headers, heading.lines, columns, rows, frame, (*heading.notes, *notes))
-
-
-# ---- comments and titles
-
-
-def _said_in_comments(grid: Grid) -> tuple[str | None, str | None]:
-    """Return unit and frame of the positions: `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'`.
-
-    Raises:
-        ImportFileError: other coordinates than x, y, z; an unknown unit; two that differ.
-    """
-    said: dict[str, str] = {}
-    for line, text in grid.remarks:
-        found: dict[str, str] = {}
-        if (axes := _AXES.search(text)) and axes[1].upper() != "CARTESIAN":
-            raise ImportFileError(
-                Place(grid.file, line),
-                f"the file has {shown(axes[1].lower())} coordinates",
-                "export Cartesian coordinates x, y, z",
-            )
-        if unit := _AXES_UNIT.search(text):
-            named = unit_named(unit[1].casefold())
-            if named is None or named[0] != "length":
-                raise ImportFileError(
-                    Place(grid.file, line),
-                    f"the unit {shown(unit[1])} of x, y, z is not known",
-                    "export in mm, m or inches",
-                )
-            found["unit"] = named[1]
-        if frame := _FRAME.search(text):
-            found["frame"] = collapsed(frame[1].rstrip(", \t")).strip("'\"")
-        for kind, value in found.items():
-            if said.setdefault(kind, value) != value:
-                raise ImportFileError(
-                    Place(grid.file, line),
-                    f"the {kind} of the positions is {shown(spoken(value))}, but {shown(spoken(said[kind]))} "
-                    "in an earlier comment",
-                    "export one frame and one unit per file",
-                )
-    return said.get("unit"), said.get("frame")
-
-
-def _check_remarks(grid: Grid, heading: _Heading, columns: Columns, faults: Faults) -> None:
-    """Refuse lengths in another unit than a title or a comment names, such as `Units: inches`."""
-    unit = columns.units.get("length")
-    titles = grid.rows[: heading.start - len(heading.lines)] if heading.start else ()
-    for line, text in (*((row.line, " ".join(row.cells)) for row in titles), *grid.remarks):
-        for word in _LENGTH.findall(text):
-            named = "mm" if word.lower() == "mm" else "in"
-            if unit is not None and named != unit:
-                reason = f"{shown(word)} stands here, but lengths are in {spoken(unit)}"
-                remedy = "correct the unit, or remove the remark"
-                faults.report(Place(grid.file, line), reason, remedy, "units.length")
+    if "name" not in columns.texts and options.by_order:
+        notes += ("rows were matched to observations by their order, as `by_order` asks",)
+    mark, numbers = None, [column for indices in columns.quantities.values() for column in indices]
+    with faults.collected():
+        mark, assumed = decide_mark(grid, rows, numbers, options.decimal_mark)
+        notes += (assumed,) if assumed else ()
+    notes = (*grid.assumptions, *heading.notes, *notes)
+    return Layout(grid, headers, heading.lines, columns, rows, mark, frame, notes, doubt)
 
 
 # ---- the header
@@ -184,15 +140,48 @@ def _find_heading(grid: Grid, options: ImportOptions, faults: Faults) -> _Headin
     grammar = _Grammar(options)
     if _numbers(grid.rows[0]) < _DATA:
         return _in_rows(grid, grammar, faults)
-    for comment in reversed(grid.comments):
-        fits = comment.line < grid.rows[0].line and len(comment.cells) == len(grid.rows[0].cells)
-        if fits and grammar.known(comment.cells) == len(comment.cells):
-            note = f"the comment in line {comment.line} was used as the header"
-            cells = _cells(grid, comment.line, comment.cells, guessed=True)
-            return _Heading(cells, (comment.line,), 0, (note,))
+    for comment, (line, text) in reversed(tuple(zip(grid.comments, grid.remarks, strict=True))):
+        if line < grid.rows[0].line:
+            for texts in (comment.cells, *(tuple(re.split(gap, text)) for gap in _GAPS)):
+                if len(texts) == _width(grid) and grammar.known(texts) == len(texts):
+                    note = f"the comment in line {line} was used as the header"
+                    return _Heading(_cells(grid, line, texts, guessed=True), (line,), 0, (note,))
+            _check_no_header(grid, line, text, comment)
     assumed = _headerless(grid, by_order=options.by_order)
     note = f"no header found; assumed columns: {', '.join(assumed)}"
     return _Heading(_cells(grid, None, assumed, guessed=True), (), 0, (note,), assumed=True)
+
+
+def _width(grid: Grid) -> int:
+    """Return the number of columns that have cells."""
+    width = len(grid.rows[0].cells)
+    while width > 1 and not any(any(row.cells[width - 1 :]) for row in grid.rows):
+        width -= 1
+    return width
+
+
+def _check_no_header(grid: Grid, line: int, text: str, comment: Row) -> None:
+    """Refuse a comment that is a header, but not understood: no other is put in its place.
+
+    Raises:
+        ImportFileError: it names x, y and z in another order, or something behind them, or it stands right
+            above the data and has as many cells, or no more words.
+    """
+    order = [word.casefold() for word in _ORDER.findall(text)]
+    axes = "".join(word for word in order if len(word) == 1)
+    behind = order[order.index(axes[-1]) + 1 :] if axes else []
+    above = line == max(comment.line for comment in grid.comments if comment.line < grid.rows[0].line)
+    words = re.findall(r"[^\W\d_]+", text)
+    named = _DATA <= len(words) <= _width(grid) and not any(map(str.isdigit, text))
+    alike = above and axes != "xyz" and (named or len(comment.cells) == _width(grid))
+    if (len(set(axes)) > 1 and (axes != "xyz" or any(map(is_key, behind)))) or alike:
+        raise ImportFileError(
+            Place(grid.file, line),
+            f"the comment {shown(text)} looks like a header, but is not understood as that of the "
+            f"{_width(grid)} columns",
+            "correct or remove it, or give `header`",
+            "header",
+        )
 
 
 def _in_rows(grid: Grid, grammar: _Grammar, faults: Faults) -> _Heading:
@@ -277,7 +266,7 @@ class _Grammar:
         width = max(len(upper), len(lower))
         upper += [""] * (width - len(upper))
         padded = [*lower, *[""] * (width - len(lower))]
-        if all(_is_unit(cell) for cell in padded if cell):
+        if all(cell in _NONE or any_unit(cell.strip("[]() ")) for cell in padded if cell):
             return [_with_unit(name, unit) for name, unit in zip(upper, padded, strict=True)]
         return self._grouped(upper, padded)
 
@@ -316,11 +305,6 @@ class _Grammar:
         return joined if alone is None or (alone.kind in POINTS and alone.target is None) else below
 
 
-def _is_unit(cell: str) -> bool:
-    text = cell.strip("[]() ")
-    return cell in _NONE or unit_named(text) is not None or text in FOREIGN
-
-
 def _with_unit(name: str, unit: str) -> str:
     unit = unit.strip("[]() ")
     if not unit or unit in _NONE or split_unit(name)[1] == unit:
@@ -334,10 +318,7 @@ def _headerless(grid: Grid, *, by_order: bool) -> tuple[str, ...]:
     Raises:
         ImportFileError: it is none.
     """
-    cells = grid.rows[0].cells
-    width = len(cells)
-    while width > 1 and not any(row.cells[width - 1] for row in grid.rows if len(row.cells) >= width):
-        width -= 1
+    width = _width(grid)
     headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
     if headers is None:
         raise ImportFileError(
@@ -427,24 +408,31 @@ def _misfit(grid: Grid, row: Row, width: int, heading: _Heading) -> ImportFileEr
     )
 
 
-def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> None:
-    """Refuse a file whose last line has no end and whose last cell is shorter than its column."""
+def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
+    """Refuse a file whose last line has no end and whose last cell is shorter than its column.
+
+    Returns:
+        A number that may be cut off as well, in words: it is neither rounded nor that of another row.
+    """
     if grid.ended or len(rows) < 2:
-        return
+        return None
     *others, last = (row.cells[-1] for row in rows)
     decimals = [[cell.replace(",", ".").partition(".")[2] for cell in row.cells] for row in rows]
     keeps_zeros = any(part.endswith("0") and len(part) > 1 for row in decimals for part in row)
     *lengths, length = (len(row[-1]) for row in decimals)
-    shorter = looks_like_a_number(last) and length < min(lengths) - (not keeps_zeros)
+    number, place = looks_like_a_number(last), grid.place(rows[-1], len(rows[-1].cells) - 1)
+    shorter = number and length < min(lengths) - (not keeps_zeros)
     narrower = len(last.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in others)
-    begun = any(cell.startswith(last) for cell in others)
-    whole = looks_like_a_number(last) and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
-    if shorter or (narrower and (begun or whole)):
+    begun = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
+    whole = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
+    if shorter or begun or whole:
         faults.report(
-            grid.place(rows[-1], len(rows[-1].cells) - 1),
+            place,
             f"the file is cut off: its last line has no end, and {shown(last)} is shorter than its column",
             "export or copy the file again; if it is complete, end its last line",
         )
+    whole = last in others or 0 < length == max(lengths) or length >= _FINE
+    return f"the last number {last} ({place}), whose line has no end" if number and not whole else None
 
 
 def _not_deleted(

@@ -10,16 +10,15 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import PurePath
 from typing import Final
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.importing import ImportOptions, State
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.header import Kind, names_a_state, state_named
+from jointstiff.service.importing.grid import Row
+from jointstiff.service.importing.header import names_a_state, state_named
 from jointstiff.service.importing.layout import Layout
-from jointstiff.service.importing.words import DIGITS
+from jointstiff.service.importing.words import DIGITS, Kind
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
@@ -90,15 +89,14 @@ def check_name(text: str) -> None:
         )
 
 
-def names_of(grid: Grid, layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
+def names_of(layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
     """Return what names the rows of a file.
 
     The column `target` of a tracker's own table is its reflector: names of points say the target if they
     do, or that of the file if it says target and state.
 
     Args:
-        grid: the file.
-        layout: its columns.
+        layout: the file.
         options: of the caller.
         notes: where to tell what the file's name was taken for.
 
@@ -108,14 +106,14 @@ def names_of(grid: Grid, layout: Layout, options: ImportOptions, notes: list[str
     if layout.columns.probe and "target" in layout.columns.texts and layout.rows:
         said: list[str] = []
         with suppress(ImportFileError):
-            names = Names(grid, layout, options, said, without=("target",))
+            names = Names(layout, options, said, without=("target",))
             names.of(layout.rows[0])
             by_file = any("target" in lacking for lacking in names.by_file)
-            if not by_file or names_a_state(grid.file, options.state_words):
-                note = f"{grid.file}: the column of targets was taken for the instrument's reflector"
+            if not by_file or names_a_state(layout.grid.stem, options.state_words):
+                note = f"{layout.grid.file}: the column of targets was taken for the instrument's reflector"
                 notes += [*said, note]
                 return names
-    return Names(grid, layout, options, notes)
+    return Names(layout, options, notes)
 
 
 class Names:
@@ -123,7 +121,6 @@ class Names:
 
     def __init__(
         self,
-        grid: Grid,
         layout: Layout,
         options: ImportOptions,
         notes: list[str],
@@ -134,25 +131,26 @@ class Names:
         Raises:
             ImportFileError: a template is faulty, or the file's name does not fit it.
         """
-        self._grid, self._notes, self._words = grid, notes, options.state_words
+        self._grid, self._notes, self._words = layout.grid, notes, options.state_words
         self._texts = {kind: index for kind, index in layout.columns.texts.items() if kind not in without}
         self._needed = layout.columns.needed | {*without}
         self._named = "name" in self._texts
         self._wanted = (*(("label",) if self._named else ()), *sorted(self._needed))
         kinds: tuple[Kind, ...] = ("collection", "group", "name")
         self._kinds = [kind for kind in kinds if kind in self._texts]
-        self._stem = PurePath(grid.file).stem
         self.by_file: dict[frozenset[str], Naming] = {}  # what rows have from the name of the file
-        self._digits = not names_a_state(grid.file, options.state_words)
+        self._digits = not names_a_state(layout.grid.stem, options.state_words)
         self._point: Template | None = None
         self._file = Naming()
+        if not self._needed:
+            return
         try:
-            if options.point_name and self._needed:
+            if options.point_name:
                 self._point = Template(options.point_name)
-            if options.file_name and self._needed:
-                self._file = Template(options.file_name).parse(self._stem, self._words)
+            if options.file_name:
+                self._file = Template(options.file_name).parse(self._grid.stem, self._words)
         except Fault as fault:
-            raise fault.at(Place(grid.file)) from None
+            raise fault.at(Place(layout.grid.file)) from None
 
     def of(self, row: Row) -> Naming:
         """Return what is said of a row.
@@ -206,7 +204,7 @@ class Names:
             ImportFileError: the name does not say just that.
         """
         if lacking not in self.by_file:
-            parts, state = _parts(self._stem, self._words)
+            parts, state = _parts(self._grid.stem, self._words)
             naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
             if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
                 listed = " and the ".join(sorted(lacking, reverse=True))
@@ -289,34 +287,33 @@ def is_whole(layout: Layout) -> bool:
     return not columns.needed and "target" not in columns.texts and "state" not in columns.texts
 
 
-def labels_in_order(tables: Sequence[tuple[Grid, Layout]], faults: Faults) -> list[str]:
+def labels_in_order(layouts: Sequence[Layout], faults: Faults) -> list[str]:
     """Return the labels of observations by row, for files without names.
 
     Args:
-        tables: all files.
+        layouts: all files.
         faults: where to tell of rows that cannot be matched.
 
     Returns:
         Those of the table that has a row for each observation; numbers from 1 if there is none.
     """
-    named = [(grid, [row.cells[layout.columns.texts["name"]] for row in layout.rows])
-             for grid, layout in tables if "name" in layout.columns.texts and is_whole(layout)]  # fmt: skip
-    unnamed = [(grid, layout) for grid, layout in tables if "name" not in layout.columns.texts]
+    unnamed = [layout for layout in layouts if "name" not in layout.columns.texts]
+    tables = [layout for layout in layouts if "name" in layout.columns.texts and is_whole(layout)]
     if not unnamed:
         return []
-    first, labels = named[0] if named else (unnamed[0][0], [])
-    told = len(faults.found)
-    labels = labels or [str(number) for number in range(1, 1 + len(unnamed[0][1].rows))]
-    for grid, other in named[1:]:
+    named = [[row.cells[layout.columns.texts["name"]] for row in layout.rows] for layout in tables]
+    labels = named[0] if named else [str(number + 1) for number in range(len(unnamed[0].rows))]
+    first, told = shown((tables or unnamed)[0].grid.file), len(faults.found)
+    for layout, other in zip(tables, named, strict=True):
         if other != labels:
-            reason = f"the labels are not those of {shown(first.file)} in their order"
-            faults.report(Place(grid.file), reason, "give every table the same labels")
-    for grid, layout in unnamed:
+            reason = f"the labels are not those of {first} in their order"
+            faults.report(Place(layout.grid.file), reason, "give every table the same labels")
+    for layout in unnamed:
         if len(layout.rows) != len(labels):
             faults.report(
-                Place(grid.file),
-                f"there are {len(layout.rows)} rows, but {len(labels)} in {shown(first.file)}: they cannot "
-                "be matched by their order",
+                Place(layout.grid.file),
+                f"there are {len(layout.rows)} rows, but {len(labels)} in {first}: they cannot be matched by "
+                "their order",
                 "give every file a row for each observation, or name the points",
             )
     return labels if len(faults.found) == told else []

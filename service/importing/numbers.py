@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from typing import Final, NamedTuple
+from collections.abc import Collection, Iterable
+from typing import Final
 
 from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.importing import DecimalMark
 from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.grid import Grid, Row
 from jointstiff.service.importing.limits import MAX_NUMBER_LENGTH
 
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
@@ -19,49 +20,48 @@ _POINT_ASSUMED: Final = (
 )
 
 
-class MarkedCell(NamedTuple):
-    """A cell with a point or a comma in it, and its line and column from 1."""
-
-    text: str
-    line: int
-    column: int
-
-
 def looks_like_a_number(text: str) -> bool:
     """Return whether it is one, with either decimal mark."""
     return _NUMBER.fullmatch(text.replace(",", ".")) is not None
 
 
 def decide_mark(
-    file: str, cells: Iterable[MarkedCell], given: DecimalMark | None
+    grid: Grid, rows: Iterable[Row], columns: Collection[int], given: DecimalMark | None
 ) -> tuple[DecimalMark, str | None]:
-    """The decimal mark of a whole text file, and what had to be assumed for it.
+    """Return the decimal mark of a file, and what had to be assumed for it; that of a sheet is a point.
 
     `1,234` alone may be 1.234 or 1234. It is 1.234 if some other number of the file has a comma that
     separates no thousands, such as `12,5` or `0,125`. Both marks in one file are refused.
 
     Args:
-        file: its name, for messages.
-        cells: all cells of numbers that have a point or a comma.
+        grid: the file.
+        rows: of data.
+        columns: indices of those with numbers.
         given: by the caller.
 
     Raises:
         ImportFileError: the file does not decide it.
     """
+    if grid.format == "xlsx":
+        return "point", None
     if given is not None:
         return given, None
-    first, decided = _marks(cells)
+    first: dict[str, tuple[str, Place]] = {}
+    decided: set[str] = set()  # marks that separate no thousands in some cell
+    cells = ((row, column, row.cells[column]) for row in rows for column in columns)
+    for row, column, text, mark in ((*cell, mark) for cell in cells for mark in ",." if mark in cell[2]):
+        if mark not in first:
+            first[mark] = text, grid.place(row, column)
+        decided.update([] if _THOUSANDS.fullmatch(text) else [mark])
     if len(first) > 1:
-        later = max(first.values(), key=lambda cell: cell[1:])
-        raise ImportFileError(
-            Place(file, later.line, later.column),
-            f"{shown(later.text)}: the file has decimal points and decimal commas",
-            "use one decimal mark and no thousands separators",
-        )
+        text, place = max(first.values(), key=lambda cell: (cell[1].line or 0, cell[1].column or 0))
+        reason = f"{shown(text)}: the file has decimal points and decimal commas"
+        raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
     if "," in first and "," not in decided:
+        text, place = first[","]
         raise ImportFileError(
-            Place(file, *first[","][1:]),
-            f"the comma in {shown(first[','].text)} may be a decimal comma or a thousands separator, "
+            place,
+            f"the comma in {shown(text)} may be a decimal comma or a thousands separator, "
             "and no other number decides it",
             "give `decimal_mark`, or write a point",
             "decimal_mark",
@@ -69,19 +69,6 @@ def decide_mark(
     if "," in first:
         return "comma", "the comma was used as the decimal mark"
     return "point", _POINT_ASSUMED if "." in first and "." not in decided else None
-
-
-def _marks(cells: Iterable[MarkedCell]) -> tuple[dict[str, MarkedCell], set[str]]:
-    """The first cell with each mark, and the marks that separate no thousands in some cell."""
-    first: dict[str, MarkedCell] = {}
-    decided: set[str] = set()
-    for cell in cells:
-        for mark in ",.":
-            if mark in cell.text:
-                first.setdefault(mark, cell)
-                if mark not in decided and not _THOUSANDS.fullmatch(cell.text):
-                    decided.add(mark)
-    return first, decided
 
 
 def read_number(text: str, mark: DecimalMark) -> float:

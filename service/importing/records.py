@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final
 
-from jointstiff.schemas.importing import DecimalMark, ImportOptions, State
+from jointstiff.schemas.importing import State
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.header import DIMENSIONS, POINTS, Kind, Quantity
+from jointstiff.service.importing.grid import Row
+from jointstiff.service.importing.header import DIMENSIONS, POINTS, Quantity
 from jointstiff.service.importing.layout import Layout
 from jointstiff.service.importing.names import Names, Naming, check_name, is_whole
-from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
-from jointstiff.service.importing.words import INCH, Dimension
+from jointstiff.service.importing.numbers import read_number
+from jointstiff.service.importing.surroundings import Surroundings
+from jointstiff.service.importing.words import INCH, Dimension, Kind
 
 COVERAGE_FACTOR: Final = 1.96
 """Of the expanded uncertainties that trackers write, U(95)."""
 _LEAST: Final = 5e-4
 """Greatest expanded uncertainty that is rounded to 0, in mm: trackers write whole micrometres."""
-_YEARS: Final = range(1980, 2201)
-_DAY_FIRST: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?)")
 
 Vector = tuple[float, ...]
 
@@ -52,73 +49,14 @@ class Record:
     whole: bool  # whether the row claims to be the only one of its observation in this file
 
 
-@dataclass
-class Surroundings:
-    """When and at which temperature the points of all files were read, as far as they say it."""
-
-    times: list[datetime] = field(default_factory=list)
-    temperatures: list[float] = field(default_factory=list)
-    unit: str = ""  # of temperatures, as it is written
-    rounded: int = 0  # expanded uncertainties of 0
-
-    @property
-    def measured_at(self) -> datetime | None:
-        """Time of the first reading; without a zone it counts as UTC."""
-        return min(self.times, default=None)
-
-    @property
-    def conditions(self) -> str | None:
-        """Range of the temperature, in words."""
-        if not self.temperatures:
-            return None
-        low, high = min(self.temperatures), max(self.temperatures)
-        return f"temperature {low:g}{f' to {high:g}' if high > low else ''} {self.unit}".strip()
-
-    @property
-    def notes(self) -> list[str]:
-        """Account of what was taken from the files, in words."""
-        notes = []
-        if self.measured_at is not None:
-            time = self.measured_at.isoformat(" ", "seconds")
-            notes.append(f"time of the measurement, of the first reading, UTC if it names no zone: {time}")
-        if self.conditions is not None:
-            notes.append(f"conditions of the measurement: {self.conditions}")
-        if self.rounded:
-            notes.append(f"U(95) of 0 is rounded to 1 µm, and was taken as 0.5 µm ({self.rounded} cells)")
-        return notes
-
-
-def read_mark(grid: Grid, layout: Layout, options: ImportOptions) -> tuple[DecimalMark, str | None]:
-    """The decimal mark of a file, and what was assumed for it; that of a sheet is always a point.
-
-    Raises:
-        ImportFileError: the file does not decide it.
-    """
-    if grid.format == "xlsx":
-        return "point", None
-    columns = [column for columns in layout.columns.quantities.values() for column in columns]
-    cells = (
-        MarkedCell(row.cells[column], row.line, column + 1)
-        for row in layout.rows
-        for column in columns
-        if "." in row.cells[column] or "," in row.cells[column]
-    )
-    return decide_mark(grid.file, cells, options.decimal_mark)
-
-
 class RowReader:
     """Read the rows of a file by the meanings of its columns."""
 
     def __init__(
-        self,
-        grid: Grid,
-        layout: Layout,
-        mark: DecimalMark,
-        names: Names,
-        labels: Sequence[str],
-        surroundings: Surroundings,
+        self, layout: Layout, names: Names, labels: Sequence[str], surroundings: Surroundings
     ) -> None:
-        self._grid, self._columns, self._mark, self._labels = grid, layout.columns, mark, labels
+        self._grid, self._columns, self._labels = layout.grid, layout.columns, labels
+        self._mark = layout.mark or "point"
         self._rows, self._names, self._surroundings = layout.rows, names, surroundings
         self._named = "name" in layout.columns.texts
         self._whole = is_whole(layout) and self._named
@@ -127,16 +65,30 @@ class RowReader:
         self._targets: set[str] = set()
 
     def records(self, faults: Faults) -> Iterator[Record]:
-        """Yield what each row says; unclear names and cells that do not fit their columns are faults."""
+        """Yield what each row says; unclear names and cells that do not fit their columns are faults.
+
+        Names that are unclear for the same reason are one fault.
+        """
+        unnamed: dict[str, list[ImportFileError]] = {}
+        times = [i for i, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"]
         for number, row in enumerate(self._rows):
             if faults.full:
-                return
+                break
+            try:
+                naming = self._names.of(row)
+            except ImportFileError as fault:
+                unnamed.setdefault(fault.remedy, []).append(fault)
+                continue
             with faults.collected():
-                yield self.record(number, row, faults)
+                yield self._record(number, row, naming, faults)
+        for first, *others in unnamed.values():
+            others = others if first.place.line else []  # of the file's name there is one only
+            more = f", and {len(others)} other names are not clear either" if others else ""
+            faults.report(first.place, first.reason + more, first.remedy, first.option, first.words)
+        self._surroundings.add_times([[row.cells[column] for column in times] for row in self._rows if times])
 
-    def record(self, number: int, row: Row, faults: Faults) -> Record:
+    def _record(self, number: int, row: Row, naming: Naming, faults: Faults) -> Record:
         """Read one row; faults in its cells are told, all of them."""
-        naming = self._names.of(row)
         values: dict[Kind, Vector] = {}
         points: list[Point] = []
         for quantity, indices in self._columns.quantities.items():
@@ -151,22 +103,12 @@ class RowReader:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             else:
                 values[quantity.kind] = vector
-        self._note_surroundings(row)
+        temperature = self._columns.texts.get("temperature")
+        if temperature is not None:
+            unit = self._columns.meanings[temperature].unit or ""
+            self._surroundings.add_temperature(row.cells[temperature], unit, self._mark)
         label = (naming.label or "") if self._named else self._labels[number]
         return Record(label, self._grid.place(row), values, tuple(points), self._whole)
-
-    def _note_surroundings(self, row: Row) -> None:
-        """Note time and temperature; cells that are neither say nothing."""
-        texts = self._columns.texts
-        if "time" in texts and (time := _time_of(row.cells[texts["time"]])) is not None:
-            self._surroundings.times.append(time)
-        if "temperature" in texts:
-            try:
-                temperature = read_number(row.cells[texts["temperature"]], self._mark)
-            except Fault:
-                return
-            self._surroundings.temperatures.append(temperature)
-            self._surroundings.unit = self._columns.meanings[texts["temperature"]].unit or ""
 
     def _with_addition(
         self, row: Row, position: Quantity, vector: Vector | None, faults: Faults
@@ -260,18 +202,3 @@ class RowReader:
             return read_number(row.cells[index], self._mark)
         except Fault as fault:
             raise fault.at(self._grid.place(row, index)) from None
-
-
-def _time_of(text: str) -> datetime | None:
-    """Return a time with the day first and points, or in ISO 8601; None if a text is neither."""
-    plain = text.strip("' ")
-    if day_first := _DAY_FIRST.fullmatch(plain):
-        day, month, year, time = day_first.groups()
-        plain = f"{year}-{int(month):02}-{int(day):02}T{time.replace(',', '.'):0>5}"
-    try:
-        time = datetime.fromisoformat(plain)
-    except ValueError:
-        return None
-    if time.year not in _YEARS or plain.isdigit() or ":" not in plain:
-        return None
-    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)

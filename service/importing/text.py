@@ -104,7 +104,12 @@ def _found(file: str, lines: Sequence[Line]) -> Delimiter:
             return mark
     if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
         return "whitespace"
-    comma, whitespace = _splits_at_commas(file, lines), _splits_at_blanks(file, lines)
+    rows = _attempt(file, lines, "comma")
+    cells = (cell for row in rows[1:] or rows for cell in row.cells)
+    comma = bool(rows) and not any(map(_NUMBERS_IN_A_CELL.search, cells))
+    rows = _attempt(file, lines, "whitespace")
+    cells = (cell for row in rows for cell in row.cells)
+    whitespace = bool(rows) and not any(map(_COMMA_NOT_IN_A_NUMBER.search, cells))
     if comma and whitespace:
         raise ImportFileError(
             Place(file, lines[0][0]),
@@ -113,18 +118,6 @@ def _found(file: str, lines: Sequence[Line]) -> Delimiter:
             "delimiter",
         )
     return "whitespace" if whitespace else "comma"
-
-
-def _splits_at_commas(file: str, lines: Sequence[Line]) -> bool:
-    rows = _attempt(file, lines, "comma")
-    return bool(rows) and not any(
-        _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row.cells
-    )
-
-
-def _splits_at_blanks(file: str, lines: Sequence[Line]) -> bool:
-    rows = _attempt(file, lines, "whitespace")
-    return bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(cell) for row in rows for cell in row.cells)
 
 
 def _attempt(file: str, lines: Sequence[Line], delimiter: Delimiter) -> list[Row]:
@@ -194,7 +187,7 @@ def _comment_rows(comments: Sequence[Line], delimiter: Delimiter) -> list[Row]:
 
 
 def _decode(file: str, content: bytes) -> tuple[str, str]:
-    """The text of a file, and its encoding.
+    """Return the text of a file, and its encoding.
 
     UTF-8 and UTF-16 by their byte order marks; without one UTF-16 if every other byte is zero, UTF-8 if it
     is valid; else Latin-1, unless part of it is UTF-8: then it is damaged.
@@ -202,40 +195,21 @@ def _decode(file: str, content: bytes) -> tuple[str, str]:
     Raises:
         ImportFileError: not text in any of them.
     """
-    text, encoding = _by_encoding(file, content)
-    if control := _CONTROL.search(text):
-        line = 1 + text.count("\n", 0, control.start())
-        raise ImportFileError(
-            Place(file, line),
-            f"the file contains the control character {control.group()!a}, so it is not plain text",
-            _REMEDY,
-        )
-    return text, encoding
-
-
-def _by_encoding(file: str, content: bytes) -> tuple[str, str]:
-    for mark, encoding in _BYTE_ORDERS:
-        if content.startswith(mark):
-            return _strict(file, content[len(mark) :], encoding), encoding
-    if b"\0" in content[:4]:
+    mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
+    if not encoding and b"\0" in content[:4]:
         encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
-        return _strict(file, content, encoding), encoding
     try:
-        return content.decode("utf-8"), "utf-8"
+        text = content[len(mark) :].decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
-        if _UTF8_SEQUENCE.search(content):
-            line = 1 + content.count(b"\n", 0, error.start)
-            raise ImportFileError(
-                Place(file, line),
-                f"the text is damaged: not UTF-8 from byte {error.start + 1} on, though most of it is",
-                _REMEDY,
-            ) from None
-        return content.decode("latin-1"), "latin-1"
-
-
-def _strict(file: str, content: bytes, encoding: str) -> str:
-    try:
-        return content.decode(encoding)
-    except UnicodeDecodeError as error:
-        reason = f"not valid {encoding.upper()} from byte {error.start + 1} on, though it begins like it"
-        raise ImportFileError(Place(file), reason, _REMEDY) from None
+        if encoding or _UTF8_SEQUENCE.search(content):
+            line = None if encoding else 1 + content.count(b"\n", 0, error.start)
+            what = (
+                f"not {f'valid {encoding.upper()}' if encoding else 'UTF-8'} from byte {error.start + 1} on"
+            )
+            reason = f"the text is damaged: {what}, though it begins like it"
+            raise ImportFileError(Place(file, line), reason, _REMEDY) from None
+        text, encoding = content.decode("latin-1"), "latin-1"
+    if control := _CONTROL.search(text):
+        reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
+        raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, _REMEDY)
+    return text, encoding or "utf-8"

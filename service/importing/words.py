@@ -13,15 +13,13 @@ from typing import Final, Literal
 from jointstiff.schemas.importing import State
 
 Words = tuple[str, ...]
+Kind = Literal[
+    "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "joint", "force",
+    "moment", "load point", "position", "addition", "uncertainty", "point uncertainty", "ignored", "unknown",
+]  # fmt: skip
+"""What the cells of a column are."""
 
-KEYS: Final[
-    Mapping[
-        Literal[
-            "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "ignored"
-        ],
-        Words,
-    ]
-] = MappingProxyType(
+KEYS: Final[Mapping[Kind, Words]] = MappingProxyType(
     {
         "name": (
             "label", "name", "id", "observation", "configuration", "config", "pose", "posture",
@@ -46,6 +44,7 @@ KEYS: Final[
             "tilt", "image rms", "pressure", "humidity", "otg applied", "luftdruck", "luftfeuchte",
             "kommentar", "bemerkung", "bediener", "messgerät", "commentaire", "remarque", "opérateur",
             "pression", "humidité",
+            "anchor", "validation", "overall verdict",
         ),
     }
 )  # fmt: skip
@@ -88,7 +87,7 @@ MARKS: Final = MappingProxyType(
 JOINTS: Final = ("j", "a", "q", "joint", "axis", "theta", "θ", "achse", "gelenk", "axe", "articulation")
 """Before the number of a joint."""
 
-VECTORS: Final[Mapping[Literal["force", "moment", "load point"], Words]] = MappingProxyType(
+VECTORS: Final[Mapping[Kind, Words]] = MappingProxyType(
     {
         "force": ("f", "force", "kraft", "effort"),
         "moment": ("m", "moment", "torque", "drehmoment", "couple"),
@@ -106,20 +105,20 @@ EXPANDED: Final = ("u(95)", "u95", "u(95%)", "u95%")
 ADDED: Final = "plus"
 """Beside x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 
-KINDS: Final[Mapping[str, Literal["uncertainty", "addition"]]] = MappingProxyType(
+KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {**dict.fromkeys(EXPANDED, "uncertainty"), ADDED: "addition"}
 )
 """Words that make something else of a position."""
-
-ROTATION: Final = frozenset(("q0", "q1", "q2", "q3"))
-"""Quaternion of a probe, if there is no fifth number behind these four."""
 
 COORDINATES: Final = ("position", "coordinate", "koordinate", "coordonnée", "pos")
 """Say no more than x, y or z beside them."""
 
 NOT_TARGETS: Final = frozenset(
     (
-        "sigma", "std", "stdev", "uncertainty", "nominal", "nom", "theoretical", "dev", "deviation",
+        "sigma", "std", "stdev", "stddev", "sd", "variance", "var", "covariance", "cov", "uncertainty", "unc",
+        "err", "stderr", "rmse", "residue", "noise", "quality", "range", "spread", "median", "avg",
+        "standardabweichung", "stdabw", "varianz", "fehler", "mittel", "mittelwert", "rauschen",
+        "résidu", "erreur", "médiane", "bruit", "nominal", "nom", "theoretical", "dev", "deviation",
         "tol", "tolerance", "error", "rms", "normal", "offset", "residual", "max", "min", "mean", "average",
         "goal", "command", "commanded", "setpoint", "desired", "nominell", "soll", "sollwert", "abweichung",
         "unsicherheit", "streuung", "toleranz", "consigne", "écart", "incertitude", "tolérance", "moyenne",
@@ -133,9 +132,19 @@ Dimension = Literal["length", "angle", "force", "moment"]
 UNITS: Final[Mapping[Dimension, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
     {
         "length": {
-            "m": ("m", "meter", "meters", "metre", "metres"),
-            "mm": ("mm", "MM", "millimeter", "millimeters", "millimetre", "millimetres"),
-            "in": ("in", "inch", "inches", "Inch", "Inches", "INCHES"),
+            "m": ("m", "meter", "meters", "metre", "metres", "metern", "mètre", "mètres"),
+            "mm": (
+                "mm",
+                "MM",
+                "millimeter",
+                "millimeters",
+                "millimetre",
+                "millimetres",
+                "millimetern",
+                "millimètre",
+                "millimètres",
+            ),
+            "in": ("in", "inch", "inches", "zoll", "pouce", "pouces"),
         },
         "angle": {
             "rad": ("rad", "RAD"),
@@ -168,14 +177,36 @@ _NAMED: Final = MappingProxyType(
 )
 
 
-def unit_named(text: str) -> tuple[Dimension, str] | None:
-    """The dimension and canonical name of a unit, or None if it is none of ours."""
-    return _NAMED.get(text.strip())
-
-
-FOREIGN: Final = frozenset(
-    ("kg", "g", "t", "lbf", "lb", "lbs", "daN", "MN", "mN", "kip", "ft", "feet", "cm", "dm", "km", "µm", "μm",
-     "um", "mil", "thou", "grad", "gon", "Grad", "mrad", "arcsec", "arcmin", "rev", "turns", "inc", "lbf.ft",
-     "ft.lbf", "N.cm", "Ncm", "mNm", "V", "mV", "%")
+FOREIGN: Final[Mapping[str, Dimension | None]] = MappingProxyType(
+    {
+        **dict.fromkeys(("kg", "g", "t", "lbf", "lb", "lbs", "daN", "MN", "mN", "kip"), "force"),
+        **dict.fromkeys(
+            ("ft", "feet", "foot", "yd", "cm", "dm", "km", "µm", "μm", "um", "nm", "mil", "thou",
+             "zentimeter", "centimeter", "centimetre", "centimètre"),
+            "length",
+        ),
+        **dict.fromkeys(
+            ("grad", "gon", "mrad", "arcsec", "arcmin", "rev", "turns", "inc", "counts", "ticks"), "angle"
+        ),
+        **dict.fromkeys(("lbf.ft", "ft.lbf", "N.cm", "Ncm", "mNm"), "moment"),
+        **dict.fromkeys(("V", "mV", "%")),
+    }
 )  # fmt: skip
-"""Units that we do not take: no column can be said to be in another."""
+"""Units that we do not take, by their dimension: no column can be said to be in another."""
+
+
+def unit_named(text: str) -> tuple[Dimension, str] | None:
+    """Return the dimension and canonical name of a unit; None if it is none of ours."""
+    return _NAMED.get(_spelt(text))
+
+
+def any_unit(text: str) -> tuple[Dimension | None, str] | None:
+    """Return the dimension and name of a unit, ours or a foreign one; None if it is none."""
+    spelt = _spelt(text)
+    return _NAMED.get(spelt) or ((FOREIGN[spelt], spelt) if spelt in FOREIGN else None)
+
+
+def _spelt(text: str) -> str:
+    """Return a unit without blanks at its ends; of whole words upper and lower case are the same."""
+    plain = text.strip()
+    return plain.casefold() if len(plain) > 3 and plain.isalpha() else plain  # mN is no MN, and nm no Nm

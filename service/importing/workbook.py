@@ -5,7 +5,6 @@ from __future__ import annotations
 import posixpath
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from jointstiff.service.importing.archive import NAMES, Archive
@@ -31,9 +30,11 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         ImportFileError: damaged, beyond the limits, or no such table.
     """
     archive = Archive(file, content)
-    parts = _parts(archive)
-    texts, kinds = _shared_texts(archive, parts.texts), _kinds(archive, parts.styles)
-    sheets = {name: Sheet(archive, part, texts, kinds) for name, part in parts.sheets.items()}
+    parts, shared, styles = _parts(archive)
+    elements = () if shared is None else archive.elements(shared, "si")
+    texts = [text_of(archive, text)[: MAX_CELL_LENGTH + 1] for text in elements]  # enough to refuse long ones
+    kinds = _kinds(archive, styles)
+    sheets = {name: Sheet(archive, part, texts, kinds) for name, part in parts.items()}
     name = _only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
         raise ImportFileError(
@@ -77,16 +78,8 @@ def _bare(row: Row) -> Row:
     return Row(row.line, tuple(cells), row.kinds)
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """The parts of a workbook."""
-
-    sheets: Mapping[str, str]  # by name, in order
-    texts: str | None  # those that cells refer to by number, if there are any
-    styles: str | None  # formats of cells, if there are any
-
-
-def _parts(archive: Archive) -> _Parts:
+def _parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:
+    """Return the parts of sheets by their names, of texts that cells refer to, and of formats."""
     related: dict[str, dict[str, str]] = {"worksheet": {}, "sharedStrings": {}, "styles": {}}
     for relation in archive.elements("xl/_rels/workbook.xml.rels", "Relationship"):
         kind = relation.get("Type", "").rpartition("/")[2]
@@ -103,14 +96,7 @@ def _parts(archive: Archive) -> _Parts:
     if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
         raise archive.refusal("a workbook without a sheet, or with two tables of texts or styles")
     texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))
-    return _Parts(names, texts, styles)
-
-
-def _shared_texts(archive: Archive, part: str | None) -> list[str]:
-    """Return the texts that cells refer to by number, too long ones as far as it takes to refuse them."""
-    if part is None:
-        return []
-    return [text_of(archive, element)[: MAX_CELL_LENGTH + 1] for element in archive.elements(part, "si")]
+    return names, texts, styles
 
 
 def _kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, sqrt
-from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, Final
+from math import hypot
+from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import ValidationError
 
-from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
-from jointstiff.schemas.importing import FilePreview, ImportFault
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate, UnloadedPoses
+from jointstiff.schemas.importing import MAX_PREVIEW_ROWS, FilePreview, ImportFault, MissingField
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
-from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.limits import FAR_LOAD_POINT
-from jointstiff.service.importing.preview import Missing, missing_from
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 from jointstiff.service.problems.errors import FilesError
-from jointstiff.service.problems.wording import reworded
+from jointstiff.service.resources.imported_messages import (
+    converted,
+    length_unit,
+    measurement_set_of,
+    poses_of,
+)
+from jointstiff.service.resources.imported_preview import preview_of
 from jointstiff.solver.errors import MeasurementError
-
-_LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
-"""Fields with lengths, in `noise` and of the request."""
+from jointstiff.solver.finding import M_AS_MM
 
 if TYPE_CHECKING:
     from jointstiff.solver.robot.model import Robot
@@ -58,13 +58,13 @@ def import_files(
             does not ask to be shown it.
     """
     understood = understand_files(files, request)
-    preview, imported = understood.preview, understood.imported
+    preview, imported = preview_of(understood), understood.imported
     faults = list(understood.faults)
     missing = [] if imported is None else _missing(imported, request)
     document, findings, template, poses = None, None, None, None
     if imported is not None and not missing:
         try:
-            document = _document(imported, request, files[0].name)
+            document = measurement_set_of(imported, request, files[0].name)
             findings = None if robot is None else _findings(document, robot)
             template = template_of(request, preview.files, imported)
         except ImportFileError as fault:
@@ -72,7 +72,7 @@ def import_files(
             faults.append(fault)
     elif imported is not None and imported.assembly.states == ("unloaded",):
         unready = {"joints", "accept_unusual"} & {item.field for item in missing}
-        poses = None if unready else _poses(imported, request, files[0].name)
+        poses = None if unready else poses_of(imported, request, files[0].name)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
@@ -101,141 +101,61 @@ def inspect_import(answer: ImportAnswer, robot: Robot) -> ImportAnswer:
         raise ImportRefusedError([fault]) from fault
 
 
+class Missing(NamedTuple):
+    """Something that a measurement set needs beyond what was read."""
+
+    field: MissingField  # for programs
+    text: str  # for people
+
+
 def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
-    missing = missing_from(
-        imported.assembly,
-        request.flange_targets,
-        load_point=request.load_point is not None,
-        force=request.force is not None,
-        unusual=[] if request.accept_unusual else _unusual(imported, request),
-    )
-    if request.force is not None and "force" not in imported.units and _force_unit(request) is None:
-        missing.append(Missing("units.force", "the unit of `force` (`units`): N, kN or kgf"))
-    if request.encoders is None:
-        text = "the encoders that close the position loop (`encoders`): motor or secondary"
-        missing.append(Missing("encoders", text))
-    return missing
+    """Return what a measurement set needs beyond files and request."""
+    assembly, values = imported.assembly, imported.assembly.observations[0].values
+    states = set(assembly.states)
+    unusual = [] if request.accept_unusual else _unusual(imported, request)
+    right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+    stated, unit = request.force is not None, None if request.units is None else request.units.force
+    joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …"
+    forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
+    readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
+    places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
+    unplaced = "deflection" in states and not set(assembly.targets) <= set(request.flange_targets)
+    no_point = "load point" not in values and request.load_point is None
+    encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
+    no_unit = stated and "force" not in imported.units and unit is None
+    wanted: list[tuple[bool, MissingField, str]] = [
+        ("joint" not in values, "joints", joints),
+        ("force" not in values and not stated, "force", forces),
+        (not states, "readings", readings),
+        (states == {"unloaded"}, "loaded", "the positions under load"),
+        (states == {"loaded"}, "unloaded", "the positions without load"),
+        (unplaced, "flange_targets", places),
+        (no_point, "load_point", "the load point (`load_point`), in the flange frame"),
+        (bool(unusual), "accept_unusual", right),
+        (no_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
+        (request.encoders is None, "encoders", encoders),
+    ]
+    return [Missing(field, text) for lacks, field, text in wanted if lacks]
 
 
 def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
     """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
     unit = imported.units.get("length", "mm")
-    stated_unit = _length_unit(imported, request)
+    stated_unit = length_unit(imported, request)
     points = [
-        hypot(*_converted(one.values["load point"][0], unit, "m", "load_point"))
+        hypot(*converted(one.values["load point"][0], unit, "m", "load_point"))
         for one in imported.assembly.observations
         if "load point" in one.values
     ]
     if request.load_point is not None:
-        points.append(hypot(*_converted(request.load_point, stated_unit, "m", "load_point")))
+        points.append(hypot(*converted(request.load_point, stated_unit, "m", "load_point")))
     far = max(points, default=0.0)
     stated = [f"the load point is {far:g} m from the flange"] if far > FAR_LOAD_POINT else []
     return [*stated, *imported.assembly.unusual]
 
 
-def _length_unit(imported: Imported, request: ImportRequest) -> str:
-    """Return the unit of the lengths in the request: the files' own if it says none."""
-    return request.length_unit or imported.units.get("length", "mm")
-
-
-def _converted(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
-    """Return a part of the request with its lengths, in m or mm, in the other unit."""
-    if isinstance(value, dict):
-        return {key: _converted(part, before, after, key) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return tuple(_converted(part, before, after, name) for part in value)
-    if before == after or name not in _LENGTHS or value is None:
-        return value
-    return value / 1e3 if after == "m" else value * 1e3
-
-
-def _force_unit(request: ImportRequest) -> str | None:
-    return None if request.units is None else request.units.force
-
-
-def _document(imported: Imported, request: ImportRequest, first: str) -> MeasurementSetDocument:
-    """The measurement set.
-
-    Raises:
-        ImportFileError: it would break a limit that the files do not have.
-    """
-    if request.encoders is None:
-        raise ValueError("which encoders close the loop is not known")
-    stated = request.noise is not None and request.noise.sigma is not None
-    if imported.assembly.uncertainty and (stated or (request.noise is not None and request.noise.instrument)):
-        raise ImportFileError(
-            Place(),
-            "the files state the uncertainty of each reading, and `noise` states another",
-            "omit `noise`, or skip the columns of U(95) with `ignore`",
-            "noise",
-        )
-    if request.force is not None and "force" in imported.assembly.observations[0].values:
-        raise ImportFileError(
-            Place(), "the files have forces, and `force` states another", "omit `force`", "force"
-        )
-    units = _length_unit(imported, request), imported.units.get("length", "mm")
-    lengths = _converted(request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units)
-    try:
-        return imported.document(
-            name=request.name or PurePath(first).stem.strip(),
-            encoders=request.encoders,
-            noise=Noise.model_validate(lengths["noise"]) if lengths.get("noise") else None,
-            flange_targets={
-                target: _converted(place, *units, "load_point")
-                for target, place in request.flange_targets.items()
-            },
-            load_point=lengths.get("load_point"),
-            force=request.force,
-            force_unit=_force_unit(request),
-        )
-    except ValidationError as error:
-        fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        path = ".".join(map(str, fault["loc"]))
-        raise ImportFileError(
-            Place(),
-            f"the readings do not make a valid measurement set: {path} {reworded(fault)}",
-            "check the limits of measurement sets",
-        ) from error
-
-
-def _poses(imported: Imported, request: ImportRequest, first: str) -> UnloadedPoses | None:
-    """Return the unloaded poses for a geometry; None beyond its limits."""
-    units = _length_unit(imported, request), imported.units.get("length", "mm")
-    observations = imported.assembly.observations
-    points = [point for one in observations for states in one.points.values() for point in states.values()]
-    sigma = None if request.noise is None else _converted(request.noise.sigma, *units, "sigma")
-    squares = [value**2 for point in points for value in point.sigma or ()]
-    if sigma is None and squares:
-        sigma = sqrt(sum(squares) / len(squares))
-    if len(points) > MAX_GEOMETRY_READINGS or len(imported.assembly.targets) > MAX_GEOMETRY_TARGETS:
-        return None
-    read = [
-        (
-            one,
-            {
-                name: states["unloaded"].vector
-                for name, states in one.points.items()
-                if states["unloaded"].vector
-            },
-        )
-        for one in observations
-    ]
-    return UnloadedPoses.model_validate(
-        {
-            "name": request.name or PurePath(first).stem.strip(),
-            "units": {"length": units[1], "angle": imported.units.get("angle")},
-            "noise": None if sigma is None else {"sigma": sigma},
-            "poses": [
-                {"joints": list(one.values["joint"][0]), "targets": targets}
-                for one, targets in read
-                if targets
-            ],
-        }
-    )
-
-
 def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWarning]:
-    """Inspect a set.
+    """Inspect a set; lengths that the request states have another remedy than those of the files.
 
     Raises:
         ImportFileError: it cannot be one of this robot.
@@ -243,15 +163,28 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWar
     from jointstiff.service.conversion.prepared import check_set
 
     try:
-        return check_set(document, robot, None, []).warnings
+        findings = check_set(document, robot, None, []).warnings
     except MeasurementError as error:
         where = f" ({error.where})" if error.where else ""
         reason = f"the readings do not fit the robot{where}: {error.reason}"
         raise ImportFileError(Place(), reason, error.remedy or "check robot and readings") from error
+    fields = [f"`{field}`" for field in ("load_point", "flange_targets") if getattr(document, field)]
+    for index, finding in enumerate(findings):
+        if fields and finding.code == "length_unit_suspect" and "the flange frame" in finding.message:
+            small = (
+                "; the numbers seem to be in m, but to be taken in mm" if finding.remedy == M_AS_MM else ""
+            )
+            remedy = f"check the unit of {' and '.join(fields)}{small}"
+            findings[index] = finding.model_copy(update={"remedy": remedy})
+    return findings
 
 
-def template_of(request: ImportRequest, files: Sequence[FilePreview], imported: Imported) -> ImportTemplate:
+def template_of(
+    request: ImportRequest, files: Sequence[FilePreview], imported: Imported
+) -> ImportTemplate | None:
     """Return the options by which files of the same form are read again, and others are refused.
+
+    Files with more columns, or longer headers of several rows, than options can hold have no template.
 
     Args:
         request: by which they were read now.
@@ -277,13 +210,16 @@ def template_of(request: ImportRequest, files: Sequence[FilePreview], imported: 
         "ignore": [],
         "delimiter": delimiters.pop() if len(delimiters) == 1 else None,
         "decimal_mark": marks.pop() if len(marks) == 1 else None,
-        "length_unit": _length_unit(imported, request),
+        "length_unit": length_unit(imported, request),
         "name": None,
         "robot_id": None,
         "show_faults": False,
         "accept_unusual": False,  # what was confirmed are these values, not the next file's
     }
-    return ImportTemplate.model_validate(request.model_dump() | changes)
+    try:
+        return ImportTemplate.model_validate(request.model_dump() | changes)
+    except ValidationError:
+        return None
 
 
 def _fault(fault: ImportFileError) -> ImportFault:

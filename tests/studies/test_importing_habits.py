@@ -16,6 +16,7 @@ from benchmarks.studies.importing import outcome, tallies
 from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.reading import SourceFile, understand_files
+from jointstiff.service.resources.imported_preview import preview_of
 from jointstiff.service.resources.imports import import_files
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}
@@ -108,7 +109,7 @@ def test_a_unit_in_a_title_or_comment_is_not_overruled():
         assert "lengths are in mm" in refused(("a.csv", f"{remark}\n{table}"))[0]
         bare = table.replace(" [mm]", "")
         assert "lengths are in mm" in refused(("a.csv", f"{remark}\n{bare}"), units={"length": "mm"})[0]
-    assert read(("a.csv", f"# SMR 1.5 inch, 38.1 mm, lengths in mm\n{table}")).complete
+    assert read(("a.csv", f"# SMR 1.5 inch, 38.1 mm, lengths in mm\n{table}"))
 
 
 LEICA = """"Time","Name","X  [mm]","Y  [mm]","Z  [mm]","U(95)  [mm]",
@@ -170,7 +171,7 @@ def test_all_faults_are_in_one_answer():
     )
     places = [(at.file, at.line, at.column) for at in (fault.place for fault in understood.faults)]
     assert places == [("a.csv", 2, 2), ("a.csv", 2, 5), ("b.csv", 3, 3), ("b.csv", 4, 4)]
-    meanings = [column.meaning for column in understood.preview.files[0].columns]
+    meanings = [column.meaning for column in preview_of(understood).files[0].columns]
     assert (meanings[1], meanings[2], meanings[4]) == ("unknown", "joint 2", "unknown")
     many = "\n".join(["name;J1 [deg]", *(f"c{row};x" for row in range(100))])
     assert len(refused(("joints.csv", many))) == 20
@@ -245,13 +246,14 @@ def test_a_real_file_of_poses_is_refused_naming_all_its_faults():
     assert all(len(reason) < 300 for reason in reasons)  # longer ones are cut in answers
     for header in ("Goal x", "shoulder_pan_joint", "measurement_temperature", "measurement_std_rz"):
         assert any(repr(header) in reason for reason in reasons), header
-    assert reasons[-1] == "measurement x has no unit, nor have 2 others"
+    assert reasons[-1] == ("'measurement_x', read as measurement x, has no unit, nor have 2 others")
     joints = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
     text = content.decode().splitlines()[0].split(";")
     columns = {f"{name}_joint": f"J{number} [rad]" for number, name in enumerate(joints, 1)}
     columns |= {f"measurement_{axis}": f"TMAC unloaded {axis} [mm]" for axis in "xyz"}
     ignore = [header for header in text if header not in columns]
     options = ImportOptions(columns=columns, ignore=ignore, by_order=True)
-    imported = understand_files([SourceFile("poses.csv", content)], options).imported
-    assert imported.preview.observation_count == 632
+    understood = understand_files([SourceFile("poses.csv", content)], options)
+    imported = understood.imported
+    assert preview_of(understood).observation_count == 632
     assert points_of(imported)["1", "TMAC", "unloaded"] == (2336.7643, -905.76441, -454.63664)

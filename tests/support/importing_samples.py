@@ -6,8 +6,9 @@ import csv
 import io
 from dataclasses import dataclass
 
-from jointstiff.schemas.importing import ImportOptions
+from jointstiff.schemas.importing import ImportOptions, ImportPreview
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
+from jointstiff.service.resources.imported_preview import preview_of
 
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 
@@ -71,12 +72,20 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def read(*files: tuple[str, str | bytes], **options: object) -> Imported:
+@dataclass(frozen=True)
+class Read(Imported):
+    """Content of files with their preview."""
+
+    preview: ImportPreview
+
+
+def read(*files: tuple[str, str | bytes], **options: object) -> Read:
     """Import named texts; the first fault is raised."""
     understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
     if understood.imported is None:
         raise understood.faults[0]
-    return understood.imported
+    imported = understood.imported
+    return Read(imported.assembly, imported.units, imported.surroundings, preview_of(understood))
 
 
 def sources_of(*files: tuple[str, str | bytes]) -> list[SourceFile]:

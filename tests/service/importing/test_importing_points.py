@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from support.importing_samples import JOINTS, POINTS, READ_POINTS, points_of, read
+from support.importing_samples import JOINTS, POINTS, READ_POINTS, points_of, read, sources_of
 
+from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import Fault, ImportFileError, Place
 from jointstiff.service.importing.names import Template
+from jointstiff.service.resources.imports import import_files
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}
 LINES = [line.split(";") for line in POINTS.splitlines()]
@@ -53,7 +55,6 @@ def sa(separator):
 def test_lists_of_points(content):
     imported = read(("points.txt", content), units=MM)
     assert points_of(imported) == READ_POINTS
-    assert len(imported.preview.missing) == 3
 
 
 def test_columns_in_another_order():
@@ -115,8 +116,10 @@ def test_a_file_for_each_state_or_observation():
 
 def test_joints_and_points_in_different_files():
     imported = read(("joints.csv", JOINTS), ("points.txt", POINTS), units=MM)
-    assert imported.complete
-    document = imported.document("a", "motor")
+    assert imported.preview.reading_count == 2
+    request = ImportRequest(encoders="motor", load_point=(0.0, 0.0, 120.0), units=MM)
+    files = sources_of(("joints.csv", JOINTS), ("points.txt", POINTS))
+    document = import_files(files, request).measurement_set
     assert [one.label for one in document.observations] == ["c01", "c02"]
     assert document.observations[1].joints == [-15.0, -35.125]
     assert document.observations[1].readings[0].loaded == READ_POINTS["c02", "P10", "loaded"]
@@ -160,8 +163,9 @@ def test_faulty_lists(old, new, reason, line, column):
 
 def test_one_state_alone_is_incomplete():
     alone = "".join(line + "\n" for line in POINTS.splitlines() if "_unloaded" in line)
-    preview = read(("points.txt", alone), units=MM).preview
-    assert "the positions under load" in preview.missing
+    answer = import_files(sources_of(("points.txt", alone)), ImportRequest(units=MM))
+    assert "the positions under load" in answer.missing
+    preview = answer.preview
     assert preview.reading_count == 0
 
 

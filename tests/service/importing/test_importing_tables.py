@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, values_of
+from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, sources_of, values_of
 
+from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_FILE_BYTES, MAX_ROWS
+from jointstiff.service.resources.imports import import_files
 
 UNITS = {"length": "mm", "angle": "deg", "force": "N"}
 ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
@@ -33,9 +35,12 @@ def changed(old, new, count=1):
 
 def test_a_campaign_becomes_a_measurement_set():
     imported = read(("day1.csv", CAMPAIGN))
-    assert imported.complete
-    assert imported.preview.missing == ["the load point (`load_point`), in the flange frame"]
-    document = imported.document("cell 3", "motor", load_point=(0.0, 0.0, 120.0))
+    assert imported.preview.reading_count == 3
+    files = sources_of(("day1.csv", CAMPAIGN))
+    answer = import_files(files, ImportRequest(encoders="motor"))
+    assert answer.missing == ["the load point (`load_point`), in the flange frame"]
+    request = ImportRequest(name="cell 3", encoders="motor", load_point=(0.0, 0.0, 120.0))
+    document = import_files(files, request).measurement_set
     assert isinstance(document, MeasurementSetDocument)
     assert document.units.model_dump() == {**UNITS, "moment": None}
     assert [one.label for one in document.observations] == ["c01", "c02", "c03"]
@@ -127,9 +132,11 @@ c01,0.1,0.2,0,0,-150,1,2,3,0.1,0.2,0.3,P11,0.0002,0.0003,-0.0012,
         ("c01", "P10", "deflection"): (0.0001, 0.0002, -0.0013),
         ("c01", "P11", "deflection"): (0.0002, 0.0003, -0.0012),
     }
-    assert "flange_targets" in imported.preview.missing[0]
+    files = sources_of(("a.csv", content))
+    assert "flange_targets" in import_files(files, ImportRequest()).missing[0]
     targets = {"P10": (0.0, 0.0, 0.1), "P11": (0.1, 0.0, 0.1)}
-    document = imported.document("a", "secondary", flange_targets=targets)
+    request = ImportRequest(encoders="secondary", flange_targets=targets, accept_unusual=True)
+    document = import_files(files, request).measurement_set
     assert (document.units.moment, document.units.force) == ("N.m", "kgf")
     assert document.observations[0].moment == (1.0, 2.0, 3.0)
     assert document.observations[0].load_point == (0.1, 0.2, 0.3)
@@ -339,12 +346,10 @@ def test_a_header_of_the_caller():
 
 
 def test_what_is_missing_is_told_and_refused():
-    imported = read(("a.csv", "label;J1 [deg]\nc01;1.5\n"))
-    assert not imported.complete
-    assert [text.split()[0] for text in imported.preview.missing] == ["the", "readings:", "the"]
-    with pytest.raises(ImportFileError, match="do not make a complete measurement set") as caught:
-        imported.document("a", "motor")
-    assert "Fx" in caught.value.remedy
+    answer = import_files(sources_of(("a.csv", "label;J1 [deg]\nc01;1.5\n")), ImportRequest())
+    assert answer.measurement_set is None
+    assert answer.missing_fields == ["force", "readings", "load_point", "encoders"]
+    assert "Fx" in answer.missing[0]
 
 
 def test_limits():
