@@ -53,7 +53,7 @@ class ProgramFrame(Message):
 
     name: Name | None = Field(
         default=None,
-        description="As the program calls it, such as `BASE_DATA[2]`, `UT 3` or `tMill`; all that have no "
+        description="Name as in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; all that have no "
         "numbers "
         "if absent.",
     )
@@ -126,7 +126,7 @@ class ProgramOptions(AcceptingOptions):
     )
     load_point: Annotated[Vector3 | None, Terminal(unit="m")] = Field(
         default=None,
-        description="Where the force acts, flange frame, in units.length; the tool's centre if absent.",
+        description="Point where the force acts, flange frame, in units.length; the tool's centre if absent.",
     )
     tools: Annotated[
         list[ProgramFrame],
@@ -176,7 +176,7 @@ class ProgramOptions(AcceptingOptions):
     mark: bool = Field(
         default=True,
         strict=True,
-        description="Whether the corrected program carries a comment with the run, its verdict and the "
+        description="True to write a comment into the corrected program with the run, its verdict and the "
         "date. A marked program is not corrected again. One from a run not to be used is always marked.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
@@ -200,7 +200,7 @@ class ProgramFile(Message):
     """A file that was sent, or made."""
 
     name: Name
-    bytes: int = Field(description="Its size.", json_schema_extra={"unit": "byte"})
+    bytes: int = Field(description="Size of the file.", json_schema_extra={"unit": "byte"})
     content: str | None = Field(
         default=None, description="Null in answers: files have addresses of their own."
     )
@@ -231,23 +231,27 @@ class Spread(Message):
 class ProgramPoint(Message):
     """One target under load."""
 
-    number: int = Field(description="In the order of the path, from 1.")
-    name: str = Field(description="As the program calls it; empty if it has no name.")
+    number: int = Field(description="Number in the order of the path, from 1.")
+    name: str = Field(description="Name as in the program; empty if it has none.")
     line: int = Field(description="Line of its numbers.")
     place: Metres[Point] = Field(description="Tool's centre where it is wanted, in R0.")
-    deflection: Metres[float] = Field(description="How far the load moves the tool without a correction.")
+    deflection: Metres[float] = Field(
+        description="Distance by which the load moves the tool without a correction."
+    )
     deflection_rotation: Radians[float]
-    correction: Metres[float] = Field(description="From the wanted to the commanded place.")
+    correction: Metres[float] = Field(description="Distance from the wanted to the commanded place.")
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
-        description="Of the deflection along itself, by the errors of the readings; null if unknown."
+        description="Standard uncertainty of the deflection along itself, by the errors of the readings; "
+        "null if unknown."
     )
     interval: Metres[tuple[float, float] | None] = Field(
-        description="Of the deflection, by the errors of the readings only."
+        description="Interval of the deflection, by the errors of the readings only."
     )
     interval_with_model_error: Metres[tuple[float, float] | None] = Field(
         default=None,
-        description="Likewise with model error, by the residuals of postures left out of the fit; null where "
+        description="Interval of the deflection with model error, by the residuals of postures left out "
+        "of the fit; null where "
         "the run has no such bound.",
     )
     residual: Metres[float] = Field(
@@ -256,7 +260,7 @@ class ProgramPoint(Message):
     residual_rotation: Radians[float]
     rounding: Metres[float] = Field(description="Part of it that comes of the digits of the program.")
     share: Dimensionless[float] = Field(description="Share of the full correction that is applied.")
-    capped: bool = Field(description="Whether the limits hold the correction back.")
+    capped: bool = Field(description="True if the limits hold the correction back.")
 
 
 class ProgramResult(FromRun):
@@ -278,7 +282,9 @@ class ProgramResult(FromRun):
     worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(
         description="Points with the greatest deflections without a correction, greatest first."
     )
-    remarks: list[str] = Field(description="What was left as it is, and what to know of the prediction.")
+    remarks: list[str] = Field(
+        description="Remarks: what was left as it is, and what to know of the prediction."
+    )
     files: list[ProgramFile] = Field(description="The program: GET …/program.")
     table: ProgramFile = Field(description="All points: GET …/points.csv.")
 

@@ -58,7 +58,8 @@ class _FollowedRoute(BodyRoute):
                 return response
             jobs = request.app.state.parts.jobs[Program.kind]
             wait = float(request.query_params.get("wait", WaitQuery().wait))  # a number: it was answered 202
-            record = await run_in_threadpool(jobs.record, json.loads(bytes(response.body))["id"])
+            job_id = response.headers["Location"].rpartition("/")[2]  # the body may be compressed
+            record = await run_in_threadpool(jobs.record, job_id)
             return await answer(jobs, record, wait, request.app.state.followers)
 
         return handle_followed

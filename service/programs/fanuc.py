@@ -199,11 +199,10 @@ _TAIL: Final = Forms(
     plain  CNT|ACC R [ e ]
     plain  EV n %
     plain  SPOT [ e* ]
-    plain  Arc Start [ e* ]
-    plain  Arc End [ e* ]
+    plain  Arc Start|End [ e* ]
     plain  TB|TA|DB n ?sec ?mm , CALL c
-    """
-    + "\n".join(f"plain  TB|TA|DB n ?sec ?mm , {port} [ e ] = e" for port in ("DO", "RO", "GO", "AO")),
+    plain  TB|TA|DB n ?sec ?mm , DO|RO|GO|AO [ e ] = e
+    """,
     whole=False,
 )
 """What may stand behind a target: it leaves the target where it is."""
@@ -248,25 +247,16 @@ def _chosen(c: Cursor, name: str) -> Statement:
     return Statement(act=partial(_Program.chosen, which=name, ordinal=c.number()))
 
 
-_ACTIONS: Final = (
-    "jump   {} JMP LBL [ e* ]",
-    "plain  {} CALL c",
-    "plain  {} DO|RO|GO|AO|R|F|WO [ e ] = e",
-    "plain  {} DO|RO [ e ] = PULSE , n ?sec",
+_LED: Final = "\n".join(  # what a condition leads to
+    f"{effect} {head} {action}"
+    for head in ("IF e ,", "SELECT R [ e ] = e ,", "= e ,", "ELSE ,")
+    for effect, action in (
+        ("jump", "JMP LBL [ e* ]"),
+        ("plain", "CALL c"),
+        ("plain", "DO|RO|GO|AO|R|F|WO [ e ] = e"),
+        ("plain", "DO|RO [ e ] = PULSE , n ?sec"),
+    )
 )
-
-
-def _led(*heads: str) -> str:
-    """Return the forms of what a condition leads to, behind heads."""
-    lines = []
-    for action in _ACTIONS:
-        for head in heads:
-            effect, _, rest = action.partition(" ")
-            first, _, more = rest.strip().removeprefix("{} ").partition(" ")
-            lines += [f"{effect} {head} {word} {more}" for word in first.split("|")]
-    return "\n".join(lines)
-
-
 _FORMS: Final = Forms(
     """
     plain  R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR [ e* ] = e
@@ -279,8 +269,7 @@ _FORMS: Final = Forms(
     open   IF e THEN
     plain  ELSE
     close  ENDIF|ENDFOR
-    open   FOR R [ e ] = e TO e
-    open   FOR R [ e ] = e DOWNTO e
+    open   FOR R [ e ] = e TO|DOWNTO e
     jump   LBL [ e* ]
     jump   JMP LBL [ e* ]
     plain  CALL|RUN|MONITOR c
@@ -290,13 +279,11 @@ _FORMS: Final = Forms(
     plain  PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING
     plain  PAYLOAD|UALM|DIAG_REC|SPOT [ e* ]
     plain  RSR [ e ] = e
-    plain  Arc Start [ e* ]
-    plain  Arc End [ e* ]
-    plain  COL DETECT ON
-    plain  COL DETECT OFF
+    plain  Arc Start|End [ e* ]
+    plain  COL DETECT ON|OFF
     plain  COL GUARD ADJUST e
     """
-    + _led("IF e ,", "SELECT R [ e ] = e ,", "= e ,", "ELSE ,")
+    + _LED
 )
 
 

@@ -21,10 +21,10 @@ class _Form:
 class Forms:
     """Forms by their first word.
 
-    A line of the table is an effect (`plain`, `open` or `close` a branch or a loop, `jump`) and the elements
-    of the statement, blanks between: `e` an expression, `e*` any number of them with commas, `v` a variable
+    A line of the table is an effect (`plain`; `open`, `turn` or `close` a branch or a loop; `jump`) and the
+    elements of the statement, blanks between: `e` an expression, `e*` some with commas, `v` a variable
     that gets another value, `w` a word, `n` a number, `c` a routine that is called, with its arguments, `a`
-    arguments of an instruction, `?X` what may be left out; all else stands for itself.
+    arguments of an instruction, `?X` what may be left out, `X|Y` one of two; all else stands for itself.
     """
 
     def __init__(self, table: str, *, whole: bool = True) -> None:
@@ -71,15 +71,16 @@ class Forms:
             calls=frozenset(used.calls),
             changes=frozenset(used.passed | changed),
             depth=_DEPTHS.get(form.effect, 0),
+            turns=form.effect == "turn",
             jumps=form.effect == "jump",
         )
 
 
 def _take(c: Cursor, element: str, following: str, used: Used) -> None:
-    stops = (following, ";") if following else (";",)
+    stops = (*following.split("|"), ";") if following else (";",)
     if element in _PARTS:
         _PARTS[element](c, used, stops)
-    elif c.peek().text == element.removeprefix("?"):
+    elif c.peek().text in element.removeprefix("?").split("|"):
         c.take()
     elif not element.startswith("?"):
         raise c.misread()

@@ -19,6 +19,7 @@ from jointstiff.service.programs.reader import (
     Script,
     Statement,
     pose_of,
+    used_in,
     words,
 )
 from jointstiff.service.programs.scanner import NUMBER, Cursor, Lexicon, Misread, Used
@@ -88,6 +89,7 @@ class _Program(Script):
     tool: FrameName = field(default_factory=lambda: FrameName("active $TOOL"))
     frames: dict[str, tuple[Place, Literal]] = field(default_factory=dict)  # BASE_DATA[i], TOOL_DATA[i]
     used: set[str] = field(default_factory=set)  # names of frames that were active
+    interrupts: set[float] = field(default_factory=set)  # numbers of those that are declared
     # declaration, which is not sent, of the active base or tool: no matter until a move needs it
     unknown: dict[str, str] = field(default_factory=dict)
 
@@ -154,6 +156,17 @@ class _Program(Script):
             self.reader.refuse(place.line, f"${which} is computed", _FRAME_REMEDY, place.source)
         else:
             self._set(place, which, FrameName(f"${which} of line {place.line}", pose))
+
+    def interrupted(self, place: Place, ordinal: int, *, declares: bool) -> None:
+        """Take the declaration of an interrupt, or its number where it is switched on."""
+        number = place.value(ordinal)
+        if declares:
+            self.interrupts.add(number)
+        elif number not in self.interrupts:
+            reason = (
+                f"interrupt {number:g} is declared elsewhere, and may move the robot or change its frames"
+            )
+            self.reader.refuse(place.line, reason, "declare it in the program")
 
     def numbered(self, place: Place, which: str, ordinal: int) -> None:
         """Take $BASE or $TOOL by the number of its data."""
@@ -237,10 +250,6 @@ def _call(c: Cursor, name: str) -> Statement:
         raise Misread(f"{name} is no routine")
     calls = used.calls if name in _FUNCTIONS else used.calls | {name}
     return Statement(calls=frozenset(calls), changes=frozenset(used.passed))
-
-
-def _used(used: Used, **more: object) -> Statement:
-    return Statement(calls=frozenset(used.calls), changes=frozenset(used.passed), **more)  # type: ignore[arg-type]
 
 
 # values
@@ -356,10 +365,10 @@ def _assigned(c: Cursor, name: str) -> Statement:
         if index is None or index < 0:
             raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
         given = literal if whole else None
-        return _used(used, act=partial(_Program.data, which=name, ordinal=index, literal=given))
+        return used_in(used, act=partial(_Program.data, which=name, ordinal=index, literal=given))
     if literal is not None and whole and index is None and (literal.notation or "TOOL_NO" in literal.fields):
         return Statement(gives=(name, literal))
-    return replace(_used(used), changes=frozenset(used.passed | {name}))
+    return replace(used_in(used), changes=frozenset(used.passed | {name}))
 
 
 def _index(c: Cursor, used: Used) -> tuple[int | None, bool]:
@@ -463,7 +472,8 @@ def _move(c: Cursor, name: str) -> Statement:
         pass
     if not c.ended:
         raise c.misread("what follows the target is not known", _REMEDY)
-    return Statement(act=partial(_Program.move, motion=motion, targets=tuple(targets), own=own))
+    act = partial(_Program.move, motion=motion, targets=tuple(targets), own=own)
+    return Statement(act=act, repeats=not own and all(isinstance(each, Literal) for each in targets))
 
 
 def _with(c: Cursor, *, moves: bool = False) -> str:
@@ -532,6 +542,15 @@ def _header(c: Cursor, _: str) -> Statement:
     return Statement()
 
 
+def _interrupt(c: Cursor, _: str) -> Statement:
+    declares, number = c.at("DECL"), c.peek(1)
+    c.attempt(c.place - 1)
+    statement = _FORMS.take(c)
+    if number.kind != "number" or c.text[: number.start].split()[-1].upper() == "OFF":
+        return statement
+    return replace(statement, act=partial(_Program.interrupted, ordinal=number.ordinal, declares=declares))
+
+
 def _spline(c: Cursor, _: str) -> Statement:
     _with(c)
     while c.accept(*_BLENDS):
@@ -552,12 +571,13 @@ def _type(c: Cursor, _: str) -> Statement:
 
 _FORMS: Final = Forms(
     """
-    plain  END|ENDFCT|ENDDAT|ELSE|DEFAULT|HALT|EXIT|CONTINUE
+    plain  END|ENDFCT|ENDDAT|HALT|EXIT|CONTINUE
+    turn   ELSE|DEFAULT
     plain  WAIT SEC e
     plain  WAIT FOR e
     plain  RETURN e
     plain  RETURN
-    plain  CASE e*
+    turn   CASE e*
     open   IF e THEN
     open   WHILE|SWITCH e
     open   LOOP|REPEAT
@@ -566,29 +586,16 @@ _FORMS: Final = Forms(
     close  ENDIF|ENDFOR|ENDWHILE|ENDLOOP|ENDSWITCH
     close  UNTIL e
     jump   GOTO w
-    plain  INTERRUPT ON n
-    plain  INTERRUPT OFF n
-    plain  INTERRUPT ON
-    plain  INTERRUPT OFF
+    plain  INTERRUPT ON|OFF n
+    plain  INTERRUPT ON|OFF
     plain  INTERRUPT DECL n WHEN e DO IR_STOPM ( )
     plain  INTERRUPT DECL n WHEN e DO c
-    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO $OUT [ e ] = e
-    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO PULSE ( e* )
-    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO c
-    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO c PRIO = e
-    plain  TRIGGER WHEN PATH = e DELAY = e DO $OUT [ e ] = e
-    plain  TRIGGER WHEN PATH = e DELAY = e DO PULSE ( e* )
-    plain  TRIGGER WHEN PATH = e DELAY = e DO c
-    plain  TRIGGER WHEN PATH = e DELAY = e DO c PRIO = e
-    plain  BAS ( #INITMOV , e )
-    plain  BAS ( #ACC_CP , e )
-    plain  BAS ( #ACC_PTP , e )
-    plain  BAS ( #VEL_CP , e )
-    plain  BAS ( #VEL_PTP , e )
-    plain  BAS ( #PTP_PARAMS , e )
-    plain  BAS ( #CP_PARAMS , e )
-    plain  BAS ( #PTP_DAT )
-    plain  BAS ( #CP_DAT )
+    plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO $OUT [ e ] = e
+    plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO PULSE ( e* )
+    plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO c
+    plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO c PRIO = e
+    plain  BAS ( #INITMOV|#ACC_CP|#ACC_PTP|#VEL_CP|#VEL_PTP|#PTP_PARAMS|#CP_PARAMS , e )
+    plain  BAS ( #PTP_DAT|#CP_DAT )
     plain  ANOUT ON e = e
     plain  ANOUT OFF e
     """
@@ -598,6 +605,7 @@ _RULES: Final[Mapping[str, Callable[[Cursor, str], Statement]]] = {
     **dict.fromkeys(("EXT", "EXTFCT", "EXTP", "EXTFCTP", "SIGNAL", "ENUM", "STRUC", "IMPORT"), _header),
     **dict.fromkeys(("SPLINE", "PTP_SPLINE", "ENDSPLINE"), _spline),
     **dict.fromkeys(("DECL", "CONST"), _type),
+    "INTERRUPT": _interrupt,
 }
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,9 +28,7 @@ class Orientation(Enum):
     JOINTS = "the controller's joint angles"
 
 
-_Sequence: TypeAlias = Literal["ZYX", "xyz"]
 _COUNT: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
-_EULER: Final[dict[Orientation, _Sequence]] = {Orientation.EULER_ZYX: "ZYX", Orientation.FIXED_XYZ: "xyz"}
 _UNIT: Final = 1e-3
 """Length of a quaternion beside 1 that is rounding of what a program writes."""
 _GIMBAL: Final = 1e-9
@@ -94,16 +91,20 @@ class Notation:
             raise ValueError(f"{self.orientation.value} is no full pose")
         poses = np.tile(np.eye(4), (len(values), 1, 1))
         poses[:, :3, 3] = values[:, :3] * self.length
-        if len(values):
-            poses[:, :3, :3] = self._rotation(values[:, 3:]).as_matrix()
+        numbers = values[:, 3:]
+        if not len(values):
+            return poses
+        if self.orientation is Orientation.QUATERNION:
+            poses[:, :3, :3] = Rotation.from_quat(numbers[:, [1, 2, 3, 0]]).as_matrix()
+        elif self.orientation is Orientation.ROTATION_VECTOR:
+            poses[:, :3, :3] = Rotation.from_rotvec(numbers * self.angle).as_matrix()
+        else:
+            poses[:, :3, :3] = _turned(self.angle * self._about_zyx(numbers))
         return poses
 
-    def _rotation(self, numbers: FloatArray) -> Rotation:
-        if self.orientation is Orientation.QUATERNION:
-            return Rotation.from_quat(numbers[:, [1, 2, 3, 0]])
-        if self.orientation is Orientation.ROTATION_VECTOR:
-            return Rotation.from_rotvec(numbers * self.angle)
-        return Rotation.from_euler(_EULER[self.orientation], numbers * self.angle)
+    def _about_zyx(self, angles: FloatArray) -> FloatArray:
+        """Return angles in the order Z, Y', X'', or back: about the fixed X, Y, Z is the reverse order."""
+        return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
 
     def values(self, poses: FloatArray, near: FloatArray) -> FloatArray:
         """Return the numbers (m, 3 + count) of poses (m, 4, 4) [m], the equivalent ones nearest to `near`."""
@@ -111,17 +112,18 @@ class Notation:
             return near.copy()
         numbers = np.empty_like(near)
         numbers[:, :3] = poses[:, :3, 3] / self.length
-        rotation = Rotation.from_matrix(poses[:, :3, :3])
-        old = near[:, 3:]
+        rotations, old = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
-            new = rotation.as_quat()[:, [3, 0, 1, 2]]
+            new = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
             new *= np.linalg.norm(old, axis=1, keepdims=True)  # rounded as it was: an unchanged one stays
             numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
         elif self.orientation is Orientation.ROTATION_VECTOR:
-            numbers[:, 3:] = _nearest_vector(rotation.as_rotvec(), old * self.angle) / self.angle
+            numbers[:, 3:] = (
+                _nearest_vector(Rotation.from_matrix(rotations).as_rotvec(), old * self.angle) / self.angle
+            )
         else:
-            angles = _nearest_angles(rotation, _EULER[self.orientation], old * self.angle)
-            numbers[:, 3:] = angles / self.angle
+            angles = _nearest_angles(rotations, self.angle * self._about_zyx(old))
+            numbers[:, 3:] = self._about_zyx(angles) / self.angle
         return numbers
 
 
@@ -138,22 +140,30 @@ def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
     return np.where(turns == 0, vectors, moved)
 
 
-def _nearest_angles(rotation: Rotation, sequence: _Sequence, near: FloatArray) -> FloatArray:
-    """Return Euler angles (m, 3) [rad] nearest to `near`: two solutions, full turns, a lock."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # gimbal lock: handled here
-        first = rotation.as_euler(sequence)
+def _turned(angles: FloatArray) -> FloatArray:
+    """Return rotations (m, 3, 3) by angles (m, 3) [rad] about Z, Y', X''."""
+    (sa, sb, sc), (ca, cb, cc) = np.sin(angles).T, np.cos(angles).T
+    rotations = np.empty((len(angles), 3, 3))
+    rotations[:, 0] = np.stack([ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc], axis=1)
+    rotations[:, 1] = np.stack([sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc], axis=1)
+    rotations[:, 2] = np.stack([-sb, cb * sc, cb * cc], axis=1)
+    return rotations
+
+
+def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
+    """Return angles (m, 3) [rad] about Z, Y', X'' nearest to `near`: two solutions, full turns, a lock."""
+    r = rotations
+    cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
+    sines = np.stack([r[:, 1, 0], -r[:, 2, 0], r[:, 2, 1]], axis=1)
+    first = np.arctan2(sines, np.stack([r[:, 0, 0], cosine, r[:, 2, 2]], axis=1))
     other = np.column_stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi])
-    locked = np.abs(np.cos(first[:, 1])) < _GIMBAL
-    if np.any(
-        locked
-    ):  # only a sum or a difference of the outer angles is told: keep the last as it is written
+    locked = cosine < _GIMBAL
+    if locked.any():  # only a sum or a difference of the outer angles is told: keep the last as it is written
         free = first[locked]
-        sign = np.where(np.sin(free[:, 1]) > 0, -1.0, 1.0)
-        free[:, 0] += sign * (free[:, 2] - near[locked, 2])
+        sign = np.where(free[:, 1] > 0, 1.0, -1.0)
+        free[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]
         free[:, 2] = near[locked, 2]
-        first[locked] = free
-        other[locked] = free
+        first[locked] = other[locked] = free
     candidates = [choice + 2 * np.pi * np.round((near - choice) / (2 * np.pi)) for choice in (first, other)]
     far = [np.sum((choice - near) ** 2, axis=1) for choice in candidates]
     nearest: FloatArray = np.where((far[0] <= far[1])[:, None], candidates[0], candidates[1])

@@ -16,6 +16,10 @@ _MOST_BLANKS: Final = 32
 """Blanks before a number that a column is kept with."""
 _BLOCK: Final = 1 << 20
 """Characters whose numbers are held as texts at a time."""
+Places: TypeAlias = npt.NDArray[np.int32]
+"""Places in a text: half of the room of an index, as no program is as long."""
+Characters: TypeAlias = npt.NDArray[np.uint8]
+"""A text in one byte a character."""
 Edit: TypeAlias = tuple[int, int, str]
 """First and last + 1 character, and the text in their place."""
 
@@ -25,20 +29,22 @@ class Numerals:
     """All N numbers of a text, and the text without them."""
 
     values: FloatArray  # (N,)
-    starts: IndexArray  # (N,) first character of each
-    ends: IndexArray  # (N,) last character + 1
+    starts: Places  # (N,) first character of each
+    ends: Places  # (N,) last character + 1
     rest: str  # the text with `\0` in place of each number
 
     @classmethod
     def of(cls, text: str, pattern: str) -> Numerals:
         r"""Find the numbers of a text without `\0`; none of them goes over the end of a line."""
         split = re.compile(f"({pattern})").split
-        values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.intp)], [], 0
+        values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
         while begin < len(text):
             end = text.find("\n", begin + _BLOCK) + 1 or len(text)
             pieces = split(text[begin:end])
             values.append(_values(pieces[1::2]))
-            ends = begin + np.cumsum(np.fromiter(map(len, pieces), dtype=np.intp, count=len(pieces)))
+            ends = begin + np.cumsum(
+                np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces)), dtype=np.int32
+            )
             spans.append(ends[:-1].reshape(-1, 2))
             rest.append("\0".join(pieces[::2]))
             begin = end
@@ -68,24 +74,28 @@ def _values(numbers: Sequence[str]) -> FloatArray:
 
 
 def written(
-    text: str, spans: IndexArray, new: FloatArray, old: FloatArray, digits: IndexArray
+    signs: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
 ) -> tuple[list[str], BoolArray]:
     """Return numbers as text, and (m,) which of them differ from the old ones to their digits.
 
     Args:
-        text: that the old numbers stand in.
+        signs: text that the old numbers stand in.
         spans: (m, 2) first and last + 1 character of each.
         new: (m,) numbers.
         old: (m,) numbers as they were read.
         digits: (m,) behind the point, that they get at least.
     """
-    signs = np.frombuffer(text.encode("latin-1"), dtype=np.uint8)
     digits = np.maximum(digits, _decimals(signs, spans))
-    texts, differ = np.empty(len(new), dtype=object), np.ones(len(new), dtype=np.bool_)
-    for count in np.unique(digits):
-        rows = np.flatnonzero(digits == count)
-        texts[rows] = ("\n".join([f"%.{count}f"] * len(rows)) % tuple(new[rows].tolist())).split("\n")
-    numbers: list[str] = texts.tolist()
+    counts = np.unique(digits).tolist()
+    if len(counts) == 1:
+        numbers = _formatted(new, counts[0])
+    else:
+        texts = np.empty(len(new), dtype=object)
+        for count in counts:
+            rows = np.flatnonzero(digits == count)
+            texts[rows] = _formatted(new[rows], count)
+        numbers = texts.tolist()
+    differ = np.ones(len(new), dtype=np.bool_)
     for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < 2.0 * 10.0**-digits).tolist():
         usual = f"{old[i]:.{digits[i]}f}"
         differ[i] = numbers[i] != usual and not float(numbers[i]) == float(usual) == 0.0
@@ -96,7 +106,11 @@ def written(
     return numbers, differ
 
 
-def _decimals(signs: npt.NDArray[np.uint8], spans: IndexArray) -> IndexArray:
+def _formatted(numbers: FloatArray, digits: int) -> list[str]:
+    return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
+
+
+def _decimals(signs: Characters, spans: Places) -> IndexArray:
     """Return how many digits stand behind the points of numbers (m,) at spans of a text."""
     starts, ends = spans.T
     powers, points = np.flatnonzero((signs | 32) == ord("e")), np.flatnonzero(signs == ord("."))
@@ -107,43 +121,32 @@ def _decimals(signs: npt.NDArray[np.uint8], spans: IndexArray) -> IndexArray:
     return decimals
 
 
-def padded(text: str, start: int, end: int, number: str) -> Edit:
+def padded(signs: Characters, start: int, end: int, number: str) -> Edit:
     """Keep the last column of a number where it is, as far as the blanks before it allow."""
-    before = text[max(start - _MOST_BLANKS, 0) : start]
-    blanks = len(before) - len(before.rstrip(" "))
+    before = signs[max(start - _MOST_BLANKS, 0) : start].tobytes()
+    blanks = len(before) - len(before.rstrip(b" "))
     longer = len(number) - (end - start)
     if longer > 0:
         return start - min(longer, max(blanks - 1, 0)), end, number
     return start, end, " " * -longer + number if blanks else number
 
 
-def edited(
-    text: str, places: IndexArray, numbers: Sequence[str], spans: IndexArray
-) -> tuple[str, IndexArray]:
-    """Put other characters in place of some, and return the text with the spans of its numbers.
+def spliced(signs: Characters, spans: Places, texts: Sequence[str]) -> bytes:
+    """Return a text with others in place of some of its characters.
 
     Args:
-        text: as it is.
-        places: (m, 2) first and last + 1 character of what is replaced.
-        numbers: m texts in their place, blanks before numbers.
-        spans: (..., 2) of numbers in the text as it is.
+        signs: the text.
+        spans: (m, 2) first and last + 1 character of what is replaced, in order.
+        texts: m others.
     """
-    if not len(places):
-        return text, spans
-    order = np.argsort(places[:, 0], kind="stable")
-    starts, ends = places[order].T
-    pieces = [""] * (2 * len(order) + 1)
-    begins, stops = [0, *ends.tolist()], [*starts.tolist(), len(text)]
-    pieces[::2] = [text[begin:stop] for begin, stop in zip(begins, stops, strict=True)]
-    pieces[1::2] = [numbers[i] for i in order.tolist()]
-    whole, bare = (
-        np.fromiter(map(len, each), dtype=np.intp, count=len(order))
-        for each in (pieces[1::2], map(str.lstrip, pieces[1::2]))
+    starts, ends = spans.T
+    lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
+    gaps = np.append(starts, len(signs)) - np.concatenate([[0], ends])
+    is_new, is_old = (
+        np.repeat(np.arange(len(gaps) + len(each)) % 2 == 1, np.insert(gaps, np.arange(1, len(gaps)), each))
+        for each in (lengths, ends - starts)
     )
-    shift = np.concatenate([[0], np.cumsum(whole + starts - ends)])
-    before = np.searchsorted(ends, spans[..., 1], side="right")
-    last = np.maximum(before - 1, 0)
-    is_edited = (before > 0) & (ends[last] == spans[..., 1])
-    length = np.where(is_edited, bare[last], spans[..., 1] - spans[..., 0])
-    after = spans[..., 1] + shift[before]
-    return "".join(pieces), np.stack([after - length, after], axis=-1)
+    result = np.empty(len(is_new), dtype=np.uint8)
+    result[is_new] = np.frombuffer("".join(texts).encode("latin-1"), dtype=np.uint8)
+    result[~is_new] = signs[~is_old]
+    return result.tobytes()

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from itertools import compress
-from typing import Final, overload
+from typing import Final, NamedTuple, overload
 
 import numpy as np
 
 from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.numerals import Edit, edited, padded, written
+from jointstiff.service.programs.numerals import Edit, Places, padded, spliced, written
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 NUMBERS: Final = 7
 """Most numbers of a target; what is said of the arm's configuration stands behind them."""
 WORDS: Final = 4
 """Most numbers that say something of the arm's configuration."""
+_BLOCK: Final = 4096
+"""Targets whose numbers are held as texts at a time."""
 
 
 class Motion(Enum):
@@ -120,7 +122,7 @@ class Targets(Sequence[Target]):
     tool: IndexArray  # (t,)
     frames: Sequence[FrameName]
     values: FloatArray  # (t, 11) numbers as written, then those of the configuration; NaN where there is none
-    spans: IndexArray  # (t, 11, 2) first and last + 1 character of each
+    spans: Places  # (t, 11, 2) first and last + 1 character of each; −1 where there is none
 
     @cached_property
     def notations(self) -> tuple[Notation, ...]:
@@ -263,54 +265,86 @@ class Program:
         count = 3 + self.targets.notations[self.targets.notation[rows[0]]].count if len(rows) else 0
         return self.targets.values[rows, :count]
 
-    def rewritten(
-        self,
-        indices: Sequence[int] | IndexArray,
-        values: FloatArray,
-        *,
-        aligned: bool = False,
-        words: Sequence[tuple[int, Edit]] = (),
-    ) -> Program:
-        """Return the program with other numbers in targets; every other byte is as it was.
-
-        A number that is the same to the digits it would get keeps its characters. The numbers of the answer
-        are read from its text, where they stand now.
-
-        Args:
-            indices: m targets.
-            values: (m, 7) their numbers; NaN stays.
-            aligned: take blanks before a number that grows and give them to one that shrinks, so that columns
-                stay.
-            words: further texts in place of characters, by the index of a target.
-        """
-        targets, rows = self.targets, np.asarray(indices, dtype=np.intp)
-        read, spans = targets.values.copy(), targets.spans.copy()
-        read[:, NUMBERS:], spans[:, NUMBERS:] = np.nan, -1  # words are not looked for
-        digits = np.array([(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in targets.notations])
-        sources = []
-        for index, source in enumerate(self.sources):
-            own = np.flatnonzero(targets.source[rows] == index)
-            row, column = np.nonzero(np.isfinite(values[own]) & (values[own] != read[rows[own], :NUMBERS]))
-            target = rows[own][row]
-            old, places = read[target, column], spans[target, column]
-            least = digits[targets.notation[target], column]
-            texts, differ = written(source.text, places, values[own][row, column], old, least)
-            texts, places = list(compress(texts, differ)), places[differ]
-            read[target[differ], column[differ]] = list(map(float, texts))
-            if aligned:
-                spaced = [padded(source.text, *edit) for edit in zip(*places.T.tolist(), texts, strict=True)]
-                places = np.array([edit[:2] for edit in spaced], dtype=np.intp).reshape(-1, 2)
-                texts = [edit[2] for edit in spaced]
-            said = [edit for i, edit in words if targets.source[i] == index]
-            places = np.vstack([places, np.array([edit[:2] for edit in said], dtype=np.intp).reshape(-1, 2)])
-            texts += [edit[2] for edit in said]
-            of_source = targets.source == index
-            text, spans[of_source] = edited(source.text, places, texts, spans[of_source])
-            sources.append(Source.of(source.name, text.encode("latin-1")))
-        columns = replace(targets, values=read, spans=spans)
-        return Program(self.format, tuple(sources), columns, self.moves, self.left_alone)
+    def rewritten(self, indices: Sequence[int] | IndexArray, values: FloatArray) -> Rewritten:
+        """Return the files with other numbers (m, 7) in m targets; every other byte is as it was."""
+        text, rows, found = Rewriting(self), np.asarray(indices, dtype=np.intp), values.copy()
+        for block in text.blocks(rows):
+            found[block] = text.replace(rows[block], values[block])
+        return Rewritten(text.files(), found)
 
     @property
     def files(self) -> tuple[bytes, ...]:
         """Bytes of its files."""
         return tuple(source.text.encode("latin-1") for source in self.sources)
+
+
+class Rewritten(NamedTuple):
+    """The files of a program with other numbers in m targets."""
+
+    files: tuple[bytes, ...]
+    values: FloatArray  # (m, 7) the numbers as the files state them
+
+
+class Rewriting:
+    """The files of a program while their numbers are replaced, block by block in the order of the text.
+
+    A number that is the same to the digits it would get keeps its characters. FANUC's numbers take blanks
+    before them when they grow and give them back when they shrink, so that columns stay.
+    """
+
+    def __init__(self, program: Program) -> None:
+        """Begin with the text as it is."""
+        self._targets, self._aligned = program.targets, program.format == "fanuc"
+        self._signs = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
+        self._done = [0] * len(self._signs)  # characters that are written
+        self._pieces: list[list[bytes]] = [[] for _ in self._signs]
+        digits = [(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in self._targets.notations]
+        self._digits = np.array(digits)
+
+    def blocks(self, indices: IndexArray) -> Iterator[IndexArray]:
+        """Yield the places of targets among some, in the order in which they have to be replaced."""
+        for source in range(len(self._signs)):
+            own = np.flatnonzero(self._targets.source[indices] == source)
+            own = own[np.argsort(self._targets.spans[indices[own], 0, 0], kind="stable")]
+            for start in range(0, len(own), _BLOCK):
+                yield own[start : start + _BLOCK]
+
+    def replace(
+        self, rows: IndexArray, values: FloatArray, words: Sequence[tuple[int, Edit]] = ()
+    ) -> FloatArray:
+        """Write other numbers.
+
+        Args:
+            rows: m targets of one file, behind those that were replaced before.
+            values: (m, 7) their numbers; NaN stays.
+            words: further texts in place of characters of these targets, by the index of a target.
+
+        Returns:
+            (m, 7) the numbers as they are written.
+        """
+        source = int(self._targets.source[rows[0]])
+        begin, end = self._done[source], int(self._targets.spans[rows].max())
+        signs = self._signs[source][begin:end]
+        read = self._targets.values[rows, :NUMBERS]
+        row, column = np.nonzero(np.isfinite(values) & (values != read))
+        spans = self._targets.spans[rows[row], column] - begin
+        least = self._digits[self._targets.notation[rows[row]], column]
+        texts, differ = written(signs, spans, values[row, column], read[row, column], least)
+        texts, spans = list(compress(texts, differ)), spans[differ]
+        read[row[differ], column[differ]] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+        edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
+        if self._aligned:
+            edits += [padded(signs, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
+            texts, spans = [], spans[:0]
+        if edits:
+            spans = np.vstack([spans, np.array([edit[:2] for edit in edits], dtype=np.int32)])
+            texts += [edit[2] for edit in edits]
+        order = np.argsort(spans[:, 0], kind="stable")
+        self._pieces[source].append(spliced(signs, spans[order], [texts[i] for i in order.tolist()]))
+        self._done[source] = end
+        return read
+
+    def files(self) -> tuple[bytes, ...]:
+        """Return the bytes of the files."""
+        parts = zip(self._pieces, self._signs, self._done, strict=True)
+        return tuple(b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts)

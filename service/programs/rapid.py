@@ -14,7 +14,7 @@ from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.forms import Forms, instruction_arguments
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import FrameName, Literal, Motion
-from jointstiff.service.programs.reader import Place, Reader, Script, Statement, pose_of, words
+from jointstiff.service.programs.reader import Place, Reader, Script, Statement, pose_of, used_in, words
 from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 from jointstiff.solver.arrays import FloatArray
 
@@ -104,10 +104,11 @@ class _Module(Script):
         elif self.settable(place, shown(name)):
             known[name] = FrameName(f"{known[name].name.partition(' ')[0]} of line {place.line}", found)
 
-    def altered(self, place: Place, name: str) -> None:
-        """Refuse that a part of a tool or a work object changes."""
-        if name in self.tools or name in self.bases or name in self.computed:
-            self.reader.refuse(place.line, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
+    def altered(self, place: Place, names: Iterable[str]) -> None:
+        """Refuse that a part of a tool or a work object changes, or may as a routine is given it."""
+        for name in names:
+            if name in self.tools or name in self.bases or name in self.computed:
+                self.reader.refuse(place.line, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
 
     def move(
         self,
@@ -120,7 +121,8 @@ class _Module(Script):
     ) -> None:
         """Take a move with its work object and tool."""
         for name, known in ((base.upper(), self.bases), (tool.upper(), self.tools)):
-            if name in self.computed or (name not in known and name in self.changed):
+            passed = name in self.parameters
+            if passed or name in self.computed or (name not in known and name in self.changed):
                 self.reader.refuse(
                     place.line,
                     f"{shown(name)} is no fixed frame in numbers, or changes while the program runs",
@@ -186,10 +188,6 @@ def _ended(c: Cursor, statement: Statement) -> Iterable[Statement]:
     return (statement,)
 
 
-def _used(used: Used, **more: object) -> Statement:
-    return Statement(calls=frozenset(used.calls), changes=frozenset(used.passed), **more)  # type: ignore[arg-type]
-
-
 # headers
 
 
@@ -230,7 +228,7 @@ _HEADERS: Final = Forms(
 _FORMS: Final = Forms(
     """
     jump   GOTO w
-    plain  CONNECT w WITH w
+    plain  CONNECT w WITH c
     plain  CONFL|CONFJ|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP a
     plain  WAITTIME|WAITDI|WAITDO|WAITUNTIL|WAITROB|WAITGI|WAITAI a
     plain  SETDO|SETAO|SETGO|SET|RESET|PULSEDO|INVERTDO|TPWRITE|TPERASE|ERRWRITE|ERRLOG a
@@ -320,7 +318,9 @@ def _frame(c: Cursor, kind: str) -> Literal | None:
             c.expect("]")
         if kind == "TOOLDATA":
             c.expect(",")
-            c.expression("]", used=Used())  # the tool's load
+            c.expression("]", used=(used := Used()))  # the tool's load
+            if used.calls:
+                raise c.misread()
         c.expect("]")
     except Misread:
         c.attempt(begin)
@@ -339,10 +339,10 @@ def _declared(c: Cursor) -> Statement:
         if literal is None:
             c.expression(";", used=used)
     if kind in _FRAMES:
-        return _used(used, act=partial(_Module.frame, kind=kind, written=written, pose=literal))
+        return used_in(used, act=partial(_Module.frame, kind=kind, written=written, pose=literal))
     if literal is not None:
         return Statement(gives=(name, literal))
-    return replace(_used(used), changes=frozenset(used.passed | {name}))
+    return replace(used_in(used), changes=frozenset(used.passed | {name}))
 
 
 def _indices(c: Cursor, used: Used) -> bool:
@@ -368,7 +368,7 @@ def _instruction(c: Cursor, name: str) -> Statement:
     if name in _CHANGING:
         first = c.peek().text
         instruction_arguments(c, used)
-        statement = _used(used, act=partial(_Module.altered, name=first))
+        statement = used_in(used, act=partial(_Module.altered, names=(first,)))
         return replace(statement, changes=frozenset(used.passed | {first}))
     for pattern, reason, remedy in _REFUSED:
         if pattern.match(name):
@@ -376,7 +376,8 @@ def _instruction(c: Cursor, name: str) -> Statement:
     begin = c.place
     instruction_arguments(c, used)
     given = {c.peek(i).text for i in range(begin - c.place, 0) if c.peek(i).kind == "word"}
-    return Statement(calls=frozenset(used.calls | {name}), changes=frozenset(used.passed | given))
+    act = partial(_Module.altered, names=sorted(used.passed | given))
+    return Statement(act, calls=frozenset(used.calls | {name}), changes=frozenset(used.passed | given))
 
 
 def _assigned(c: Cursor, name: str) -> Statement:
@@ -389,8 +390,8 @@ def _assigned(c: Cursor, name: str) -> Statement:
     literal = (_frame(c, "TOOLDATA") or _frame(c, "WOBJDATA")) if whole else None
     if literal is None:
         c.expression(";", used=used)
-    act = partial(_Module.set, name=name, pose=literal) if whole else partial(_Module.altered, name=name)
-    return replace(_used(used, act=act), changes=frozenset(used.passed | {name}))
+    act = partial(_Module.set, name=name, pose=literal) if whole else partial(_Module.altered, names=(name,))
+    return replace(used_in(used, act=act), changes=frozenset(used.passed | {name}))
 
 
 def _move(c: Cursor, name: str) -> Statement:
@@ -433,7 +434,7 @@ def _move(c: Cursor, name: str) -> Statement:
         tool=c.written(tool),
         process=process,
     )
-    return Statement(act=act)
+    return Statement(act=act, repeats=not process and all(isinstance(each, Literal) for each in targets))
 
 
 def _options(c: Cursor, options: dict[str, str]) -> None:

@@ -6,6 +6,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +25,7 @@ from jointstiff.service.programs.program import (
     Source,
     Targets,
 )
-from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread
+from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 MAX_TARGETS: Final = 200_000
@@ -73,8 +74,15 @@ class Statement:
     calls: frozenset[str] = _NO_NAMES  # routines that it calls
     defines: str = ""  # the routine that begins here
     depth: int = 0  # 1 where a branch or a loop begins, -1 where one ends
+    turns: bool = False  # whether another branch begins here: ELSE, CASE
     jumps: bool = False  # whether it is a jump, or a place to jump to
     line: int = 0  # lines below the begin of its text
+    repeats: bool = False  # whether it is a move to numbers of its own, and says nothing else
+
+
+def used_in(used: Used, act: Callable[[Any, Place], object] | None = None) -> Statement:
+    """Return a statement that uses names in expressions."""
+    return Statement(act, calls=frozenset(used.calls), changes=frozenset(used.passed))
 
 
 @dataclass(slots=True)
@@ -202,6 +210,31 @@ class Reader:
             self._visits.extend(targets)  # type: ignore[arg-type]
             self.moves.extend((line, _MOTIONS[motion], len(self._visits)))
 
+    def repeat(self, lines: IndexArray, first: IndexArray) -> bool:
+        """Do the last move, which has targets of its own, again at other places.
+
+        Args:
+            lines: (k,) its line, then those of the others.
+            first: (k,) the places of their first numbers.
+
+        Returns:
+            False if there is no room for all of them.
+        """
+        more, end = len(lines) - 1, len(self._visits)
+        targets = end - (self.moves[-4] if len(self.moves) > 3 else 0)
+        if end + more * targets > min(MAX_TARGETS, MAX_VISITS):
+            return False
+        rows = np.tile(np.array(self._targets[-_WIDTH * targets :]).reshape(targets, _WIDTH), (more, 1, 1))
+        rows[:, :, 2] += (first[1:] - first[0])[:, None]
+        rows[:, :, [1, 3]] += (lines[1:] - lines[0])[:, None, None]
+        ends = end + targets * np.arange(1, more + 1)
+        moves = np.stack([lines[1:], np.full(more, self.moves[-2]), ends], axis=1)
+        self._targets.frombytes(rows.tobytes())
+        self.moves.frombytes(moves.tobytes())
+        self._visits.extend(range(len(self._target_names), len(self._target_names) + more * targets))
+        self._target_names += [""] * (more * targets)
+        return True
+
     def program(self) -> Program:
         """Return the program.
 
@@ -223,7 +256,7 @@ class Reader:
         begins = np.cumsum([0, *(len(each.values) for each in self.numerals)])
         read = np.concatenate([*(each.values for each in self.numerals), [np.nan]])
         starts, ends = (
-            np.concatenate([*(getattr(each, name) for each in self.numerals), [-1]])
+            np.concatenate([*(getattr(each, name) for each in self.numerals), np.array([-1], np.int32)])
             for name in ("starts", "ends")
         )
 
@@ -275,6 +308,8 @@ class Script:
     given: dict[str, tuple[Place, Literal]] = field(default_factory=dict)  # names of numbers
     changed: set[str] = field(default_factory=set)  # names that do not keep them
     branched: set[str] = field(default_factory=set)  # names that get them in a branch or a loop
+    inner: list[tuple[int, str]] = field(default_factory=list)  # those of open ones, with their depths
+    left: set[str] = field(default_factory=set)  # those of branches that have ended, or that a jump may skip
     parameters: set[str] = field(default_factory=set)  # of routines
     routines: set[str] = field(default_factory=set)
     jumps: bool = False  # whether the program jumps, or calls its own routines
@@ -330,32 +365,55 @@ class Script:
     def run(self) -> None:
         """Collect what all statements say of names and routines, then carry them out in order."""
         self._collect()
-        for place, statement in self._each():
-            self.depth = max(self.depth + min(statement.depth, 0), 0)
-            self.routine += bool(statement.defines)
-            self.jumped |= statement.jumps
-            for name in sorted(statement.calls):
-                self._called(place.line, name, place.source)
-            if statement.act is not None:
-                statement.act(self, place)
-            self.depth += max(statement.depth, 0)
-
-    def _each(self, but: Collection[int] = ()) -> Iterator[tuple[Place, Statement]]:
-        """Yield all statements and where they stand, but those whose tuples have one of these ids."""
         for part in self._placed:
-            numerals = self.reader.numerals[part.source]
-            places = (each.data for each in (part.lines, part.starts, part.first))
-            rows = zip(*places, part.statements, strict=True)
-            for line, start, first, statements in rows:
-                for statement in () if id(statements) in but else statements:
-                    yield Place(part.source, line + statement.line, start, first, numerals), statement
+            for i, end in part.runs():
+                while i < end:
+                    known = len(self.reader.moves)
+                    for place, statement in self._at(part, i):
+                        self._carry_out(place, statement)
+                    again, i = part.statements[i][0].repeats and len(self.reader.moves) > known, i + 1
+                    if again and self.reader.repeat(part.lines[i - 1 : end], part.first[i - 1 : end]):
+                        break
+
+    def _carry_out(self, place: Place, statement: Statement) -> None:
+        self.depth = max(self.depth + min(statement.depth, 0), 0)
+        self.routine += bool(statement.defines)
+        self.jumped |= statement.jumps
+        while self.inner and self.inner[-1][0] > self.depth - statement.turns:
+            self.left.add(self.inner.pop()[1])
+        if statement.gives is not None and self.jumped:
+            self.left.add(statement.gives[0])
+        elif statement.gives is not None and self.depth:
+            self.inner.append((self.depth, statement.gives[0]))
+        for name in sorted(statement.calls):
+            if name in self.routines:
+                self.moved = True
+            else:
+                self.reader.call(place.line, name, place.source)
+        if statement.act is not None:
+            statement.act(self, place)
+        self.depth += max(statement.depth, 0)
+
+    def _at(self, part: _Placed, i: int) -> Iterator[tuple[Place, Statement]]:
+        """Yield the statements of a place, and where they stand."""
+        line, start, first = int(part.lines[i]), int(part.starts[i]), int(part.first[i])
+        numerals = self.reader.numerals[part.source]
+        for statement in part.statements[i]:
+            yield Place(part.source, line + statement.line, start, first, numerals), statement
 
     def _collect(self) -> None:
         times: Counter[str] = Counter()
         called: Counter[str] = Counter()
         depth = 0
-        different = {id(each): each for part in self._placed for each in part.statements}
-        for place, statement in self._each({i for i, each in different.items() if not any(map(_says, each))}):
+        saying = (
+            said
+            for part in self._placed
+            for begin, end in part.runs()
+            if any(map(_says, part.statements[begin]))
+            for i in range(begin, end)
+            for said in self._at(part, i)
+        )
+        for place, statement in saying:
             depth = max(depth + statement.depth, 0)
             self.changed |= statement.changes
             self.jumps |= statement.jumps
@@ -375,12 +433,6 @@ class Script:
         if self.calls == 1 and last and last[-1].calls & self.routines:
             self.calls = 0  # the last line starts the program
 
-    def _called(self, line: int, name: str, source: int) -> None:
-        if name in self.routines:
-            self.moved = True
-        else:
-            self.reader.call(line, name, source)
-
     def settable(self, place: Place, what: str) -> bool:
         """Refuse a frame that depends on the way that the program takes."""
         again = self.moved or self.routine > 1
@@ -397,9 +449,10 @@ class Script:
     def constant(self, name: str, place: Place) -> tuple[Place, Literal] | None:
         """Return where the numbers of a name stand; None if it has none that it keeps, or none yet."""
         known = None if name in self.changed else self.given.get(name)
-        if known and self.ordered and known[0].source == place.source and known[0].start >= place.start:
-            return None
-        return known
+        if known is None or not self.ordered:
+            return known
+        late = known[0].source == place.source and known[0].start >= place.start
+        return None if late or name in self.left else known
 
     def targeted(
         self, place: Place, motion: Motion, targets: Sequence[Literal | str], frames: Sequence[Frames]
@@ -434,6 +487,15 @@ class _Placed:
     starts: IndexArray  # (k,) first characters
     first: IndexArray  # (k,) places of their first numbers among those of the file
     statements: list[tuple[Statement, ...]]
+
+    def runs(self) -> Iterator[tuple[int, int]]:
+        """Yield first and last + 1 of those that are the same, one after the other."""
+        return runs(np.fromiter(map(id, self.statements), dtype=np.int64, count=len(self.statements)))
+
+
+def runs(numbers: IndexArray) -> Iterator[tuple[int, int]]:
+    """Yield first and last + 1 of equal numbers, one after the other."""
+    return pairwise(np.flatnonzero(np.diff(numbers, prepend=np.nan, append=np.nan)).tolist())
 
 
 def pose_of(place: Place, literal: Literal) -> FloatArray | None:

@@ -11,7 +11,13 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-NUMBER: Final = r"(?<!\w)[+-]?+(?:\d{1,15}+(?:\.\d{0,20}+)?+|\.\d{1,20}+)(?:[eE][+-]?+\d{1,3}+)?+"
+_FRACTION: Final = r"(?:\.\d{0,20}+)?+"
+# Its first character stands before all else, so that the search passes over what begins no number.
+NUMBER: Final = (
+    r"[+\-.\d](?<!\w[+\-.\d])(?:"
+    rf"(?<=\d)\d{{0,14}}+{_FRACTION}|(?<=[+-])(?:\d{{1,15}}+{_FRACTION}|\.\d{{1,20}}+)|(?<=\.)\d{{1,20}}+"
+    r")(?:[eE][+-]?+\d{1,3}+)?+"
+)
 _SEPARATORS: Final = (",", "=", ":=", "\\", ":")
 _ARITHMETIC: Final = ("+", "-", "*", "/")
 _OPENING: Final = {"(": ")", "[": "]", "{": "}"}

@@ -11,7 +11,7 @@ from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
 from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Motion
-from jointstiff.service.programs.reader import Place, Reader
+from jointstiff.service.programs.reader import Place, Reader, runs
 from jointstiff.service.programs.scanner import NUMBER
 
 _ORIENTATIONS: Final = {
@@ -31,6 +31,8 @@ _HEADER: Final = re.compile(
 )
 _UNITS: Final = {"mm": MM, "m": 1.0, "deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
 _LENGTHS: Final = {"mm", "m"}
+_HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut|(?:e|ext)_?\d)\b", re.IGNORECASE)
+"""Names of columns that say which frames a target is in, or where external axes stand."""
 _REMEDY: Final = (
     "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), "
     "or j1 ... j6, with units as in `x [mm]`"
@@ -51,21 +53,38 @@ def read_table(reader: Reader) -> None:
     if columns is None:
         return
     notation, places, width = columns
+    _refuse_changes(reader, rows, delimiter)
     frames = FrameName("base", np.eye(4)) if notation.is_joints else FrameName("part"), FrameName("tool")
     motion = Motion.JOINT if notation.is_joints else Motion.LINEAR
     reader.numerals = [numerals]
-    literals: dict[str, Literal] = {}
-    for i in rows[1:]:
-        shape, start = shapes[i], int(source.starts[i])
-        if shape not in literals:
-            numbers = _numbers(
-                reader, i + 1, source.text[start : source.ends[i]], shape, delimiter, places, width
-            )
-            if numbers is None:
-                continue
-            literals[shape] = Literal(notation, numbers)
-        place = Place(0, i + 1, start, int(first[i]), numerals)
-        reader.move(i + 1, motion, (reader.target("", place, literals[shape], frames, i + 1),))
+    literals: dict[str, Literal | None] = {}
+    of_row = np.array(rows[1:], dtype=np.intp)
+    number = {shape: k for k, shape in enumerate(shapes)}
+    for begin, end in runs(np.array([number[shapes[i]] for i in rows[1:]], dtype=np.intp)):
+        shape = shapes[of_row[begin]]
+        for k, i in enumerate(of_row[begin:end].tolist(), begin):
+            if literals.get(shape) is None:
+                text = source.text[source.starts[i] : source.ends[i]]
+                numbers = _numbers(reader, i + 1, text, shape, delimiter, places, width)
+                literals[shape] = None if numbers is None else Literal(notation, numbers)
+            if (literal := literals[shape]) is not None:
+                place = Place(0, i + 1, int(source.starts[i]), int(first[i]), numerals)
+                reader.move(i + 1, motion, (reader.target("", place, literal, frames, i + 1),))
+                same = of_row[k:end]
+                if reader.repeat(same + 1, first[same]):
+                    break
+
+
+def _refuse_changes(reader: Reader, rows: list[int], delimiter: str) -> None:
+    """Refuse rows whose tool, base or external axes are others than in the first one."""
+    source = reader.sources[0]
+    cells = [source.text[source.starts[i] : source.ends[i]].split(delimiter) for i in rows[:1]]
+    held = [k for k, cell in enumerate(cells[0]) if _HELD.match(cell)]
+    cells = [source.text[source.starts[i] : source.ends[i]].split(delimiter) for i in rows[1:] if held]
+    stated = [[cell.strip() for k in held for cell in row[k : k + 1]] for row in cells]
+    for i, each in zip(rows[1:], stated, strict=False):
+        if each != stated[0]:
+            reader.refuse(i + 1, "tool, base or an external axis changes", "send a table for each of them")
 
 
 def _columns(
@@ -76,18 +95,21 @@ def _columns(
     named = [_HEADER.fullmatch(cell) for cell in cells]
     names = {m[1].lower(): i for i, m in enumerate(named) if m}
     units = {m[1].lower(): (m[2] or "").lower() for m in named if m}
-    for fields, notation in _notations():
-        if all(f in names for f in fields):
-            given = [[units[f] for f in part if units[f]] for part in (fields[:3], fields[3:])]
-            scaled = _scaled(notation, given)
-            if scaled is None:
-                reader.refuse(
-                    line,
-                    "the columns of the targets have no units, different ones, or those of another quantity",
-                    _REMEDY,
-                )
-                return None
+    if len(names) < sum(map(bool, named)):
+        reader.refuse(line, "two columns have the same name", _REMEDY)
+        return None
+    kinds = [(fields, notation) for fields, notation in _notations() if all(f in names for f in fields)]
+    if len({notation.is_joints for _, notation in kinds}) > 1:
+        reader.refuse(line, "the columns are poses and joint angles, which would disagree", "leave one out")
+        return None
+    for fields, notation in kinds[:1]:
+        given = [[units[f] for f in part if units[f]] for part in (fields[:3], fields[3:])]
+        scaled = _scaled(notation, given)
+        if scaled is not None:
             return scaled, [names[f] for f in fields], len(cells)
+        reason = "the columns of the targets have no units, different ones, or those of another quantity"
+        reader.refuse(line, reason, _REMEDY)
+        return None
     reader.refuse(line, f"the header {shown(header)} does not say where the targets are", _REMEDY)
     return None
 

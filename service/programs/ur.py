@@ -115,7 +115,7 @@ class _Script(Script):
         if isinstance(frame, Literal):
             pose = pose_of(place, frame)
             return None if pose is None else FrameName(f"frame of line {place.line}", pose)
-        return self.frames.get(frame) if frame else _WORLD
+        return None if frame in self.left else self.frames.get(frame) if frame else _WORLD
 
     def assigned(self, place: Place, name: str, literal: Literal | None) -> None:
         """Take a pose that a variable gets: a frame, where the program's way does not decide of it."""
@@ -201,24 +201,30 @@ def _statement(c: Cursor) -> Statement:
 
 
 def _routine(c: Cursor, kind: str) -> Statement:
-    name, parameters = c.name(), set()
+    name, parameters, used = c.name(), set(), Used()
     c.expect("(")
     while not c.accept(")"):
         parameters.add(c.name())
         if c.accept("="):
-            c.expression(",", ")", used=Used())
+            c.expression(",", ")", used=used)
         c.accept(",")
     c.expect(":")
     act = None if kind == "def" else _Script.threaded
-    return Statement(act=act, defines=name, changes=frozenset(parameters), depth=int(kind != "def"))
+    return Statement(
+        act=act,
+        calls=frozenset(used.calls),
+        defines=name,
+        changes=frozenset(parameters),
+        depth=int(kind != "def"),
+    )
 
 
 _FORMS: Final = Forms(
     """
     plain  break|continue|pass|halt
     plain  kill|join w
-    plain  elif|case e :
-    plain  else|default :
+    turn   elif|case e :
+    turn   else|default :
     open   if|while|switch e :
     """,
     whole=False,
@@ -293,7 +299,8 @@ def _move(c: Cursor, name: str) -> Statement:
         c.expression(",", ")", used=used)
     c.expect(")")
     act = partial(_Script.move, motion=motion, targets=tuple(targets))
-    return Statement(act=act, calls=frozenset(used.calls))
+    own = all(isinstance(each.numbers, Literal) and isinstance(each.frame, str) for each in targets)
+    return Statement(act=act, calls=frozenset(used.calls), repeats=own and not used.calls)
 
 
 def _target(c: Cursor) -> _Target:

@@ -50,21 +50,36 @@ class ProgramFrames:
         x_axis = None if options.tool_x is None else np.array(options.tool_x)
         return cls(tool, base, x_axis)
 
-    def flange_poses(self, program: Program, indices: IndexArray) -> FloatArray:
-        """Return poses (m, 4, 4) of the flange in R0 [m] by the program's numbers; NaN for joint targets.
+    def flange_poses(
+        self, program: Program, indices: IndexArray, values: FloatArray | None = None
+    ) -> FloatArray:
+        """Return poses (m, 4, 4) of the flange in R0 [m]; NaN for joint targets.
+
+        Args:
+            program: the program.
+            indices: m of its targets.
+            values: (m, 7) their numbers; those of the program if None.
 
         Raises:
             RequestError: a target states no orientation about the tool's axis, and the request does not.
         """
         poses = np.full((len(indices), 4, 4), np.nan)
+        values = program.targets.values[indices] if values is None else values
         for notation, rows in _by_notation(program, indices):
-            numbers = program.numbers(indices[rows])
+            numbers = values[rows, : 3 + notation.count]
             if notation.has_pose:
                 poses[rows] = notation.poses(numbers)
             elif not notation.is_joints:
                 poses[rows] = self._about_axis(notation, numbers)
         wanted: FloatArray = self.base[indices] @ poses @ _inverse(self.tool[indices])
         return wanted
+
+    def places(self, program: Program, indices: IndexArray) -> FloatArray:
+        """Return where targets are (m, 3), in R0 [m]; numbers without meaning for joint targets."""
+        length = np.array([each.length for each in program.targets.notations])
+        place = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
+        base = self.base[indices]
+        return np.asarray((base[:, :3, :3] @ place[..., None])[..., 0] + base[:, :3, 3])
 
     def numbers(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
         """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
@@ -163,6 +178,8 @@ def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName], chose
     poses = np.tile(outer, (len(frames) + 1, 1, 1))
     for place in np.unique(chosen[chosen >= 0]).tolist():
         poses[place] = outer @ given.pose(frames[place])
+    if len(chosen) and (chosen == chosen[0]).all():
+        return np.broadcast_to(poses[chosen[0]], (len(chosen), 4, 4))
     return poses[chosen]
 
 

@@ -162,11 +162,9 @@ def points_sheet(content: bytes) -> Sheet:
         "file": files[source],
         "line": line,
     }
-    columns |= {
-        header: _rounded(column) for header, column in zip(_POSTURE + _LOADED, numbers.T, strict=True)
-    }
+    columns |= dict(zip(_POSTURE + _LOADED, numbers.T, strict=True))
     columns["remark"] = np.array(_REMARKS)[remark]
-    return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=f".{_DIGITS}g")
+    return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
 
 
 _POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
@@ -189,17 +187,6 @@ _LOADED: Final = (
     "share [1]",
 )
 _REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
-_DIGITS: Final = 7
-"""Digits of a number in the table."""
-
-
-def _rounded(values: FloatArray) -> FloatArray:
-    """Return single precision numbers as the decimal ones that they stand for."""
-    sizes = np.abs(values.astype(np.float64))
-    digits = _DIGITS - 1 - np.floor(np.log10(np.where(sizes > 0.0, sizes, 1.0)))
-    scale = 10.0 ** np.clip(np.nan_to_num(digits), 0, 22)
-    rounded: FloatArray = np.round(values * scale) / scale
-    return rounded
 
 
 def _size(vectors: FloatArray) -> FloatArray:

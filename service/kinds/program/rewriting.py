@@ -9,7 +9,7 @@ import numpy as np
 from jointstiff.service.kinds.program.path import ProgramPath
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.program import NUMBERS, Program
+from jointstiff.service.programs.program import NUMBERS, Rewriting
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.compensation import residuals
 from jointstiff.solver.deflection.forward import ForwardModel
@@ -21,25 +21,69 @@ _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
 
 
-def rewritten(path: ProgramPath, robot: Robot, found: Corrections) -> Program:
-    """Return the program with the corrected numbers, read from its text where they stand now.
+def rewritten(
+    path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
+) -> tuple[tuple[bytes, ...], WrittenPoints]:
+    """Write the corrected numbers, and put what was written through the model of the loaded robot.
+
+    Returns:
+        The files, and the points with their certificate.
 
     Raises:
-        ProgramError: a correction leads out of the joints' limits.
+        ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
+    robot, program, frames = model.robot, path.program, path.frames
     _refuse_out_of_limits(path, robot, found)
-    program = path.program
-    rows = np.flatnonzero(found.share > 0.0)
-    points = found.points[rows]
-    targets = path.targets[points]
-    flange = flange_poses(robot, robot.joint_map.model_angles(found.commanded[rows]))
-    values = path.frames.numbers(program, targets, flange)
-    by_joints = program.targets.by_joints[targets]
-    unit = program.targets.angle_unit[targets[by_joints], None]
-    values[by_joints, :6] = found.commanded[rows][by_joints] / unit
-    posed = np.flatnonzero(~by_joints)
-    words = path.stated.edits(targets[posed], path.cases.joints[points[posed]], found.commanded[rows[posed]])
-    return program.rewritten(targets, values, aligned=program.format == "fanuc", words=words)
+    targets, text = path.targets[found.points], Rewriting(program)
+    residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
+    lost: list[int] = []
+    for rows in text.blocks(targets):
+        own, cases = targets[rows], path.cases[found.points[rows]]
+        by_joints, unit = program.targets.by_joints[own], program.targets.angle_unit[own, None]
+        under = Configurations(robot, robot.joint_map.model_angles(found.commanded[rows]))
+        values = frames.numbers(program, own, under.flange_pose)
+        values[by_joints, :6] = (found.commanded[rows] / unit)[by_joints]
+        values[found.share[rows] == 0.0] = np.nan
+        posed = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
+        words = path.stated.edits(own[posed], cases.joints[posed], found.commanded[rows[posed]])
+        numbers = text.replace(own, values, words)
+        before = program.targets.values[own, :NUMBERS]
+        changed[rows] = (np.isfinite(before) & (before != numbers)).any(axis=1)
+        # What the text says now, beside what it said
+        angles = robot.joint_map.model_angles(numbers[:, :6] * unit)
+        posed = np.flatnonzero(~by_joints)
+        poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, before))
+        angles[posed], reached = inverse.polished_from(
+            poses, under if len(posed) == len(own) else Configurations(robot, under.q[posed])
+        )
+        lost += found.points[rows[posed[~reached]]].tolist()
+        wanted = robot.joint_map.model_angles(cases.joints)
+        wanted_poses = np.empty((len(own), 4, 4))
+        wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
+        residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - under.q)
+    if lost:
+        reason, remedy = "the corrected target is not reached", "move the part away from the singularity"
+        raise ProgramError([path.fault(point, reason, remedy) for point in sorted(lost)])
+    points = WrittenPoints(
+        path=path,
+        corrections=found,
+        residual=residual,
+        rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
+        changed=changed,
+        place=_places(path, robot),
+        quantile=quantile,
+    )
+    return text.files(), points
+
+
+def _places(path: ProgramPath, robot: Robot) -> FloatArray:
+    """Return where the tool's centre is wanted (m, 3), in R0 [m]."""
+    places = path.frames.places(path.program, path.targets)
+    by_joints = np.flatnonzero(path.program.targets.by_joints[path.targets])
+    if len(by_joints):
+        goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
+        places[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
+    return places
 
 
 def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -> None:
@@ -51,54 +95,3 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
     faults = [path.fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
     if faults:
         raise ProgramError(faults)
-
-
-def certified(
-    path: ProgramPath,
-    written: Program,
-    found: Corrections,
-    model: ForwardModel,
-    inverse: InverseKinematics,
-    quantile: float,
-) -> WrittenPoints:
-    """Put what was written through inverse kinematics and the model of the loaded robot.
-
-    Raises:
-        ProgramError: a corrected target is not reached.
-    """
-    robot = model.robot
-    targets = path.targets[found.points]
-    commanded = _commanded(path, written, found, inverse)
-    residual = found.residual
-    if len(found.points):
-        residual = residuals(model, path.cases[found.points], commanded)
-    goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints))
-    old, new = (each.targets.values[targets, :NUMBERS] for each in (path.program, written))
-    return WrittenPoints(
-        path=path,
-        corrections=found,
-        residual=residual,
-        rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
-        changed=np.asarray((np.isfinite(old) & (old != new)).any(axis=1)),
-        place=goal.to_base(path.cases.place[:, None])[:, 0],
-        quantile=quantile,
-    )
-
-
-def _commanded(
-    path: ProgramPath, written: Program, found: Corrections, inverse: InverseKinematics
-) -> FloatArray:
-    """Return the controller's angles (k, 6) [rad] to which what was written leads."""
-    joint_map = inverse.robot.joint_map
-    targets = path.targets[found.points]
-    poses = path.frames.flange_poses(written, targets)
-    cartesian = ~written.targets.by_joints[targets]
-    commanded = written.targets.angles(targets)
-    near = joint_map.model_angles(found.commanded[cartesian])
-    angles, reached = inverse.polished(poses[cartesian], near)
-    commanded[cartesian] = joint_map.controller_angles(angles)
-    lost = np.flatnonzero(cartesian)[~reached]
-    if len(lost):
-        reason, remedy = "the corrected target is not reached", "move the part away from the singularity"
-        raise ProgramError([path.fault(int(found.points[row]), reason, remedy) for row in lost])
-    return commanded

@@ -32,7 +32,7 @@ from jointstiff.service.kinds.deflection.work import assessment_of, forward_mode
 from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
-from jointstiff.service.kinds.program.rewriting import certified, rewritten
+from jointstiff.service.kinds.program.rewriting import rewritten
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
@@ -151,16 +151,13 @@ class ProgramWork(SteppedWork[Corrections]):
             ProgramError: a corrected target is not reached.
         """
         found = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
-        path = self._path
-        written = rewritten(path, self._model.robot, found)
         quantile = self._model.quantile(self._request.confidence)
-        points = certified(path, written, found, self._model, self._inverse, quantile)
-        contents = list(written.files)
-        verdict = self._assessment.verdict
+        files, points = rewritten(self._path, found, self._model, self._inverse, quantile)
+        contents, program, verdict = list(files), self._program, self._assessment.verdict
         if (self._request.mark or verdict == "do_not_use") and points.changed.any():
             today = datetime.now(UTC).date()
-            contents[0] = marked(written.format, contents[0], self._run.id, verdict, today)
-        names = [source.name for source in written.sources]
+            contents[0] = marked(program.format, contents[0], self._run.id, verdict, today)
+        names = [source.name for source in program.sources]
         return self._result(points, [packed(n, content) for n, content in zip(names, contents, strict=True)])
 
     def _limits(self) -> CorrectionLimits:

@@ -185,6 +185,24 @@ KRL = [
       for begin, end in (("LOOP", "ENDLOOP"), ("WHILE x", "ENDWHILE"), ("REPEAT", "UNTIL x"), ("IF x THEN", "ENDIF"),
                          ("FOR i=1 TO 2", "ENDFOR"), ("SWITCH x\nCASE 1", "ENDSWITCH"), ("L:", "GOTO L"),
                          ("GOTO L", "L:"))),
+    # another session's review
+    *(f"{begin}\nP9={POINT}\n{end}\nLIN P9"
+      for begin, end in (("IF x THEN", "ENDIF"), ("LOOP", "ENDLOOP"), ("SWITCH x\nCASE 1", "ENDSWITCH"), ("GOTO L", "L:"))),
+    f"IF x THEN\nP9={POINT}\nELSE\nLIN P9\nENDIF",
+    f"SWITCH x\nCASE 1\nP9={POINT}\nCASE 2\nLIN P9\nENDSWITCH",
+    "INTERRUPT ON 7",
+    "INTERRUPT DECL 3 WHEN $IN[2]==FALSE DO $TOOL=TOOL_DATA[2]",
+    "TRIGGER WHEN DISTANCE=1 DELAY=-20 DO $BASE=BASE_DATA[2]",
+    "WHILE $IN[1]\n$BASE=BASE_DATA[2]\nLIN P1\n$BASE=BASE_DATA[1]\nENDWHILE",
+    "SPLINE\nSLIN_REL {Z 5}\nENDSPLINE",
+    "PTP_SPLINE WITH $TOOL=TOOL_DATA[2]\nSPTP P1\nENDSPLINE",
+    "IF LINMOVE(P1) THEN\nENDIF",
+    "N=1+(2*CORRECT(P1))",
+    "$VEL.CP=SPEED(P1)",
+    "FOR i=1 TO 3\nBASE_DATA[1].Z=i*10\nENDFOR",
+    "IF x THEN GOTO M ENDIF",
+    f"REPEAT\nP1={POINT}\nUNTIL TRUE",
+    "$OUT[1]=MOVE(P1)",
     *("\n".join([begin, "$TOOL=TOOL_DATA[2]", end])
       for begin, end in (("LOOP", "ENDLOOP"), ("IF x THEN", "ENDIF"), ("L:", "GOTO L"), ("GOTO L", "L:"))),
 ]  # fmt: skip
@@ -264,6 +282,7 @@ RAPID = [
     "n:=(1;",
     "n:=1 2 x;",
     "CONNECT i1 WITH;",
+    "CONNECT i1 WITH Foo;",
     "VAR num m:=f();",
     "\n".join(["WHILE TRUE DO", f"t1:={TOOL};", "ENDWHILE"]),
     "\n".join(["l:", f"t1:={TOOL};", "GOTO l;"]),
@@ -405,7 +424,83 @@ UR = [
     "x = run foo()",
     "kill",
 ]  # fmt: skip
+WOBJ = '[FALSE,TRUE,"",[[1,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]]'
+UR += [
+    f"if x:\n    p9 = {P}\n  end\n  movel(p9)",
+    f"if x:\n    p9 = {P}\n  else:\n    movel(p9)\n  end",
+    f"if x:\n    ref = {P}\n  end\n  movel(pose_trans(ref, {P}))",
+    f"while True:\n    movel(p9)\n    p9 = {P}\n  end",
+    "def b(x=foo(1)):\n    movel(p1)\n  end",
+    "def b(x=movel(p9)):\n    movel(p1)\n  end",
+    "sec b():\n    movel(p9)\n  end",
+    "thread t():\n    while True:\n      p1[0] = 5\n    end\n  end\n  run t()",
+    "switch x:\n    case 1:\n      set_tcp(p[0,0,1,0,0,0])\n  end",
+    f"movec({P}, pose_trans(p9, {P}))",
+    f"movej(get_inverse_kin({P}, foo()))",
+    "x = y[foo(1)]",
+    "p1[foo(1)] = 2",
+    "x = struct(a=foo())",
+    "sync() movel(p9)",
+    f"set_tcp({P}) movel(p9)",
+    "zero_ftsensor(), servoj(q)",
+]
+FANUC += [
+    "L P[3] 50mm/sec FINE L P[1] 50mm/sec FINE",
+    "L P[3] 50mm/sec FINE ; L P[9] 50mm/sec FINE",
+    *(f"L P[3] 50mm/sec FINE\n    :  {option}" for option in ("INC", "Tool_Offset,PR[1]", "RTCP")),
+    "J P[3] 50% FINE Ind.EV50%",
+    "L P[3] 50mm/sec FINE LOGIC[1]",
+    "C P[3] \n    :  PR[1] 50mm/sec FINE",
+    "A PR[1] 50mm/sec FINE",
+    "S P[R[2]] 50mm/sec FINE",
+    "SELECT R[1]=1,UFRAME_NUM=2",
+    "$UFRAME_NUM=2",
+    "WAIT DI[1]=ON,CALL X",
+    "PR[1]=P[3] ;\n  90:L PR[1] 50mm/sec FINE",
+    "FOR R[1]=1 TO 3 ;\n  90:  PR[1,3]=R[1] ;\n  91:  L P[3] 50mm/sec FINE Offset,PR[1] ;\n  92:  ENDFOR",
+]
+
+
+def other_group(fields, frame=1, group="GP1"):
+    return (
+        f"P[4]{{\n   {group}:\n\tUF : {frame}, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm,\tY = 2.0 mm,\tZ = 3.0 mm,\n"
+        f"\tW = 0.0 deg,\tP = 0.0 deg,\tR = 0.0 deg{fields}\n}};"
+    )
+
+
+WHOLE = [
+    *((rapid(f"sub2 {given};", head=f"PERS wobjdata w1:={WOBJ};", more=f"PROC sub2({parameters})\n{body}\nENDPROC"), "rapid")
+      for given, parameters, body in (
+        ("t9", "PERS tooldata t1", "MoveL p10,v1,z1,t1;"),
+        ("w9", "PERS wobjdata w1", "MoveL p10,v1,z1,t1\\WObj:=w1;"),
+        ("t1", "INOUT tooldata t", "t.tframe.trans.z:=5;"),
+        ("w1", "INOUT wobjdata w", "w.uframe.trans.z:=5;"),
+        ("p20", "INOUT robtarget p", "p.trans.z:=5;"),
+        ("p10", "robtarget p", "MoveL p,v1,z1,t1;"),
+        ("n", "num x", f"t1:={TOOL};"))),
+    *((rapid("CONNECT i1 WITH tr;", head="VAR intnum i1;", more=f"TRAP tr\n{body}\nENDTRAP"), "rapid")
+      for body in (f"t1:={TOOL};", "p20.trans.z:=p20.trans.z+5;", "sub9;")),
+    *((rapid(line), "rapid") for line in (
+        "MoveL p10,v1,z1,t1\\WObj:=w{2};", "MoveL p10,v1,z1,tools{1};", "TriggC p10,p99,v1,g1,z1,t1;", "GripLoad f(1);",
+        "SearchL\\Stop,di1,p10,p20,v1,t1;", "StoreTarget p20;", "WaitUntil moved(p20);", "MoveL p20\\ID:=f(2),v1,z1,t1;",
+        "VAR tooldata t5:=[TRUE,[[0,0,1],[1,0,0,0]],f(1)];", "MoveJ\\Conc,*,v1,z1,t1;", "n:=CalcRobT([1,2,3],t1);")),
+    *((ls("L P[4] 50mm/sec FINE", positions=other_group(*position)), "fanuc") for position in (
+        ("\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1= 5.000 deg",), ("", 2), ("", 1, "GP2"), (",\tE1 = 5.0 mm",))),
+    *((ur("b()", more=f"def b():\n  {body}\nend"), "ur")
+      for body in ("set_tcp(p[0,0,1,0,0,0])", f"global p1\n  p1 = {P}", "p1[2] = 5", "servoj(q)")),
+    *((ur("thread t():\n    b()\n  end\n  run t()", more=f"def b():\n  {body}\nend"), "ur")
+      for body in (f"p1 = {P}", "set_tcp(p[0,0,1,0,0,0])")),
+    *((("a.src", f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nP1={POINT}\n{call}\nLIN P1\nEND\nDEF b()\n{body}\nEND"), "krl")
+      for call, body in (
+        ("b()", "$TOOL=TOOL_DATA[2]"), ("b()", "$BASE=BASE_DATA[2]"), ("b()", "P1.Z=5"),
+        ("INTERRUPT DECL 5 WHEN $IN[1] DO b()\nINTERRUPT ON 5", "$BASE=BASE_DATA[2]"))),
+    *((("a.csv", f"x [mm],y [mm],z [mm],a [deg],b [deg],c [deg],{more}\n1,2,3,0,0,0,{first}\n1,2,4,0,0,0,{second}\n"), "csv")
+      for more, first, second in (
+        ("tool", "1", "2"), ("base", "A", "B"), ("UF", "1", "2"), ("e1 [mm]", "1", "2"), ("x [mm]", "1", "2"),
+        ("j1,j2,j3,j4,j5,j6", "1,2,3,4,5,6", "1,2,3,4,5,6"))),
+]  # fmt: skip
 HOSTILE = [
+    *WHOLE,
     *((krl(line), "krl") for line in KRL),
     *((rapid(line), "rapid") for line in RAPID),
     *((ls(line), "fanuc") for line in FANUC),
