@@ -85,9 +85,11 @@ class Reason(Message):
         description="Which observation, reading or joint; null for all of it. In a pair it begins with the "
         "side."
     )
-    message: str = Field(description="What is wrong, with its figure and unit.")
-    remedy: str = Field(description="What to do about it.")
-    action: Action | None = Field(description="What a program can do about it; null where only people can.")
+    message: str = Field(description="Reason in words, with its figure and unit.")
+    remedy: str = Field(description="Remedy in words.")
+    action: Action | None = Field(
+        description="Remedy that a program can carry out; null where only people can."
+    )
 
 
 class Assessment(Message):
@@ -96,7 +98,8 @@ class Assessment(Message):
     verdict: Verdict = Field(description="The least that the reasons allow; `use` where there are none.")
     reasons: list[Reason] = Field(description="Most severe first.")
     notes: list[str] = Field(
-        default_factory=list, description="What the readings could not show, and what was assumed instead."
+        default_factory=list,
+        description="Notes on what the readings could not show, and on what was assumed instead.",
     )
 
 
@@ -115,7 +118,8 @@ class VerdictSummary(Message):
     """Verdict of a result for listings; null while there is none."""
 
     verdict: Verdict | None = Field(
-        default=None, description="Of the result's assessment; the worst where it has several fits."
+        default=None,
+        description="Verdict of the result's assessment; the worst one where it has several fits.",
     )
 
 

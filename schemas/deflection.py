@@ -37,7 +37,7 @@ Interval3 = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 class LoadCase(Message):
     """One posture under one load."""
 
-    label: Name | None = Field(default=None, description="Of the case; its number if absent.")
+    label: Name | None = Field(default=None, description="Name of the case; its number if absent.")
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="Angles without the load, as the controller shows them, in units.angle."
     )
@@ -47,7 +47,7 @@ class LoadCase(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Where the force acts, flange frame, in units.length; that of all if absent.",
+        description="Point where the force acts, flange frame, in units.length; that of all cases if absent.",
     )
     place: Vector3 | None = Field(
         default=None,
@@ -64,7 +64,7 @@ class LinkMass(Message):
 
     joint: Name
     mass: Annotated[float, Field(strict=True, ge=0.0, le=1e6)] = Field(
-        description="In kg.", json_schema_extra={"unit": "kg"}
+        description="Mass in kg.", json_schema_extra={"unit": "kg"}
     )
     centre: Vector3 = Field(
         description="Centre of mass in the frame that moves with the joint, in units.length."
@@ -76,7 +76,8 @@ class DeflectionOptions(Message):
 
     units: Units
     load_point: Vector3 | None = Field(
-        default=None, description="Where forces act, flange frame, in units.length; a case may give its own."
+        default=None,
+        description="Point where forces act, flange frame, in units.length; a case may give its own.",
     )
     place: Vector3 | None = Field(
         default=None, description="Whose deflection is asked for; the load point if absent. Likewise."
@@ -109,7 +110,7 @@ class ModelErrorInterval(Message):
 
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
-        description="Of the ball about the displacement that is to hold the truth at the confidence: "
+        description="Radius of the ball about the displacement that is to hold the truth at the confidence: "
         "empirical, from postures left out in turn, without a guarantee."
     )
     load_ratio: Dimensionless[float] = Field(
@@ -136,7 +137,7 @@ class DirectionalStiffness(Message):
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
     standard_uncertainty: TranslationalCompliance[float | None] = Field(
-        description="Of that compliance, from the readings alone."
+        description="Standard uncertainty of that compliance, from the readings alone."
     )
 
 
@@ -160,7 +161,7 @@ class CartesianCompliance(Message):
     translation_by_moment: TranslationPerMoment[Square3]
     rotation_by_force: RotationPerForce[Square3]
     rotation_by_moment: Compliance[Square3]
-    symmetric: bool = Field(description="Whether the load has a potential: a dead moment has none.")
+    symmetric: bool = Field(description="True if the load has a potential: a dead moment has none.")
     along: DirectionalStiffness | None = Field(description="Null without a force and a direction.")
     worst: WorstDirection
 
@@ -170,7 +171,7 @@ class DeflectionComponent(Message):
 
     source: BudgetSource
     evaluation: Evaluation
-    included: bool = Field(description="Whether it is part of `readings_only`.")
+    included: bool = Field(description="True if the component is part of `readings_only`.")
     contribution: Metres[float] = Field(description="Contribution to the standard uncertainty.")
 
 
@@ -181,7 +182,9 @@ class DeflectionBudget(Message):
         description="Components of the run's compliances, carried with their correlations; the model "
         "error is the radius of its ball over the coverage factor."
     )
-    standard_uncertainty: Metres[float] = Field(description="Of the included components, combined.")
+    standard_uncertainty: Metres[float] = Field(
+        description="Combined standard uncertainty of the included components."
+    )
     coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
     expanded_uncertainty: Metres[float]
     expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all components.")
@@ -191,7 +194,9 @@ class CaseResult(Message):
     """One case. Where a reason is given, there are no numbers."""
 
     label: Name
-    displacement: Metres[Point | None] = Field(description="Of the place, loaded minus unloaded, axes of R0.")
+    displacement: Metres[Point | None] = Field(
+        description="Displacement of the place, loaded minus unloaded, axes of R0."
+    )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
     readings_only: ReadingsInterval | None = Field(description="Null where no uncertainty is known.")
     with_model_error: ModelErrorInterval | None = Field(
@@ -211,6 +216,6 @@ class DeflectionResult(FromRun):
 
     confidence: Dimensionless[float]
     model_error_postures: int = Field(description="Postures that the bound of the model error rests on.")
-    postures_needed: int = Field(description="As many it takes at this confidence.")
-    remarks: list[str] = Field(description="What holds for all cases: own weight, K_c in the fit.")
+    postures_needed: int = Field(description="Number of postures that this confidence takes.")
+    remarks: list[str] = Field(description="Remarks that apply to all cases: own weight, K_c in the fit.")
     cases: list[CaseResult]

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.common import CommonErrors, common_errors
@@ -123,15 +125,14 @@ def _common_errors(
 
 
 def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:
-    """Largest change of an estimate in units of its standard uncertainty."""
-    if shift is None:
+    """Largest change of an estimate in units of its standard uncertainty, without what is assumed of it."""
+    if shift is None or estimate.covariance is None:
         return None
-    ratios = [
-        abs(float(change)) / joint.standard_uncertainty
-        for change, joint in zip(shift, estimate.joints, strict=True)
-        if joint.compliance is not None and joint.standard_uncertainty
-    ]
-    return max(ratios, default=None)
+    variance = np.diagonal(estimate.covariance)
+    if estimate.common is not None:
+        variance = variance - np.square(estimate.common.of("assumed_load_point")).sum(axis=1)
+    known = estimate.estimated & (variance > 0.0)
+    return float((np.abs(shift[known]) / np.sqrt(variance[known])).max()) if known.any() else None
 
 
 def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:

@@ -240,7 +240,7 @@ class MeasurementSetSummary(SetMetadata):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
-    archived: bool = Field(description="Whether listings leave it out.")
+    archived: bool = Field(description="True if listings leave the set out.")
     content_hash: str = Field(description="SHA-256 of the readings, as in the set.")
     created_at: Timestamp
 
@@ -252,7 +252,7 @@ class StoredMeasurementSet(MeasurementSetHeader):
     id: Identifier
     resolved_frame: ResolvedFrame | None = Field(default=None, description="Meaning of `frame`.")
     warnings: list[QualityWarning]
-    archived: bool = Field(default=False, description="Whether listings leave it out.")
+    archived: bool = Field(default=False, description="True if listings leave the set out.")
     content_hash: str = Field(
         description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
     )

@@ -74,5 +74,5 @@ class SetChange(SetMetadata):
 
     name: Name | None = Field(default=None, description="New name; null, or left out: it stays.")
     archived: bool | None = Field(
-        default=None, description="Whether listings leave it out; null, or left out: as before."
+        default=None, description="True if listings leave the set out; null, or absent: as before."
     )

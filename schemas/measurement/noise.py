@@ -70,13 +70,15 @@ class ForceUncertainty(Message):
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Of the size of forces and moments: 0.01 is one per cent. It goes one to one into every "
+        description="Standard uncertainty of the size of forces and moments: 0.01 is one per cent. It "
+        "goes one to one into every "
         "stiffness.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Of a rotation of all forces and moments about each axis of R0, in rad whatever the "
+        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, "
+        "in rad whatever the "
         "set's unit of angle.",
         examples=[0.002],
     )
@@ -97,12 +99,14 @@ class AxisUncertainty(Message):
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
         default=0.0,
-        description="Of an axis's place in each direction across it, in the set's unit of length.",
+        description="Standard uncertainty of an axis's place in each direction across it, in the set's "
+        "unit of length.",
         examples=[1e-4],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Of an axis's direction about each direction across it, in rad whatever the set's unit "
+        description="Standard uncertainty of an axis's direction about each direction across it, in rad "
+        "whatever the set's unit "
         "of angle.",
         examples=[1e-4],
     )
@@ -141,7 +145,7 @@ class Noise(Message):
     load_point: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of the load point in the flange frame, in the "
-        "set's unit of length; one error for all observations. If absent, the point counts as exact.",
+        "set's unit of length; one error for all observations. If absent, 10 mm are assumed, and said.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(

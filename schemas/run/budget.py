@@ -13,6 +13,7 @@ BudgetSource = Literal[
     "force_scale",
     "force_direction",
     "load_point",
+    "assumed_load_point",
     "target_places",
     "axes",
     "model_error",
@@ -31,7 +32,7 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: bool = Field(
-        description="Whether it is part of the joints' standard uncertainty. Model error is only "
+        description="True if the component is part of the joints' standard uncertainty. Model error is only "
         "where joints alone do not fit, a neglected complementary stiffness never."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(

@@ -29,10 +29,14 @@ class UncertaintyBudget(Message):
 
     readings: Compliance[float] = Field(description="Noise of tracker and encoders.")
     force_scale: Compliance[float] = Field(
-        description="Scale of the force: fully correlated over all joints and observations."
+        default=0.0, description="Scale of the force: fully correlated over all joints and observations."
     )
-    force_direction: Compliance[float] = Field(description="Direction of the force, likewise.")
+    force_direction: Compliance[float] = Field(default=0.0, description="Direction of the force, likewise.")
     load_point: Compliance[float] = Field(default=0.0, description="Place where the load acts, likewise.")
+    assumed_load_point: Compliance[float] = Field(
+        default=0.0,
+        description="Place where the load acts, 10 mm in each direction where nothing is stated.",
+    )
     target_places: Compliance[float] = Field(default=0.0, description="Places of the targets, likewise.")
     axes: Compliance[float] = Field(default=0.0, description="Axes of the robot's model, likewise.")
     model_error: Compliance[float] = Field(
@@ -73,8 +77,8 @@ class JointResult(Message):
     )
     budget: UncertaintyBudget | None = Field(
         default=None,
-        description="Budget of the standard uncertainty; null if `noise` states no uncertainty that all "
-        "observations share. Correlations are in the `budget` of the result.",
+        description="Budget of the standard uncertainty; null if it holds the readings alone. "
+        "Correlations are in the `budget` of the result.",
     )
     reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
 

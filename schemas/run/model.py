@@ -24,11 +24,16 @@ class ModelError(Message):
     """Residuals in postures left out in turn, which calibrate the bound of the model error."""
 
     postures: int = Field(description="Number of postures that were left out in turn.")
-    steps: list[ScoreStep] = Field(description="By ascending score, neighbours merged beyond about 500.")
+    steps: list[ScoreStep] = Field(
+        description="Points by ascending score, neighbours merged beyond about 500."
+    )
     force: Newtons[float] = Field(
         description="Unit of a load's size, the greatest load's being 1; zero if none."
     )
-    moment: Torque[float] = Field(description="Likewise; zero where no moment was measured.")
+    moment: Torque[float] = Field(
+        description="Unit of a load's moment, the greatest moment's being 1; zero where no moment was "
+        "measured."
+    )
     least_load: float = Field(description="Least size of a load. Dimensionless.")
     leverage: Metres[float] = Field(
         description="Greatest standard uncertainty of a target's prediction over the size of its load."
@@ -43,7 +48,7 @@ class ElasticPart(Message):
         description="Place of each entry among the n joints, the upper triangle of their coupling by "
         "columns, and 21 entries a link likewise; entries off a diagonal are times the root of 2."
     )
-    entries: list[float] = Field(description="In SI units: rad/(N.m), m/N, rad/N.")
+    entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
         description="Upper triangular T row by row, T T' the covariance of the entries; empty where sigma is "
         "unknown. Units of the entries."
@@ -55,12 +60,13 @@ class IdentifiedModel(Message):
 
     joints: list[Name] = Field(description="All joints, in the order of the robot.")
     compliance: Compliance[list[float]] = Field(
-        description="Of each joint, as predictions use it; zero where nothing is known."
+        description="Compliance of each joint, as predictions use it; zero where nothing is known."
     )
     seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
-    estimate: Compliance[list[float]] = Field(description="Without constraints.")
+    estimate: Compliance[list[float]] = Field(description="Estimate without constraints.")
     covariance: SquareCompliance[list[list[float]]] = Field(
-        description="Of that estimate, the uncertainty of the force included; empty where sigma is unknown."
+        description="Covariance of that estimate, the uncertainty of the force included; empty where "
+        "sigma is unknown."
     )
     information_root: list[list[float]] | None = Field(
         description="R with R'R the inverse of the covariance on what is determined, in N.m/rad; null where "
@@ -76,6 +82,8 @@ class IdentifiedModel(Message):
         description="All compliances where links or coupling are elastic: the rows and columns above are "
         "then empty, and `seen` names the joints that the readings saw.",
     )
-    degrees_of_freedom: float | None = Field(description="Of sigma; null where it was given.")
+    degrees_of_freedom: float | None = Field(
+        description="Degrees of freedom of sigma; null where it was given."
+    )
     error: ModelError | None = Field(description="Null where no posture could be left out: see `no_error`.")
     no_error: str | None = Field(default=None, description="Reason why no posture could be left out.")

@@ -247,7 +247,8 @@ class RunResult(Result):
     )
     weight: WeightResult | None = Field(
         default=None,
-        description="Of a run with `weight`, whose deflections are from the geometry that does not bend, and "
+        description="Result of a run with `weight`, whose deflections are from the geometry that does "
+        "not bend, and "
         "whose intervals are outer bounds over all masses within theirs; else null.",
     )
     warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
@@ -273,7 +274,7 @@ class RunSummary(ResultSummary):
     method: Method
     weighting: Weighting
     positive: bool
-    elasticity: Elasticity = Field(description="What bends.")
+    elasticity: Elasticity = Field(description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Observations that were left out.")
     variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")
     state: JobState

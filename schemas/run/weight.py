@@ -48,7 +48,7 @@ class Weight(Message):
     )
     estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="Whether the direction of gravity is estimated: of a tracker that is not levelled.",
+        description="True to estimate the direction of gravity, as for a tracker that is not levelled.",
     )
     balancers: Annotated[list[Balancer], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Spring balancers, whose bounds are stated."

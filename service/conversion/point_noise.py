@@ -14,7 +14,12 @@ from jointstiff.schemas.measurement.noise import Matrix3, Noise
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, CommonUncertainty, Measurements
+from jointstiff.solver.readings.measurements import (
+    ASSUMED_LOAD_POINT,
+    ISOTROPIC_DIFFERENCE,
+    CommonUncertainty,
+    Measurements,
+)
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, refuse_no_covariance
 from jointstiff.solver.robot.model import Robot
 
@@ -134,20 +139,21 @@ def to_noise(
     return stated.sigma, stated.covariance
 
 
-def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertainty | None:
-    """Return the uncertainty of what all observations share; None where none is stated.
+def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertainty:
+    """Return the uncertainty of what all observations share; that of the load point is assumed if not stated.
 
     Args:
         noise: of the set.
         length: metres in the set's unit of length.
     """
-    if noise is None or not noise.states_common:
-        return None
+    if noise is None:
+        return CommonUncertainty(load_point=ASSUMED_LOAD_POINT, load_point_assumed=True)
     return CommonUncertainty(
         0.0 if noise.force is None else noise.force.scale,
         0.0 if noise.force is None else noise.force.direction,
-        length * (noise.load_point or 0.0),
+        ASSUMED_LOAD_POINT if noise.load_point is None else length * noise.load_point,
         length * (noise.target_places or 0.0),
         0.0 if noise.axes is None else length * noise.axes.position,
         0.0 if noise.axes is None else noise.axes.direction,
+        noise.load_point is None,
     )

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.assessment import Assessment, assess, gross_mistakes
+from jointstiff.solver.inference.assessment import Assessment, assess, gross_mistake
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
 from jointstiff.solver.inference.screening import Screening
@@ -77,7 +77,7 @@ class PreparedSet:
         """Return whether no gross mistake shows, behind which tests of smaller effects say nothing."""
         if any(finding.severity == "error" for finding in to_findings(self.warnings, self.readings)):
             return False
-        return not gross_mistakes(self.robot, self.measurements, estimate)
+        return gross_mistake(self.robot, self.measurements, estimate) is None
 
     def assess(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from base64 import b64decode, b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from typing import Any, Final
@@ -38,6 +38,7 @@ class RunSubject:
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
     settings: LaboratorySettings  # of the laboratory
     received_on: date | None = None  # when the item was received
+    alarms: Sequence[str] = ()  # of the robot, that nobody has acknowledged
 
     def run_json(self) -> bytes:
         """Return the run as it is attached: a large one without what it says of each observation."""
@@ -60,6 +61,7 @@ class RunSubject:
             "laboratory": None if found is None else found.model_dump(mode="json", exclude_defaults=True),
             "logo": None if logo is None else [logo.kind, b64encode(logo.content).decode()],
             "received_on": None if self.received_on is None else self.received_on.isoformat(),
+            "alarms": list(self.alarms),
         }
 
     def content_hash(self) -> str:
@@ -80,6 +82,7 @@ class RunSubject:
                 None if logo is None else Logo(b64decode(logo[1]), logo[0]),
             ),
             None if received_on is None else date.fromisoformat(received_on),
+            stated["alarms"],
         )
 
 
@@ -100,7 +103,7 @@ def run_document(subject: RunSubject, state: State) -> Document:
             Section(statements.REQUESTED, facts=requested(run.request)),
             adjustment(subject.model),
             traceability(subject.readings, subject.settings.laboratory),
-            assessment(subject.model.result),
+            assessment(subject.model.result, subject.alarms),
             Section(statements.STATED, paragraphs=list(statements.STATEMENTS)),
             _origin(subject),
             Section(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
@@ -177,8 +178,8 @@ def _correlation(budget: Budget) -> str:
     )
 
 
-def assessment(result: RunResult) -> Section:
-    """Return the verdict with its reasons, and the warnings."""
+def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
+    """Return the verdict with its reasons, the alarms of the robot, and the warnings."""
     reasons = [
         f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in result.assessment.reasons
     ]
@@ -192,9 +193,13 @@ def assessment(result: RunResult) -> Section:
     more = len(said) - _MOST_WARNINGS
     return Section(
         statements.ASSESSMENT,
-        facts=[("Verdict on the result", VERDICTS[result.assessment.verdict])],
+        facts=[
+            ("Verdict on the result", VERDICTS[result.assessment.verdict]),
+            *([("The robot is in alarm", "\n".join(alarms))] if alarms else []),
+        ],
         notes=[
             *(said[:_MOST_WARNINGS] or ["Nothing speaks against these numbers."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),
+            *result.assessment.notes,
         ],
     )

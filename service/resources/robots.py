@@ -57,7 +57,7 @@ class Robots:
             name=stored.name,
             created_at=created_at,
             content_hash=stored.content_hash,
-            document=stored.model_dump_json(),
+            document=stored.model_dump_json(exclude={"alarms"}),
         )
         return self._store.robots.add(record, key)
 

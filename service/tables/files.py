@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isfinite, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 """First characters of a text that a spreadsheet takes for a formula."""
 _WIDEST: Final = 40
+_BLOCK: Final = 4096
+"""Rows that are held as text at a time."""
+_SINGLE: Final = 7
+"""Digits of a number in single precision."""
 
 
 def guarded(value: Value) -> Value:
@@ -25,14 +29,23 @@ def guarded(value: Value) -> Value:
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
-def csv_text(sheet: Sheet, line_end: str = "\r\n") -> str:
+def csv_text(sheet: Sheet) -> str:
     """Return a sheet as CSV (RFC 4180); what there is no number for is an empty cell."""
+    return "".join(csv_parts(sheet))
+
+
+def csv_parts(sheet: Sheet) -> Iterator[str]:
+    """Yield the same in parts, so that a large sheet needs little memory."""
+    columns = list(sheet.columns.values())
+    yield _csv_rows([[guarded(header) for header in sheet.columns]])
+    for begin in range(0, len(columns[0]) if columns else 0, _BLOCK):
+        cells = [_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
+        yield _csv_rows(zip(*cells, strict=True))
+
+
+def _csv_rows(rows: Iterable[Sequence[Value]]) -> str:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator=line_end)
-    writer.writerow(guarded(header) for header in sheet.columns)
-    writer.writerows(
-        zip(*(_csv_cells(column, sheet.digits) for column in sheet.columns.values()), strict=True)
-    )
+    csv.writer(text).writerows(rows)
     return text.getvalue()
 
 
@@ -92,7 +105,12 @@ def _csv_cells(column: Any, digits: str) -> Sequence[Value]:  # noqa: ANN401 - a
 
 def _listed(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
     array: np.ndarray[Any, Any] = column
-    return list(column) if isinstance(column, list | tuple) else list(array.tolist())
+    if isinstance(column, list | tuple):
+        return list(column)
+    values: list[Any] = array.tolist()
+    if array.dtype.itemsize == 4 and array.dtype.kind == "f":  # as the decimal numbers that they stand for
+        return [float(f"{value:.{_SINGLE}g}") for value in values]
+    return values
 
 
 def _finite(value: Value) -> Value:

@@ -56,14 +56,16 @@ def verdict_line(assessment: Assessment) -> Line:
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
-    """Return the verdict and its reasons, most severe first."""
+    """Return the verdict, its reasons, most severe first, and what was assumed."""
     reasons = assessment.reasons
     lines: list[Line] = [verdict_line(assessment)]
     for reason in reasons if details else reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
         lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
     hidden = len(reasons) - len(lines) + 1
-    return [*lines, Line(f"  and {hidden} more (--details)", "dim")] if hidden else lines
+    if hidden:
+        lines.append(Line(f"  and {hidden} more (--details)", "dim"))
+    return [*lines, *(Line(f"  {note}", "dim") for note in assessment.notes)]
 
 
 def remedies(assessment: Assessment) -> list[str]:

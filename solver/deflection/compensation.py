@@ -141,27 +141,25 @@ class _Places:
         return np.concatenate([there.place - self.place, turned], axis=1)
 
 
-def residuals(model: ForwardModel, wanted: LoadCases, commanded: FloatArray) -> FloatArray:
+def residuals(
+    model: ForwardModel, wanted: LoadCases, goal: FloatArray, commanded: FloatArray, near: FloatArray
+) -> FloatArray:
     """Return displacement [m] and rotation vector [rad] (m, 6) from the wanted to the loaded place.
 
     Args:
         model: of the loaded robot.
-        wanted: m postures that bring the tool to the wanted places while nothing bends.
-        commanded: (m, n) angles as the controller shows them [rad].
+        wanted: m loads and places.
+        goal: (m, 4, 4) wanted poses of the flange in R0 [m].
+        commanded: (m, n) angles of the model without the loads [rad].
+        near: (m, n) angles near the loaded postures, where the balance is looked for [rad].
 
     Raises:
         RequestError: a load finds no stable balance.
     """
-    robot = model.robot
-    found = np.empty((len(wanted), 6))
-    for block in _blocks(len(wanted)):
-        cases = wanted[block]
-        goal, under = (
-            Configurations(robot, robot.joint_map.model_angles(angles))
-            for angles in (cases.joints, commanded[block])
-        )
-        found[block] = _Places.of(cases, goal).off(model.deflect(cases, under, near=goal))
-    return found
+    under, expected = (Configurations(model.robot, angles) for angles in (commanded, near))
+    axes = goal[:, :3, :3]
+    place = (axes @ wanted.place[..., None])[..., 0] + goal[:, :3, 3]
+    return _Places(place, axes).off(model.deflect(wanted, under, expected))
 
 
 def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:

@@ -104,8 +104,7 @@ class ElasticPredictor(ForwardModel):
         return ElasticDeflection(
             model=self,
             cases=cases,
-            displacement=moved[:, :3],
-            rotation=moved[:, 3:],
+            moved=moved,
             place=still + moved[:, :3],
             axes=rotations(moved[:, 3:]) @ unloaded.flange_rotation,
             places=places,
@@ -151,6 +150,17 @@ class ElasticDeflection(Deflection):
 
     model: ElasticPredictor
     places: ElasticPlaces  #: kinematics and loads of the elements
+    moved: FloatArray  #: (B, 6) displacement of the places [m], rotation vectors of the flange [rad]
+
+    @property
+    def displacement(self) -> FloatArray:
+        """(B, 3) of the places [m]."""
+        return self.moved[:, :3]
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(B, 3) rotation vectors of the flange [rad]."""
+        return self.moved[:, 3:]
 
     @cached_property
     def rows(self) -> FloatArray:

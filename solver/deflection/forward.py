@@ -92,10 +92,18 @@ class Deflection(ABC):
 
     model: ForwardModel  #: model with p compliances
     cases: LoadCases  #: loads and places
-    displacement: FloatArray  #: (B, 3) of the places [m]
-    rotation: FloatArray  #: (B, 3) rotation vectors of the flange [rad]
     place: FloatArray  #: (B, 3) loaded places in R0 [m]
     axes: FloatArray  #: (B, 3, 3) axes of the flange in R0, under load
+
+    @property
+    @abstractmethod
+    def displacement(self) -> FloatArray:
+        """(B, 3) of the places [m]."""
+
+    @property
+    @abstractmethod
+    def rotation(self) -> FloatArray:
+        """(B, 3) rotation vectors of the flange [rad]."""
 
     @property
     @abstractmethod

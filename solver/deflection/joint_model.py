@@ -96,8 +96,8 @@ class JointModel(ForwardModel):
         return JointDeflection(
             model=self,
             cases=cases,
-            displacement=(reached - unloaded.to_base(place))[:, 0] + moved[:, :3],
-            rotation=rotation_vector(axes @ unloaded.flange_rotation.transpose(0, 2, 1)),
+            unloaded=unloaded,
+            moved=moved,
             place=reached[:, 0] + moved[:, :3],
             axes=axes,
             balance=found,
@@ -224,8 +224,21 @@ class JointDeflection(Deflection):
     """Deflections by elastic joints; rows and compliance are of the loaded posture."""
 
     model: JointModel
+    unloaded: Configurations  #: kinematics without the load
+    moved: FloatArray  #: (B, 6) what the last step of the balance adds to places and axes [m, rad]
     balance: Balance  #: balance of springs and loads
     jacobian: FloatArray  #: (B, 6, n) of the places [m/rad, then rad/rad], in the loaded posture
+
+    @cached_property
+    def displacement(self) -> FloatArray:
+        """(B, 3) of the places [m]."""
+        there, here = (at.to_base(self.cases.place[:, None]) for at in (self.balance.loaded, self.unloaded))
+        return np.asarray((there - here)[:, 0] + self.moved[:, :3])
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """(B, 3) rotation vectors of the flange [rad]."""
+        return rotation_vector(self.axes @ self.unloaded.flange_rotation.transpose(0, 2, 1))
 
     @cached_property
     def softened(self) -> FloatArray:

@@ -54,7 +54,8 @@ def parameters_of(
         rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.
         predicted: (L, n) or (L, P) of what is to be predicted; the same as `rows` without a work area.
         names: of the n joints.
-        wanted: joints to be determined; all if None. Others that the loads excite are a nuisance.
+        wanted: joints to be determined; all that the loads excite if None. Others that they excite are a
+            nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
         link_share: root mean square deflection by links, relative to that by joints.
 
@@ -64,7 +65,8 @@ def parameters_of(
     n = len(names)
     size = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
     excited = size > _NOT_EXCITED * size.max()
-    chosen = np.arange(n) if wanted is None else wanted
+    chosen = np.flatnonzero(excited) if wanted is None and excited.any() else wanted
+    chosen = np.arange(n) if chosen is None else chosen
     missing = chosen[~excited[chosen]]
     if len(missing):
         joints = ", ".join(names[j] for j in missing)

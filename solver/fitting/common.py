@@ -19,8 +19,10 @@ from jointstiff.solver.regression.regressor import (
 )
 from jointstiff.solver.robot.model import Robot, displaced_axis
 
-CommonSource = Literal["force_scale", "force_direction", "load_point", "target_places", "axes"]
-"""Source of an error that all observations share."""
+CommonSource = Literal[
+    "force_scale", "force_direction", "load_point", "assumed_load_point", "target_places", "axes"
+]
+"""Source of an error that all observations share; a load point's is assumed where nothing is stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,8 @@ def _torques(
     if uncertainty.load_point:
         for axis in _flange_axes(block):
             moment = np.cross(uncertainty.load_point * axis, part.force)
-            yield "load_point", torque(np.zeros_like(moment), moment)
+            source: CommonSource = "assumed_load_point" if uncertainty.load_point_assumed else "load_point"
+            yield source, torque(np.zeros_like(moment), moment)
 
 
 def _flange_axes(block: RegressorBlock) -> FloatArray:

@@ -12,11 +12,12 @@ from typing import Final
 
 from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.alternatives import LARGEST_RATIO, BetterAlternative, better_alternative
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reading_reasons import (
-    alternative_reasons,
+    alternative_reason,
     finding_reasons,
     load_mistake_reasons,
     load_reasons,
@@ -25,7 +26,7 @@ from jointstiff.solver.inference.reading_reasons import (
 from jointstiff.solver.inference.reason import Reason, Usability
 from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.inference.verdict import JointCompliance
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, Measurements
 from jointstiff.solver.robot.model import Robot
 
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
@@ -79,28 +80,34 @@ def assess(
     Returns:
         The verdict with its reasons.
     """
-    alternatives = gross_mistakes(robot, measurements, estimate)
-    if alternatives:
+    better = gross_mistake(robot, measurements, estimate)
+    if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # Behind a gross error tests of smaller ones say nothing.
-    sound = not alternatives and not any(finding.severity == "error" for finding in findings)
-    if screening is None and sound and prediction.contributions is not None:
+    if any(finding.severity == "error" for finding in findings):
+        screening = None
+    elif screening is None and prediction.contributions is not None:
         screening = screen_estimate(robot, measurements, estimate)
-    screening = screening if sound else None
+    if better is not None:
+        load = None if screening is None else screening.mistake
+        if load is not None and load.proved and load.ratio < LARGEST_RATIO * better.ratio:
+            better = None
+        else:
+            screening = None
     found = chain(
-        alternatives,
+        () if better is None else [alternative_reason(robot, better)],
         () if screening is None else load_mistake_reasons(screening, estimate),
         load_reasons(robot, measurements),
         finding_reasons(measurements, settings, prediction, findings),
         noise_reasons(measurements),
-        fit_reasons(measurements, estimate, prediction, screening, explained=bool(alternatives)),
+        fit_reasons(measurements, estimate, prediction, screening, explained=better is not None),
     )
-    return replace(assessed(estimate.joints, found), notes=tuple(_notes(measurements)))
+    return replace(assessed(estimate.joints, found), notes=tuple(_notes(measurements, estimate)))
 
 
-def gross_mistakes(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Reason, ...]:
-    """Return the mistakes that would explain the readings far better, where noise does not explain them."""
-    return () if within_noise(estimate) else tuple(alternative_reasons(robot, measurements))
+def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) -> BetterAlternative | None:
+    """Return the mistake that would explain the readings far better, where noise does not explain them."""
+    return None if within_noise(estimate) else better_alternative(robot, measurements)
 
 
 def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> Assessment:
@@ -113,7 +120,12 @@ def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> As
     )
 
 
-def _notes(measurements: Measurements) -> Iterator[str]:
+def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
+    if estimate.common is not None and estimate.common.of("assumed_load_point").any():
+        yield (
+            f"Load point: no uncertainty is stated, so ±{1e3 * ASSUMED_LOAD_POINT:g} mm in each direction "
+            "are assumed; state `noise.load_point` to change that."
+        )
     if measurements.in_flange[measurements.present].all():
         yield (
             "No position was read, only deflections: the geometry of robot, frames and targets, and the "

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.solver.finding import MM_AS_M, NOISE_SIGMAS, Finding, FindingCode, length_text
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.alternatives import BetterAlternative, better_alternative, places_on_flange
+from jointstiff.solver.inference.alternatives import BetterAlternative, places_on_flange
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
@@ -27,18 +27,17 @@ MOST_LEFT_OUT: Final = 0.3
 """Largest share of the observations that an action leaves out: beyond it something else is wrong."""
 HARMFUL: Final = 0.05
 """Relative change of a compliance above which a proved mistake in the load forbids its use."""
+COVERED: Final = 2.0
+"""Standard uncertainties by an assumed load point that the intervals hold of one that is elsewhere."""
 _KILO: Final = 1e3
 """Force [N] between those of kN taken for N and of N taken for kN."""
 _PLACES: Final = 60
 
 
-def alternative_reasons(robot: Robot, measurements: Measurements) -> Iterator[Reason]:
+def alternative_reason(robot: Robot, better: BetterAlternative) -> Reason:
     """Report the mistake that would explain the readings far better."""
-    better = better_alternative(robot, measurements)
-    if better is None:
-        return
     what, remedy, action = _undone(robot, better)
-    yield Reason(
+    return Reason(
         "alternative_explains_better",
         "do_not_use",
         None,
@@ -53,7 +52,8 @@ def alternative_reasons(robot: Robot, measurements: Measurements) -> Iterator[Re
 def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[Reason]:
     """Report a load point elsewhere or a constant force beside the load.
 
-    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL`.
+    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL` and, of a
+    load point of which nothing is stated, by more than the intervals hold.
     """
     mistake = screening.mistake
     if mistake is None:
@@ -69,14 +69,19 @@ def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[R
         remedy = "check for a weight that hangs on the flange only while loaded, and for the load cell's zero"
         action = Action("correct_force", correction=(float(x), float(y), float(z)))
     known = estimate.estimated & (estimate.compliance > 0.0) & (mistake.compliance > 0.0)
-    change = np.abs(mistake.compliance[known] / estimate.compliance[known] - 1.0).max(initial=0.0)
+    change = np.abs(mistake.compliance[known] / estimate.compliance[known] - 1.0)
+    harmful = change > HARMFUL
+    if mistake.kind == "load_point" and estimate.common is not None:
+        # What the intervals hold of a load point elsewhere does no harm.
+        held = np.linalg.norm(estimate.common.of("assumed_load_point")[known], axis=1)
+        harmful &= change * estimate.compliance[known] > COVERED * held
     beside = "" if mistake.proved else ", but links may bend beside it"
     yield Reason(
         "alternative_explains_better",
-        "do_not_use" if mistake.proved and change > HARMFUL else "use_with_care",
+        "do_not_use" if mistake.proved and harmful.any() else "use_with_care",
         None,
         f"{what}, the joints explain the readings better than chance allows (F test, "
-        f"p = {mistake.p_value:.1g}){beside}; a compliance changes by {100 * change:.2g} %",
+        f"p = {mistake.p_value:.1g}){beside}; a compliance changes by {100 * change.max(initial=0.0):.2g} %",
         remedy,
         action,
     )

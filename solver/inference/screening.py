@@ -59,6 +59,7 @@ class LoadMistake:
     p_value: float  #: of its F test
     links_p_value: float  #: of the test of links beside it
     compliance: FloatArray  #: (n,) of the joints once it is corrected [rad/(N·m)]
+    ratio: float  #: sum of squared residuals once it is corrected, over that of the load as stated
 
     @property
     def proved(self) -> bool:
@@ -139,12 +140,12 @@ def screen(
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, None)
     columns = _Columns.of(robot, block, compliance, null)
-    mistakes: list[tuple[LoadMistake, float]] = []
+    mistakes: list[LoadMistake] = []
     for kind in _KINDS:
         if columns.p_value(kind) < MISTAKE_LEVEL:
             with suppress(SolverError):  # it leads to loads that no arm balances
                 mistakes.append(_followed(robot, part, null, columns, kind))
-    best = min(mistakes, key=lambda each: each[1], default=(None, 0.0))[0]
+    best = min(mistakes, key=lambda each: each.ratio, default=None)
     return Screening(columns.links_p_value(), best)
 
 
@@ -158,13 +159,14 @@ def _sample(measurements: Measurements) -> Measurements:
 
 def _followed(
     robot: Robot, part: Measurements, null: BoolArray, columns: _Columns, kind: LoadMistakeKind
-) -> tuple[LoadMistake, float]:
-    """Follow a mistake by Gauss-Newton; return it with the residual sum of squares that it leaves.
+) -> LoadMistake:
+    """Follow a mistake by Gauss-Newton.
 
     Raises:
         SolverError: the load that it leads to has no balance.
     """
-    mistake = LoadMistake(kind, np.zeros(3), columns.p_value(kind), 1.0, np.zeros(robot.n))
+    mistake = LoadMistake(kind, np.zeros(3), columns.p_value(kind), 1.0, np.zeros(robot.n), 1.0)
+    as_stated = columns.left()
     for _ in range(_REFITS):
         found, step = columns.step(kind)
         compliance = np.maximum(found, 0.0)
@@ -173,7 +175,9 @@ def _followed(
         columns = _Columns.of(robot, block, compliance, null)
         if np.linalg.norm(step) <= _STEADY * np.linalg.norm(mistake.correction):
             break
-    return replace(mistake, links_p_value=columns.links_p_value(kind)), columns.left(kind)
+    return replace(
+        mistake, links_p_value=columns.links_p_value(kind), ratio=columns.left(kind) / max(as_stated, 1e-300)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,9 +238,10 @@ class _Columns:
         at = len(compliance) + 3 * _KINDS.index(kind)
         return compliance / self.length[: len(compliance)], step / self.length[at : at + 3]
 
-    def left(self, kind: LoadMistakeKind) -> float:
-        """Return the residual sum of squares of joints and a mistake together [m²]."""
-        both = _basis(np.concatenate([self._joint_columns, self._load_columns(kind)], axis=1))
+    def left(self, kind: LoadMistakeKind | None = None) -> float:
+        """Return the residual sum of squares of joints, and of a mistake if given, together [m²]."""
+        load = self.triangle[:, :0] if kind is None else self._load_columns(kind)
+        both = _basis(np.concatenate([self._joint_columns, load], axis=1))
         d = self.triangle[:, -1]
         return float(d @ d - np.square(both.T @ d).sum())
 

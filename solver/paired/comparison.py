@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
+from typing import Final
 
 import numpy as np
 
@@ -44,6 +45,7 @@ from jointstiff.solver.paired.ratio import (
     two_sided_quantile,
 )
 from jointstiff.solver.paired.sides import Matches, PairSide, match, refuse_other_joints
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling.blocks import gram_blocks
 from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
@@ -65,6 +67,10 @@ class JointRatio:
     #: probability of estimates as far apart if the compliance is the same; None likewise
     p_value: float | None = None
     reason: str | None = None  #: why there are no numbers
+
+
+SAME_PLACE: Final = 1e-9
+"""Load points that differ by less are one [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +131,8 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
                 remedy="omit `priors`",
             )
     estimates = [identify(side.robot, side.measurements, side.settings) for side in sides]
-    free = _free(first), _free(second)
+    is_shared = _is_one_hook(first.measurements, second.measurements)
+    free = _free(first, without_hook=is_shared), _free(second, without_hook=is_shared)
     positive = all(bool((side.settings.bounds.lower >= 0).all()) for side in sides)
     together = intervals = None
     if ordered:
@@ -162,10 +169,21 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     )
 
 
-def _free(side: PairSide) -> Estimate:
-    """The estimate without constraints, which is Gaussian."""
-    unconstrained = Bounds.unconstrained(side.robot.n)
-    return identify(side.robot, side.measurements, replace(side.settings, bounds=unconstrained, order=()))
+def _is_one_hook(first: Measurements, second: Measurements) -> bool:
+    """Return whether both campaigns assume an error of one load point: it is the same error, and cancels."""
+    places = np.vstack([first.load_point, second.load_point])
+    assumed = [each.common_uncertainty for each in (first, second)]
+    return all(each is not None and each.load_point_assumed for each in assumed) and bool(
+        np.ptp(places, axis=0).max() < SAME_PLACE
+    )
+
+
+def _free(side: PairSide, *, without_hook: bool) -> Estimate:
+    """The estimate without constraints, which is Gaussian, with the errors that are its campaign's own."""
+    unconstrained, measurements = Bounds.unconstrained(side.robot.n), side.measurements
+    if without_hook and measurements.common_uncertainty is not None:
+        measurements = replace(measurements, common_uncertainty=measurements.common_uncertainty.stated)
+    return identify(side.robot, measurements, replace(side.settings, bounds=unconstrained, order=()))
 
 
 def _together(first: PairSide, second: PairSide, free: _Both) -> OrderedFit:

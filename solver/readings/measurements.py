@@ -6,7 +6,8 @@ that all observations share: of one load cell, one load hook, one set of reflect
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +62,10 @@ class EncoderReadings:
         return sigma / self.sigma
 
 
+ASSUMED_LOAD_POINT: Final = 0.01
+"""Standard uncertainty of each coordinate of a load point of which nothing is stated [m]."""
+
+
 @dataclass(frozen=True)
 class CommonUncertainty:
     """Standard uncertainties, each fully correlated over the observations (method.md §8).
@@ -81,6 +86,12 @@ class CommonUncertainty:
     axis_position: float = 0.0
     #: of each joint axis's direction in the model, about each direction across it [rad]
     axis_direction: float = 0.0
+    load_point_assumed: bool = False  #: whether `load_point` was not stated with the readings
+
+    @property
+    def stated(self) -> CommonUncertainty:
+        """Return what was stated: of campaigns under one hook, an assumed error of its place is the same."""
+        return replace(self, load_point=0.0, load_point_assumed=False) if self.load_point_assumed else self
 
     def __post_init__(self) -> None:
         for where, value in (

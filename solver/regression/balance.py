@@ -15,8 +15,8 @@ from jointstiff.solver.robot.rotations import skew
 
 _STEPS: Final = 20
 """Newton's; three suffice for the loads of machining."""
-_LAST_STEP: Final = 1e-9
-"""Step [rad] that is taken to first order: what it leaves is its square."""
+_LAST_STEP: Final = 1e-8
+"""Step [rad] that is taken to first order: it leaves half of its square, 1e-16 m at an arm's reach."""
 _LARGEST_DEFLECTION: Final = 1.0
 """A balance further away [rad] may be on another branch."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, SolverError
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.regression.balance import balance
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -134,6 +134,10 @@ def _assembled(
     return RegressorBlock(configurations, torque, load_jacobian, points, jacobian, A, part)
 
 
+_ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))
+_ISOTROPIC.setflags(write=False)
+
+
 def whitener(covariance: FloatArray) -> FloatArray:
     """W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
 
@@ -146,6 +150,8 @@ def whitener(covariance: FloatArray) -> FloatArray:
     Raises:
         MeasurementError: if a covariance is not finite, symmetric and positive definite.
     """
+    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets, and asked for many times
+        return _ISOTROPIC
     scale = np.abs(covariance).max()
     if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
         raise _not_a_covariance()

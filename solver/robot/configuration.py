@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
@@ -17,22 +18,15 @@ _BLOCK: Final = 1024
 
 
 class Configurations:
-    """Kinematics of N configurations of one robot, computed by the constructor.
+    """Kinematics of N configurations of one robot, computed once, when they are needed first.
 
     All arrays are read-only.
     """
 
     q: FloatArray  #: (N, n) angles of the model [rad]
-    #: (N, 6, n) spatial Jacobian, axes of R0: the first three rows are the velocity of the point of the
-    #: flange that passes through the origin of R0 [m/rad], the last three the flange's angular velocity
-    #: [rad/rad]
-    jacobian: FloatArray
-    angular_jacobian: FloatArray  #: (N, 3, n) J_ω, its last three rows
-    flange_rotation: FloatArray  #: (N, 3, 3) axes of the flange in R0
-    flange_translation: FloatArray  #: (N, 3) origin of the flange frame in R0 [m]
 
     def __init__(self, robot: Robot, q: FloatArray) -> None:
-        """Compute Jacobians and flange poses.
+        """Check the angles.
 
         Args:
             robot: the robot, n joints.
@@ -47,17 +41,51 @@ class Configurations:
                 f"the joint angles have shape {q.shape} instead of (N, {robot.n}), or are not finite",
                 remedy=f"give {robot.n} angles for each configuration",
             )
-        jacobian, rotation, translation = _forward(robot, q)
-        placement = robot.flange_placement
-        self.flange_translation = translation + rotation @ placement.translation
-        self.flange_rotation = rotation @ placement.rotation
-        self.jacobian, self.q = jacobian, q.view()
-        for array in (self.q, self.jacobian, self.flange_rotation, self.flange_translation):
+        self._robot, self.q = robot, q.view()
+        self.q.setflags(write=False)
+
+    @cached_property
+    def _kinematics(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        jacobian, rotation, translation = _forward(self._robot, self.q)
+        placement = self._robot.flange_placement
+        found = jacobian, rotation @ placement.rotation, translation + rotation @ placement.translation
+        for array in found:
             array.setflags(write=False)
-        self.angular_jacobian = self.jacobian[:, 3:]
+        return found
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """(N, 6, n) spatial Jacobian, axes of R0.
+
+        The first three rows are the velocity of the point of the flange that passes through the origin of R0
+        [m/rad], the last three the flange's angular velocity [rad/rad].
+        """
+        return self._kinematics[0]
+
+    @property
+    def angular_jacobian(self) -> FloatArray:
+        """(N, 3, n) J_ω, the last three rows of the spatial Jacobian."""
+        return self._kinematics[0][:, 3:]
+
+    @property
+    def flange_rotation(self) -> FloatArray:
+        """(N, 3, 3) axes of the flange in R0."""
+        return self._kinematics[1]
+
+    @property
+    def flange_translation(self) -> FloatArray:
+        """(N, 3) origin of the flange frame in R0 [m]."""
+        return self._kinematics[2]
+
+    @property
+    def flange_pose(self) -> FloatArray:
+        """(N, 4, 4) of the flange in R0 [m]."""
+        poses = np.tile(np.eye(4), (len(self), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = self.flange_rotation, self.flange_translation
+        return poses
 
     def __len__(self) -> int:
-        return len(self.jacobian)
+        return len(self.q)
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
         """Return J_v of the flange-fixed points now at the given places (method.md §1).

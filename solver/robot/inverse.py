@@ -194,14 +194,17 @@ class InverseKinematics:
         q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
         for start in range(0, len(poses), _BLOCK):
             block = slice(start, start + _BLOCK)
-            q[block], reached[block] = self._followed(poses[block], near[block])
+            q[block], reached[block] = self.polished_from(
+                poses[block], Configurations(self.robot, near[block])
+            )
         return q, reached
 
-    def _followed(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
-        q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
-        left = np.arange(len(near))
-        for _ in range(_STEPS):
-            here = Configurations(self.robot, q[left])
+    def polished_from(self, poses: FloatArray, here: Configurations) -> tuple[FloatArray, BoolArray]:
+        """Do the same as `polished` where the kinematics of the given angles are known."""
+        q, reached = here.q.copy(), np.zeros(len(here), dtype=np.bool_)
+        left = np.arange(len(here))
+        for step_number in range(_STEPS):
+            here = Configurations(self.robot, q[left]) if step_number else here
             apart = _twist(here, poses[left])
             jacobian = _jacobian(here)
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
@@ -218,10 +221,7 @@ class InverseKinematics:
 
 def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
     """Return poses (m, 4, 4) [m] of the flange in R0 at angles (m, n) of the model [rad]."""
-    here = Configurations(robot, q)
-    poses = np.tile(np.eye(4), (len(q), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = here.flange_rotation, here.flange_translation
-    return poses
+    return Configurations(robot, q).flange_pose
 
 
 def _jacobian(here: Configurations) -> FloatArray:

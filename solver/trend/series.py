@@ -15,8 +15,8 @@ from jointstiff.solver.errors import RequestError
 MOST_RELATIVE: Final = 0.25
 """Largest u(c) / c of a point in a chart: beyond it, ln c is neither normal nor free of bias (u² / 2)."""
 
-_MOST_SHARED: Final = 0.999
-"""Share of an uncertainty that may be the same in all campaigns: readings always have their own."""
+_MOST_SHARED: Final = 0.999999
+"""Largest share of an uncertainty that may be the same in all campaigns: readings always have their own."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,14 @@ def log_stiffness(
             [rad/(N·m)]: no difference between campaigns holds it.
 
     Returns:
-        None for a joint without a number, for a rigid one, and where u(c) / c exceeds `MOST_RELATIVE`: an
-        interval of such a stiffness is open or nearly so.
+        None for a joint without a number, for a rigid one, and where the campaign's own part of u(c) / c
+        exceeds `MOST_RELATIVE`: an interval of such a stiffness is open or nearly so.
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None
-    relative = standard_uncertainty / compliance
-    if not 0 < relative <= MOST_RELATIVE:
-        return None
     own = standard_uncertainty**2 - min(shared, _MOST_SHARED * standard_uncertainty) ** 2
-    return -log(compliance), sqrt(own) / compliance
+    relative = sqrt(own) / compliance
+    return (-log(compliance), relative) if 0 < relative <= MOST_RELATIVE else None
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -29,7 +29,7 @@ METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
 
 
 def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
-    """A campaign document as the numerical core takes it."""
+    """A campaign document as the numerical core takes it; its load point is where it says."""
     campaign = Campaign.model_validate_json(json.dumps(document))
     model = campaign.robot.model
     if isinstance(model, DhModel):
@@ -38,7 +38,9 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
         chain = read_urdf(model.urdf, model.base, model.flange)
     robot = build_robot(chain, campaign.robot.joint_map)
     readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
-    return robot, to_measurements(campaign.measurement_set, readings, robot)
+    measurements = to_measurements(campaign.measurement_set, readings, robot)
+    stated = measurements.common_uncertainty.stated
+    return robot, replace(measurements, common_uncertainty=None if stated == CommonUncertainty() else stated)
 
 
 def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:

@@ -108,17 +108,8 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[messa
     if budget is None or len(included) < 2:
         return [None] * count
     parts = {part.source: part.spread.uncertainty for part in included}
-    absent = np.zeros(count)
     return [
-        messages.UncertaintyBudget(
-            readings=float(parts["readings"][j]),
-            force_scale=float(parts.get("force_scale", absent)[j]),
-            force_direction=float(parts.get("force_direction", absent)[j]),
-            load_point=float(parts.get("load_point", absent)[j]),
-            target_places=float(parts.get("target_places", absent)[j]),
-            axes=float(parts.get("axes", absent)[j]),
-            model_error=float(parts.get("model_error", absent)[j]),
-        )
+        messages.UncertaintyBudget(**{str(source): float(u[j]) for source, u in parts.items()})
         if j in budget.joints
         else None
         for j in range(count)

@@ -211,6 +211,7 @@ _SOURCES = {
     "force_scale": "scale of the force",
     "force_direction": "direction of the force",
     "load_point": "load point",
+    "assumed_load_point": "load point, 10 mm assumed",
     "target_places": "places of the targets",
     "axes": "axes of the robot's model",
     "model_error": "model error",

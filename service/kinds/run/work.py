@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -184,7 +185,9 @@ def run_identification(
     options: RunOptions,
     parts: Sequence[Resamples] = (),
 ) -> RunResult:
-    """Identify, predict, and report, without the model that predicts, which takes a refit a posture.
+    """Identify, predict, and report, without the model that predicts.
+
+    It takes a refit a posture only where joints alone do not fit: their intervals hold what that says.
 
     Args:
         prepared: the readings.
@@ -197,8 +200,14 @@ def run_identification(
         NotObservableError: the readings determine no joint.
         SolverError: optimality could not be certified.
     """
-    settings, estimate = identified(prepared, to_settings(options, prepared.robot))
-    return _reported(prepared, options, settings, estimate, parts)
+    robot, measurements = prepared.robot, prepared.measurements
+    settings, estimate = identified(prepared, to_settings(options, robot))
+    screening, left_out = screen_estimate(robot, measurements, estimate), None
+    if screening.lack_of_fit:
+        model = JointModel.of(robot, estimate, settings.constraints)
+        with suppress(JointstiffError):
+            left_out = leave_postures_out(robot, measurements, settings, estimate, model).left_out
+    return _reported(prepared, options, settings, estimate, parts, left_out, screening)
 
 
 def _reported(

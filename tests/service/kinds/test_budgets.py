@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy import stats
@@ -24,7 +25,9 @@ def test_the_budget_of_a_run_adds_up():
     for joint in identified({"sigma": 2e-5, "force": {"scale": 0.01, "direction": 0.002}}).result.joints:
         budget = joint.budget
         assert budget.force_scale == pytest.approx(0.01 * joint.compliance, rel=1e-6)
+        assert budget.load_point == 0.0 < budget.assumed_load_point
         parts = budget.readings**2 + budget.force_scale**2 + budget.force_direction**2
+        parts += budget.assumed_load_point**2
         assert parts == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
 
 
@@ -76,7 +79,8 @@ def test_where_links_bend_the_intervals_hold_what_other_postures_say():
     held = by_readings = 0
     for joint, other in zip(small.joints, large.joints, strict=True):
         own = joint.budget
-        assert own.readings**2 + own.model_error**2 == pytest.approx(joint.standard_uncertainty**2)
+        parts = own.readings**2 + own.assumed_load_point**2 + own.model_error**2
+        assert parts == pytest.approx(joint.standard_uncertainty**2, rel=1e-6)
         low, high = joint.compliance_interval
         assert low <= max(0.0, joint.compliance - small.budget.coverage_factor * joint.standard_uncertainty)
         assert (joint.stiffness_interval[1] is None) == (joint.status == "uncertain")
@@ -85,7 +89,7 @@ def test_where_links_bend_the_intervals_hold_what_other_postures_say():
     assert held >= 5
     assert by_readings <= 3
     clean = identified({"sigma": 2e-5}).result.budget
-    assert [part.source for part in clean.components if part.included] == ["readings"]
+    assert [part.source for part in clean.components if part.included] == ["readings", "assumed_load_point"]
 
 
 def test_lengths_are_in_the_units_of_the_set():
@@ -122,7 +126,35 @@ def test_it_may_stand_alone():
     run = identified({"force": {"scale": 0.01}})
     assert run.result.goodness.sigma_source == "residuals"
     assert run.result.joints[0].budget.force_direction == 0.0
-    assert identified({"sigma": 2e-5}).result.joints[0].budget is None
+
+
+def test_a_load_point_of_which_nothing_is_stated_is_10_mm_off():
+    """The same numbers as if 10 mm were stated, and said; nothing of it where the point is stated."""
+    assumed, stated = (identified({"sigma": 2e-5} | more).result for more in ({}, {"load_point": 0.01}))
+    (note,) = assumed.assessment.notes
+    assert "±10 mm in each direction are assumed; state `noise.load_point`" in note
+    assert stated.assessment.notes == []
+    for one, other in zip(assumed.joints, stated.joints, strict=True):
+        assert one.compliance_interval == pytest.approx(other.compliance_interval, rel=1e-9)
+        assert one.budget.assumed_load_point == pytest.approx(other.budget.load_point, rel=1e-9)
+        assert one.budget.load_point == other.budget.assumed_load_point == 0.0
+
+
+def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():
+    """In each of twelve directions at random; without the assumption most of joint 6 would miss."""
+    arm, generator = default_arm(), np.random.default_rng(6)
+    inside = by_readings = count = 0
+    for seed in range(12):
+        document = simulate_campaign(arm, configurations=19, load="pull", seed=seed)
+        moved = document["measurement_set"]["load_point"] + 0.01 * generator.standard_normal(3)
+        document["measurement_set"]["load_point"] = moved.tolist()
+        for joint, truth in zip(jointstiff.identify(document).result.joints, arm.compliances, strict=True):
+            low, high = joint.compliance_interval
+            count += 1
+            inside += low <= truth <= high
+            by_readings += abs(joint.compliance - truth) <= 1.96 * joint.budget.readings
+    assert inside >= 0.93 * count
+    assert by_readings < 0.8 * count
 
 
 WRONG = [

@@ -27,6 +27,7 @@ from jointstiff.service.library import in_process
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import RequestError
 
 RESAMPLING = {"size": 8, "repetitions": 300, "seed": 4}
@@ -334,3 +335,15 @@ def test_the_default_methods_are_the_papers_and_the_complete_pose_by_covariance(
 
 def test_a_stored_comparison_reads_back(comparison):
     assert type(comparison).model_validate_json(comparison.model_dump_json()) == comparison
+
+
+def test_where_links_bend_the_entries_have_the_intervals_and_reasons_of_their_runs():
+    document = elastic_campaign(beam_arm(default_arm()), configurations=24, seed=1)
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    (entry,) = in_process.compare(
+        campaign, ComparisonOptions(methods=[{"method": "partial_pose"}], constraints=["positive"])
+    ).result.entries
+    alone = in_process.identify(campaign, RunOptions(elasticity="joints")).result
+    assert "lack_of_fit" in {reason.code for reason in alone.assessment.reasons}
+    assert all(joint.budget.model_error > 0.0 for joint in entry.joints)
+    assert (entry.assessment, entry.joints) == (alone.assessment, alone.joints)

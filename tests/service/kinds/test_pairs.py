@@ -12,6 +12,7 @@ from rich.console import Console
 from support.shared_data import shared
 from typer.testing import CliRunner
 
+import jointstiff
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import Pair, PairRequest
 from jointstiff.schemas.robot import RobotDocument
@@ -310,3 +311,19 @@ def test_shared_pair_in_a_terminal_of_80_columns(memory):
     text = console.export_text()
     assert "(48.08 ± 0.21) %" in text
     assert max(map(len, text.splitlines())) <= 80
+
+
+def test_an_assumed_load_point_is_the_same_on_both_sides():
+    """Each side's intervals hold it, and the ratios are as narrow as with a load point stated as exact."""
+
+    def paired(noise):
+        documents = [simulate_campaign(default_arm(), load="pull", seed=seed) for seed in (1, 2)]
+        for document in documents:
+            document["measurement_set"]["noise"] = {"sigma": 2e-5} | noise
+        return jointstiff.pair(*documents).result
+
+    assumed, exact = paired({}), paired({"load_point": 1e-9})
+    assert "±10 mm" in assumed.assessment.notes[0]
+    for one, other in zip(assumed.joints, exact.joints, strict=True):
+        assert one.ratio_interval == pytest.approx(other.ratio_interval, rel=1e-5)
+        assert one.first.standard_uncertainty > 1.01 * other.first.standard_uncertainty

@@ -202,9 +202,12 @@ class TestFeasibility:
 
 
 class TestRefusals:
-    def test_a_joint_that_no_weight_twists(self, robot):
+    def test_a_joint_that_no_weight_twists_is_left_out_unless_it_is_named(self, robot):
+        every = np.arange(robot.n)
         with pytest.raises(RequestError, match="no candidate load twists joint_1"):
-            plan_campaign(robot, request_of(equipment("dead_weight")))
+            plan_campaign(robot, request_of(equipment("dead_weight"), joints=every))
+        plan = plan_campaign(robot, request_of(equipment("dead_weight")))
+        assert plan.parameters.joints.tolist() == every[1:].tolist()
 
     def test_nothing_is_feasible(self, robot):
         with pytest.raises(RequestError, match="none of 400 readings is feasible: floor_or_box 400"):

@@ -22,6 +22,7 @@ from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.paired.avoided import measured_share
 from jointstiff.solver.paired.comparison import compare_pair
 from jointstiff.solver.paired.sides import PairSide, match, models_differ
+from jointstiff.solver.readings.measurements import CommonUncertainty
 
 MOTOR, SECONDARY = default_arm("motor"), default_arm("secondary")
 T95 = 1.959963984540054
@@ -498,3 +499,26 @@ def test_encoders_of_one_side_make_its_ratios_sharper(method):
     assert (sharp.ordered.second <= sharp.ordered.first).all()
     errors = [np.abs(p.ordered.first / MOTOR.compliances - 1).max() for p in (plain, sharp)]
     assert errors[1] < min(errors[0], 0.02)
+
+
+def test_an_assumed_load_point_cancels_only_if_both_assume_it_of_one_place():
+    """Where one campaign states its own, or another point is loaded, its error is in the ratio."""
+    first, second = simulated()
+
+    def of(one, **common):
+        uncertainty = CommonUncertainty(**common)
+        return replace(one, measurements=replace(one.measurements, common_uncertainty=uncertainty))
+
+    def widths(one, other):
+        return [joint.interval.upper - joint.interval.lower for joint in pair_of(one, other).joints[2:5]]
+
+    assumed = {"load_point": 0.01, "load_point_assumed": True}
+    stated = widths(of(first, load_point=0.01), second)
+    exact = widths(first, second)
+    assert widths(of(first, **assumed), of(second, **assumed)) == pytest.approx(exact)
+    assert widths(of(first, **assumed), second) == pytest.approx(stated)
+    moved = replace(second.measurements, load_point=second.measurements.load_point + 0.1)
+    elsewhere = of(replace(second, measurements=moved), **assumed)
+    own = of(replace(second, measurements=moved), load_point=0.01)
+    assert widths(of(first, **assumed), elsewhere) == pytest.approx(widths(of(first, load_point=0.01), own))
+    assert all(np.array(stated) > 1.05 * np.array(exact))
