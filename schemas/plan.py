@@ -59,7 +59,9 @@ class Cable(Message):
 
     kind: Literal["cable"]
     force: Newtons[Force]
-    anchors: Metres[Annotated[list[Vector3], Field(min_length=1, max_length=8)]] = Field(description="In R0.")
+    anchors: Metres[Annotated[list[Vector3], Field(min_length=1, max_length=8)]] = Field(
+        description="Anchors in R0."
+    )
 
 
 PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable, Field(discriminator="kind")]
@@ -68,7 +70,7 @@ PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable, Field(discriminator="
 class PlannedTracker(Message):
     """A laser tracker at its station, with standard uncertainties along and across its line of sight [m]."""
 
-    station: Metres[Vector3] = Field(description="In R0.")
+    station: Metres[Vector3] = Field(description="Station in R0.")
     range: Uncertainty
     transverse: Uncertainty
 
@@ -82,7 +84,7 @@ class Surroundings(Message):
         default_factory=list, description="Boxes that they stay out of."
     )
     link_radius: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None] = Field(
-        default=None, description="Of the capsules; 4 % of the stretched arm if absent."
+        default=None, description="Radius of the capsules; 4 % of the stretched arm if absent."
     )
     facing: Dimensionless[dict[Name, Vector3]] = Field(
         default_factory=dict, description="Direction in which each reflector looks, flange frame."
@@ -99,7 +101,7 @@ class PlanOptions(AcceptingOptions):
     """Options of a plan."""
 
     readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
-        default=20, description="How many, those for validation included."
+        default=20, description="Number of readings, those for validation included."
     )
     criterion: PlanCriterion | None = Field(
         default=None,
@@ -115,17 +117,20 @@ class PlanOptions(AcceptingOptions):
         default=None, description="Loads that can be applied; with a campaign, its strongest force if absent."
     )
     targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
-        default_factory=dict, description="In the flange frame; those of the campaign if empty."
+        default_factory=dict, description="Targets in the flange frame; those of the campaign if empty."
     )
     load_point: Metres[Vector3 | None] = Field(
-        default=None, description="In the flange frame; that of the campaign, or the origin, if absent."
+        default=None,
+        description="Load point in the flange frame; that of the campaign, or the origin, if absent.",
     )
     sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
         default=None,
         description="Standard uncertainty of one coordinate of one reading; that of the campaign, or "
         "20 µm, if absent.",
     )
-    tracker: PlannedTracker | None = Field(default=None, description="In place of `sigma`.")
+    tracker: PlannedTracker | None = Field(
+        default=None, description="Tracker, whose errors take the place of `sigma`."
+    )
     torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
         default_factory=dict, description="Greatest torque of the load about a joint [N.m]."
     )
@@ -138,11 +143,9 @@ class PlanOptions(AcceptingOptions):
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
-    ] = Field(
-        default_factory=dict, description="What is known of joints beforehand; it counts like readings."
-    )
+    ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list, description="Joints to be determined; all if empty."
+        default_factory=list, description="Joints to be determined; all that the loads twist if empty."
     )
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=5_000, description="Postures drawn within the joints' limits, in whole degrees."
@@ -163,7 +166,8 @@ class PlanOptions(AcceptingOptions):
     )
     elastic_links: bool | None = Field(
         default=None,
-        description="Whether elastic links are a nuisance; if absent, where the campaign shows lack of fit.",
+        description="True to plan for elastic links as a nuisance; if absent, where the campaign shows "
+        "lack of fit.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = 0
 
@@ -171,8 +175,8 @@ class PlanOptions(AcceptingOptions):
 class PlanRequest(PlanOptions):
     """A plan as it is posted: for a robot, or for a campaign to go on with."""
 
-    robot_id: Identifier | None = Field(default=None, description="To begin a campaign.")
-    measurement_set_id: Identifier | None = Field(default=None, description="To go on with a campaign.")
+    robot_id: Identifier | None = Field(default=None, description="Campaign to begin.")
+    measurement_set_id: Identifier | None = Field(default=None, description="Campaign to go on with.")
 
     @model_validator(mode="after")
     def _one_of_them(self) -> PlanRequest:
@@ -186,9 +190,9 @@ class PlannedReading(Message):
 
     label: Name = Field(description="v… of those held out.")
     joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
-    force: Newtons[Point] = Field(description="On the robot, axes of R0.")
-    anchor: int | None = Field(description="Of the cable, counted from 0.")
-    validation: bool = Field(description="Whether it is held out from the fit, to judge the model.")
+    force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
+    anchor: int | None = Field(description="Anchor of the cable, counted from 0.")
+    validation: bool = Field(description="True if the reading is held out from the fit, to judge the model.")
 
 
 class PlannedJoint(Message):
@@ -200,8 +204,12 @@ class PlannedJoint(Message):
         description="Relative to the compliance; null where nobody knows that."
     )
     before: Compliance[float | None] = Field(description="Now; null where it is not determined.")
-    random: Compliance[float | None] = Field(description="By random plans of as many readings.")
-    one_at_a_time: Compliance[float | None] = Field(description="By taking the best next reading each time.")
+    random: Compliance[float | None] = Field(
+        description="Standard uncertainty by random plans of as many readings."
+    )
+    one_at_a_time: Compliance[float | None] = Field(
+        description="Standard uncertainty by taking the best next reading each time."
+    )
 
 
 class PlanResult(Result):
@@ -211,17 +219,26 @@ class PlanResult(Result):
         description="Assessment of the campaign so far, by joints alone; null to begin one."
     )
 
-    readings: list[PlannedReading] = Field(description="In the order of little travel and few load changes.")
+    readings: list[PlannedReading] = Field(
+        description="Readings in the order of little travel and few load changes."
+    )
+    targets: Metres[dict[Name, Point]] = Field(description="Targets to measure, in the flange frame.")
+    load_point: Metres[Point] = Field(description="Load point that was planned with, in the flange frame.")
     joints: list[PlannedJoint]
+    left_out: list[Name] = Field(
+        description="Joints that the plan does not determine: no load twists them, and none were named."
+    )
     criterion: PlanCriterion
-    elastic_links: bool = Field(description="Whether elastic links were a nuisance.")
+    elastic_links: bool = Field(description="True if elastic links were a nuisance.")
     efficiency: Dimensionless[float] = Field(
         description="Certified: the list has at least this share of the information of the best list of "
         "as many readings from these candidates, in all directions of force where they are free."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="The same by other criteria.")
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
-    random_efficiency: Dimensionless[float] = Field(description="Of random plans, relative to this one.")
+    random_efficiency: Dimensionless[float] = Field(
+        description="Efficiency of random plans, relative to this one."
+    )
     one_at_a_time_efficiency: Dimensionless[float] = Field(
         description="The same of the best next reading each time."
     )

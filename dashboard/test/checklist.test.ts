@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import type { JointResult, PlanRequest, PlanResult } from "../src/api/types";
+import type { JointResult, PlanRequest, PlanResult, RunResult } from "../src/api/types";
 import { type Asked, optionsOf, point, readSoFar, surenessOf, targetsOf, toFillIn } from "../src/lib/checklist";
 
 const ASKED: Asked = {
@@ -72,6 +72,13 @@ describe("how sure the joints are", () => {
   it("is enough where it is as promised", () => {
     expect(found(1.05e-9, 1e-7)).toMatchObject({ enough: true, promised: 0.01 });
     expect(found(1.2e-9, 1e-7)).toMatchObject({ enough: false, now: 0.012 });
+  });
+  it("counts the readings' part of a budget alone, as the plan does", () => {
+    const budget = { joints: ["j"], components: [{ source: "readings", contributions: [1.05e-9] }] };
+    const joint = { name: "j", compliance: 1e-7, standard_uncertainty: 5e-9 } as JointResult;
+    expect(surenessOf([promised], [joint], budget as unknown as RunResult["budget"])[0]).toMatchObject({
+      enough: true,
+    });
   });
   it("is not where a joint is not determined, or rigid", () => {
     expect(found(null, null)).toMatchObject({ enough: false, now: null });

@@ -114,11 +114,16 @@ def test_a_campaign_goes_on(visit, stored):
     assert observations[-1]["readings"][0]["loaded"] is None
 
 
-def test_a_refusal_says_what_to_change(visit, stored):
+def test_a_weight_plans_what_it_twists_and_a_refusal_says_what_to_change(visit, stored):
     visited = visit("tablet")
     page = visited.page
     visited.go(f"#/plans?robot={stored.robot}")
+    expect(page.get_by_role("button", name="Plan", exact=True)).to_be_disabled()
     page.get_by_label("Targets:").fill("P1 100 0 50")
     page.get_by_label("Force [N]").fill("900")
+    page.get_by_label("joint_2").uncheck()
     page.get_by_role("button", name="Plan", exact=True).click()
     expect(page.get_by_text("twists joint_1")).to_be_visible()
+    page.get_by_label("joint_2").check()
+    page.get_by_role("button", name="Plan", exact=True).click()
+    expect(page.get_by_text("Not determined, as no load twists them: joint_1, joint_6.")).to_be_visible()

@@ -1,5 +1,5 @@
 /** A plan carried out: what is to be filled in, what has been read, how sure the joints are. */
-import type { JointResult, MeasurementSet, PlanResult, PlanRequest } from "../api/types";
+import type { JointResult, MeasurementSet, PlanResult, PlanRequest, RunResult } from "../api/types";
 import type { Fields } from "./json";
 import { factors } from "./units";
 
@@ -145,10 +145,13 @@ interface Sureness {
 /** An uncertainty up to this much above the promised one is as promised: sigma is an estimate, too. */
 const TOLERANCE = 1.1;
 
-export function surenessOf(promised: Promised[], found: JointResult[]): Sureness[] {
+/** The plan promises what the readings leave, so that of a budget only their part counts. */
+export function surenessOf(promised: Promised[], found: JointResult[], budget: RunResult["budget"] = null): Sureness[] {
+  const readings = budget?.components.find(({ source }) => source === "readings")?.contributions;
   return promised.map((joint) => {
     const own = found.find((each) => each.name === joint.name);
-    const [c, u] = [own?.compliance ?? null, own?.standard_uncertainty ?? null];
+    const part = readings?.[budget?.joints.indexOf(joint.name) ?? -1];
+    const [c, u] = [own?.compliance ?? null, part ?? own?.standard_uncertainty ?? null];
     if (c === null || u === null || c <= 0)
       return { name: joint.name, now: null, promised: joint.relative, enough: false };
     return {

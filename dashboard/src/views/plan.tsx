@@ -114,7 +114,8 @@ function Promise({ result }: { result: PlanResult }) {
       />
       <p class="soft">
         {words.promisedNote}. {words.feasible(result.feasible, result.considered)}
-        {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}
+        {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
+        {result.left_out.length > 0 && words.leftOut(result.left_out)}
       </p>
     </section>
   );

@@ -194,7 +194,7 @@ async function readingsOf(file: File): Promise<Record<string, unknown> | string>
 function HowSure({ found: { run, fitted, held }, result }: { found: Found; result: PlanResult }) {
   if (run.error) return <ProblemNote problem={run.error} />;
   if (!run.result) return <a href={link(["runs", run.id])}>{words.run}</a>;
-  const joints = surenessOf(result.joints, run.result.joints);
+  const joints = surenessOf(result.joints, run.result.joints, run.result.budget);
   const open = joints.filter((joint) => !joint.enough);
   const worst = open.find(({ now }) => now === null) ?? [...open].sort((a, b) => (b.now ?? 0) - (a.now ?? 0))[0];
   const share = (value: number | null) => (value === null ? words.unknown : percent(value));

@@ -1,7 +1,7 @@
 /** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { ActionButton, Name, Show, Title, Toggle } from "../components/basics";
+import { ActionButton, Show, Title, Toggle } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { type Asked, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
@@ -12,7 +12,7 @@ import { go, link } from "../state/router";
 import { storedRobot } from "../state/stored";
 import { text } from "../i18n";
 import { NoRobots } from "./robots";
-import { Earlier } from "./earlier";
+import { JobList } from "./job_list";
 
 const words = text.plan;
 
@@ -42,12 +42,13 @@ export function PlansView({ query }: { query: URLSearchParams }) {
           ) : (
             <>
               <Form names={known} given={given} />
-              <Earlier
+              <JobList
                 collection="plans"
+                title={text.earlier.plans}
                 names={known}
-                title={({ measurement_set_id: set, robot_id: robot }) => (
-                  <Name>{set ? known.set(set) : known.robot(robot)}</Name>
-                )}
+                row={({ measurement_set_id: set, robot_id: robot }) => ({
+                  name: set ? known.set(set) : known.robot(robot),
+                })}
               />
             </>
           )
@@ -63,6 +64,7 @@ function Form({ names, given }: { names: Names; given: string }) {
   const [kind, id = ""] = subject.split(":", 2);
   const change = (part: Partial<Asked>) => setAsked((before) => ({ ...before, ...part }));
   const options = optionsOf(asked);
+  const ready = kind === "set" || Boolean(asked.force.trim() && asked.targets.trim());
   const start = useAction(async () => {
     const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
     const plan = await asking((accepted) =>
@@ -115,7 +117,12 @@ function Form({ names, given }: { names: Names; given: string }) {
         change={(joints) => change({ joints })}
       />
       {typeof options === "string" && <p class="note warn">{words.unread(options)}</p>}
-      <ActionButton look="primary big" action={start} disabled={!id || typeof options === "string"} going={words.going}>
+      <ActionButton
+        look="primary big"
+        action={start}
+        disabled={!id || typeof options === "string" || !ready}
+        going={words.going}
+      >
         {words.go}
       </ActionButton>
     </section>
@@ -125,13 +132,6 @@ function Form({ names, given }: { names: Names; given: string }) {
 function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
   return (
     <>
-      <TextField
-        lines={4}
-        label={words.targets}
-        value={asked.targets}
-        change={(targets) => change({ targets })}
-        placeholder={"P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120"}
-      />
       <Select
         label={words.load}
         value={asked.kind}
@@ -154,6 +154,13 @@ function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Ask
           placeholder="3000 0 0"
         />
       )}
+      <TextField
+        lines={4}
+        label={words.targets}
+        value={asked.targets}
+        change={(targets) => change({ targets })}
+        placeholder={"P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120"}
+      />
       <TextField
         label={words.loadPoint}
         value={asked.loadPoint}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -61,7 +62,7 @@ def to_design_request(
         j = joint_index(robot, name, f"priors.{name}")
         prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
-    names, targets = _targets(request, robot, so_far)
+    names, targets = named_targets(request, robot, so_far)
     wanted = [joint_index(robot, name, "joints") for name in request.joints]
     area = request.work_area
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
@@ -92,9 +93,13 @@ def to_design_request(
 
 
 def to_plan_result(
-    request: PlanRequest, plan: CampaignPlan, robot: Robot, assessment: Assessment | None
+    request: PlanRequest,
+    plan: CampaignPlan,
+    robot: Robot,
+    names: Sequence[str],
+    assessment: Assessment | None,
 ) -> plans.PlanResult:
-    """Return a plan as a message, with the assessment of the campaign so far."""
+    """Return a plan as a message, with the names of its targets and the assessment of the campaign so far."""
     chosen = plan.parameters.joints
     c = plan.parameters.nominal[chosen]
     known = plan.parameters.known[chosen]
@@ -113,6 +118,8 @@ def to_plan_result(
                 zip(plan.joints, plan.force, plan.anchor, plan.validation, strict=True)
             )
         ],
+        targets=dict(zip(names, map(_point, request.equipment.targets), strict=True)),
+        load_point=_point(request.equipment.load_point),
         joints=[
             plans.PlannedJoint(
                 name=robot.joint_names[j],
@@ -123,6 +130,11 @@ def to_plan_result(
                 one_at_a_time=_finite(c[i] * plan.one_at_a_time.uncertainty[i]),
             )
             for i, j in enumerate(chosen.tolist())
+        ],
+        left_out=[
+            name
+            for j, name in enumerate(robot.joint_names)
+            if request.joints is None and j not in plan.parameters.joints
         ],
         criterion=request.criterion,
         elastic_links=request.links,
@@ -139,11 +151,16 @@ def to_plan_result(
     )
 
 
+def _point(place: FloatArray) -> tuple[float, float, float]:
+    x, y, z = place.tolist()
+    return x, y, z
+
+
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _targets(
+def named_targets(
     request: plans.PlanRequest, robot: Robot, so_far: SoFar | None
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and places (T, 3) of the targets, flange frame [m]."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from math import degrees
+from collections.abc import Sequence
+from math import degrees, hypot
 from typing import Final
 
-from jointstiff.schemas.plan import Plan, PlannedReading, PlanResult
-from jointstiff.service.tables.table import Column, Line, Sheet, Table, number, numbers
+from jointstiff.schemas.plan import Cable, Plan, PlannedReading, PlanResult
+from jointstiff.service.tables.table import Column, Line, Sheet, Table, number
 from jointstiff.service.tables.view import Report, View
 
+_DOWN: Final = -0.9999  # along z of R0: a weight
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
     "work_area": "predictions in the work area",
@@ -18,7 +20,7 @@ _CRITERIA = {
 }
 
 
-def report(_job: Plan, result: PlanResult, _view: View) -> Report:
+def report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the promise first, then the list."""
     struck = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
     lines = [
@@ -36,7 +38,10 @@ def report(_job: Plan, result: PlanResult, _view: View) -> Report:
             f"predicted deflection in the work area: ± {1e6 * result.deflection_uncertainty:.2g} µm rms, "
             f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
         )
-    return Report([_joints(result), _readings(result), *map(Line, lines)])
+    if result.left_out:
+        lines.append(f"not determined, as no load twists them: {', '.join(result.left_out)}")
+    readings = _readings(job, result, boxes=view.details)
+    return Report([_joints(result), readings, *map(Line, lines)])
 
 
 def _joints(result: PlanResult) -> Table:
@@ -55,38 +60,74 @@ def _joints(result: PlanResult) -> Table:
     )
 
 
-def _readings(result: PlanResult) -> Table:
+def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
+    """Return a row for each posture; with boxes to tick on paper."""
     readings = result.readings
-    angles = [[*map(degrees, each.joints)] for each in readings]
+    angles = [
+        Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
+        for j, name in enumerate(_axes(result))
+    ]
+    ticks = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
     return Table(
         [
             Column("reading", [each.label for each in readings], text=True),
-            Column("controller's angles", angles, numbers(".0f"), "°"),
-            Column("force", readings, _force, "N"),
+            *angles,
+            Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
+            Column("direction", [_direction(job, each) for each in readings], text=True),
+            *(ticks if boxes else []),
         ],
         title="Readings, in order",
-        caption="v…: held out, to judge the model",
+        caption=f"v…: held out, to judge the model. Targets: {', '.join(result.targets)}. "
+        f"Load point in the flange frame: {_millimetres(result.load_point)} mm",
     )
 
 
-def _force(reading: PlannedReading) -> str:
-    anchor = "" if reading.anchor is None else f"  to anchor {reading.anchor}"
-    return "  ".join(f"{part:.0f}" for part in reading.force) + anchor
+def _axes(result: PlanResult) -> list[str]:
+    """Return the names of the axes; those that are not determined have their number."""
+    known = [joint.name for joint in result.joints]
+    count = len(result.readings[0].joints) if result.readings else 0
+    return known if len(known) == count else [f"axis {j + 1}" for j in range(count)]
+
+
+def _direction(job: Plan, reading: PlannedReading) -> str:
+    """Return where a force pulls, in words where it has some."""
+    if reading.anchor is not None and isinstance(job.request.load, Cable):
+        return f"to anchor {reading.anchor + 1}, {_millimetres(job.request.load.anchors[reading.anchor])} mm"
+    size = hypot(*reading.force)
+    unit = [part / size if size else 0.0 for part in reading.force]
+    if unit[2] < _DOWN:
+        return "down"
+    return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
+
+
+def _millimetres(place: Sequence[float]) -> str:
+    return ", ".join(f"{1e3 * part:.0f}" for part in place)
 
 
 def readings_sheet(plan: Plan) -> Sheet:
-    """Return the list: label, angles in degrees, force in newtons, anchor, held out."""
-    readings = [] if plan.result is None else plan.result.readings
-    names = [f"joint_{j + 1} [deg]" for j in range(len(readings[0].joints) if readings else 0)]
+    """Return the list with empty columns for what is read: filled in, `jointstiff import` takes it."""
+    result = plan.result
+    if result is None:
+        return Sheet({})
+    names = [f"joint_{j + 1} [deg]" for j in range(len(result.readings[0].joints))]
+    places = [f"load point {axis} [mm]" for axis in "xyz"]
+    empty = [
+        f"{target} {state} {axis} [mm]"
+        for target in result.targets
+        for state in ("unloaded", "loaded")
+        for axis in "xyz"
+    ]
     return Sheet.of_rows(
         {
             "label": each.label,
             **{name: round(degrees(angle), 3) for name, angle in zip(names, each.joints, strict=True)},
             **{f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)},
-            "anchor": each.anchor,
+            **{name: round(1e3 * part, 3) for name, part in zip(places, result.load_point, strict=True)},
+            "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.validation),
+            **dict.fromkeys(empty),
         }
-        for each in readings
+        for each in result.readings
     )
 
 

@@ -15,7 +15,7 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
-from jointstiff.service.kinds.plan.design import to_design_request, to_plan_result
+from jointstiff.service.kinds.plan.design import named_targets, to_design_request, to_plan_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.design.campaign_plan import plan_campaign
@@ -98,4 +98,5 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
     asked = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
-    return to_plan_result(asked, plan_campaign(robot, asked), robot, assessment)
+    names, _ = named_targets(request, robot, so_far)
+    return to_plan_result(asked, plan_campaign(robot, asked), robot, names, assessment)

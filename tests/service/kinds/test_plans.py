@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 
 import numpy as np
+import pypdf
 import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
+from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.plan import PLAN
+from jointstiff.service.kinds.plan.tables import readings_sheet
+from jointstiff.service.library.in_process import identify
+from jointstiff.service.reports.job import job_document
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.page import report_page
+from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.resources.imports import import_files
 from jointstiff.service.store.store import Store
+from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
+from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.errors import RequestError
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=6, load="pull", seed=2)
@@ -44,6 +58,66 @@ def robot(parts):
 def plan_of(parts, **options) -> Plan:
     record = parts.jobs["plan"].create(PlanRequest.model_validate(options), None)
     return Plan.model_validate_json(record.document)
+
+
+@pytest.fixture(scope="module")
+def another(parts):
+    return parts.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
+
+
+def test_the_list_is_filled_in_and_dropped_back(parts, another):
+    """A weight and all joints, as the form has it: joint_1 is left out, and the CSV is imported."""
+    load = {"kind": "dead_weight", "force": 900.0}
+    plan = plan_of(parts, robot_id=another, **BEGIN | {"load": load, "readings": 12})
+    assert plan.state == "succeeded", plan.error
+    assert plan.result.left_out == ["joint_1"]
+    rows = list(csv.DictReader(io.StringIO(csv_text(readings_sheet(plan)))))
+    columns = [name for name in rows[0] if "loaded" in name]
+    assert len(columns) == 18
+    assert all(row[name] == "" for row in rows for name in columns)
+    joints = np.radians([[float(row[f"joint_{j} [deg]"]) for j in range(1, 7)] for row in rows])
+    force = np.array([[float(row[f"F{axis} [N]"]) for axis in "xyz"] for row in rows])
+    points = np.broadcast_to(np.array(BEGIN["load_point"]), force.shape)
+    places = np.array(list(TARGETS.values()))
+    exact = np.stack(deflections(default_arm(), joints, force, np.zeros_like(force), points, places))
+    read = exact + 1e-5 * np.random.default_rng(0).standard_normal(exact.shape)
+    for i, row in enumerate(rows):
+        for t, target in enumerate(TARGETS):
+            for state, name in enumerate(("unloaded", "loaded")):
+                for x, axis in enumerate("xyz"):
+                    row[f"{target} {name} {axis} [mm]"] = f"{1e3 * read[state][i, t, x]:.4f}"
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0])
+    writer.writeheader()
+    writer.writerows(rows)
+    file = SourceFile("readings.csv", text.getvalue().encode())
+    answer = import_files([file], ImportRequest(encoders="motor"))
+    assert answer.missing == []
+    campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
+    campaign["measurement_set"] = answer.measurement_set.model_dump(mode="json", exclude_unset=True)
+    run = identify(campaign, elasticity="joints")
+    truth = dict(zip(default_arm().joint_names, default_arm().stiffnesses, strict=True))
+    for joint in run.result.joints[1:]:
+        low, high = joint.stiffness_interval
+        assert 0.9 * low < truth[joint.name] < 1.1 * (high or np.inf)
+
+
+def test_on_paper_each_posture_has_its_row(parts, another):
+    load = {"kind": "cable", "force": 500.0, "anchors": [[3.0, 0.0, 0.0], [0.0, 3.0, 0.5]]}
+    plan = plan_of(parts, robot_id=another, **BEGIN | {"load": load})
+    assert plan.state == "succeeded", plan.error
+    report = job_document(PLAN, plan, plan.model_dump_json(), LaboratorySettings())
+    page = report_page(report).decode()
+    for words in (
+        "joint_1 [°]",
+        "force [N]",
+        "to anchor 1, 3000, 0, 0 mm",
+        "to anchor 2, 0, 3000, 500 mm",
+        "[   ]",
+    ):
+        assert words in page
+    assert all(f">{each.label}<" in page for each in plan.result.readings)
+    assert len(pypdf.PdfReader(io.BytesIO(report_pdf(report))).pages) > 0
 
 
 class TestPlans:
@@ -101,7 +175,11 @@ class TestPlans:
                 "no joint",
             ),
             ({"readings": 1, "targets": {"P1": [0.1, 0.0, 0.0]}}, "readings", "do not determine 6 joints"),
-            ({"load": {"kind": "dead_weight", "force": 900.0}}, "joints", "twists joint_1"),
+            (
+                {"load": {"kind": "dead_weight", "force": 900.0}, "joints": ["joint_1", "joint_2"]},
+                "joints",
+                "twists joint_1",
+            ),
             ({"surroundings": {"floor": 20.0}}, "candidates", "none of 300 readings is feasible"),
             ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "were found"),
             ({"postures": [[0.0, 1.0]]}, "postures[0]", "2 angles"),
