@@ -20,10 +20,12 @@ _ROLE = "`viewer` reads; `operator` also posts and deletes; `admin` also issues 
 class KeyRequest(Message):
     """A key that is asked for."""
 
-    name: Name = Field(description="Who or what holds the key.", examples=["tablet hall 3"])
+    name: Name = Field(
+        description="Holder of the key: a person, a machine or a program.", examples=["tablet hall 3"]
+    )
     role: Role = Field(description=_ROLE)
     expires_at: AwareDatetime | None = Field(
-        default=None, description="When the key ends, with a time zone; null: when it is revoked."
+        default=None, description="Time at which the key ends, with a time zone; null: when it is revoked."
     )
 
     @field_validator("expires_at")
@@ -39,10 +41,10 @@ class Key(Message):
     """A key, without the secret that opens the service."""
 
     id: KeyId
-    name: str = Field(description="Who or what holds the key.")
+    name: str = Field(description="Holder of the key: a person, a machine or a program.")
     role: Role = Field(description=_ROLE)
     source: Literal["database", "file"] = Field(
-        description="Where the key is kept: a key of `--keys-file` is revoked in that file."
+        description="Place where the key is kept: a key of `--keys-file` is revoked in that file."
     )
     created_at: Timestamp
     expires_at: Timestamp | None
@@ -83,14 +85,16 @@ class Session(Message):
     """Who the service takes the caller for."""
 
     access: Access = Field(
-        description="Who is answered. `loopback`: programs of this machine; `keys`: who has a key; `none`: "
+        description="Callers that the service answers. `loopback`: programs of this machine; `keys`: who "
+        "has a key; `none`: "
         "whoever reaches the address."
     )
     key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
     key_name: str | None = Field(description="Name of that key.")
     role: Role | None = Field(description="Role of that key.")
     ends_at: Timestamp | None = Field(
-        description="When a browser has to sign in again at the latest; after 8 h without use before that."
+        description="Latest time at which a browser has to sign in again; after 8 h without use it is "
+        "earlier."
     )
 
 

@@ -29,7 +29,8 @@ class Health(Message):
         description="Size from which on nothing more is added (507); null: any size (`--quota`)."
     )
     access: Access = Field(
-        description="Who is answered. `loopback`: programs of the service's own machine. `keys`: who "
+        description="Callers that the service answers. `loopback`: programs of the service's own "
+        "machine. `keys`: who "
         "has a key. `none`: whoever reaches its address (`--no-access-control`); a proxy before it must "
         "authenticate."
     )

@@ -43,23 +43,29 @@ class MapOptions(AcceptingOptions):
     grid: tuple[_Count, _Count, _Count] = Field(
         description="Places along x, y and z, the faces of the box included; a single one is in the middle."
     )
-    place: Metres[Vector3] = Field(description="Of the tool, flange frame: it is brought to the places.")
-    load_point: Metres[Vector3 | None] = Field(
-        default=None, description="Where the force acts, flange frame; the tool's place if absent."
+    place: Metres[Vector3] = Field(
+        description="Tool position in the flange frame; this point is brought to each place."
     )
-    tool_axis: Dimensionless[Vector3] = Field(default=(0.0, 0.0, 1.0), description="In the flange frame.")
+    load_point: Metres[Vector3 | None] = Field(
+        default=None, description="Point where the force acts, flange frame; the tool's position if absent."
+    )
+    tool_axis: Dimensionless[Vector3] = Field(
+        default=(0.0, 0.0, 1.0), description="Axis of the tool, in the flange frame."
+    )
     directions: Dimensionless[Annotated[list[Vector3], Field(min_length=1, max_length=64)]] = Field(
-        default=[(0.0, 0.0, -1.0)], description="In which the tool's axis may point, axes of R0."
+        default=[(0.0, 0.0, -1.0)], description="Directions in which the tool's axis may point, axes of R0."
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
         description="Angles about the tool's axis, evenly over a full turn. At the first the flange's x "
         "axis, seen along the tool, points along x of R0 (y where x has no part across the tool).",
     )
-    force: Newtons[Vector3] = Field(description="Of the process on the robot.")
-    moment: Torque[Vector3 | None] = Field(default=None, description="Likewise, about the load point.")
+    force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
+    moment: Torque[Vector3 | None] = Field(
+        default=None, description="Moment of the process on the robot, about the load point."
+    )
     axes: Literal["base", "flange"] = Field(
-        default="base", description="In which force, moment and `direction` are given."
+        default="base", description="Frame in which force, moment and `direction` are given."
     )
     direction: Dimensionless[Vector3 | None] = Field(
         default=None, description="Along and across which compliance is asked for; along the force if absent."
@@ -105,16 +111,18 @@ class MapCounts(Message):
 class MapPlace(Message):
     """One place."""
 
-    position: Metres[Point] = Field(description="In R0.")
-    joints: Radians[list[float]] = Field(description="Without the load, controller's angles.")
-    tool_direction: Dimensionless[Point] = Field(description="In which the tool's axis points.")
+    position: Metres[Point] = Field(description="Position in R0.")
+    joints: Radians[list[float]] = Field(
+        description="Joint angles without the load, as the controller shows them."
+    )
+    tool_direction: Dimensionless[Point] = Field(description="Direction in which the tool's axis points.")
     displacement: Metres[Point] = Field(description="Loaded minus unloaded, axes of R0.")
-    deflection: Metres[float] = Field(description="Its length.")
+    deflection: Metres[float] = Field(description="Length of the displacement.")
     readings_only: Metres[tuple[float, float] | None] = Field(
         description="Interval of that length from the readings alone; null where no uncertainty is known."
     )
     with_model_error: Metres[tuple[float, float] | None] = Field(
-        description="With the model error, too; null where there is no bound."
+        description="Interval that includes the model error; null where there is no bound."
     )
     compliance_along: TranslationalCompliance[float | None] = Field(
         description="Along the direction; null where a joint that the readings say nothing of has a part."
@@ -141,11 +149,15 @@ class MapResult(FromRun):
     places: int
     counts: MapCounts
     quantiles: list[MapQuantile] = Field(description="Empty where no place is reached.")
-    worst: MapPlace | None = Field(description="Where the tool bends most; null where no place is reached.")
-    stiffest: MapPlace | None = Field(description="Where it bends least.")
+    worst: MapPlace | None = Field(
+        description="Place where the tool bends most; null where no place is reached."
+    )
+    stiffest: MapPlace | None = Field(
+        description="Place where the tool bends least; null where no place is reached."
+    )
     extrapolated: int = Field(description="Places reached whose load or posture is beyond the campaign's.")
     model_error_postures: int = Field(description="Postures that the bound of the model error rests on.")
-    remarks: list[str] = Field(description="What holds for all places.")
+    remarks: list[str] = Field(description="Remarks that apply to all places.")
 
 
 class MapSummary(VerdictSummary):

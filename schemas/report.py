@@ -24,13 +24,15 @@ class Party(Message):
 class Laboratory(Party):
     """Laboratory that issues reports: its settings, a TOML file."""
 
-    place: Name | None = Field(default=None, description="Where it measured; its address if absent.")
+    place: Name | None = Field(
+        default=None, description="Place of the measurement; the laboratory's address if absent."
+    )
     accreditation: Name | None = Field(
         default=None, description="Accreditation with its number. Reports name none unless it stands here."
     )
     traceability: Notes | None = Field(
         default=None,
-        description="How tracker and force are traceable: certificates, their numbers and dates.",
+        description="Traceability of tracker and force: certificates, their numbers and dates.",
     )
     conditions: Name | None = Field(
         default=None, description="Conditions of the measurement, for sets that state none."

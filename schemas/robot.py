@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from jointstiff.schemas.alarm import OpenAlarm
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -177,9 +178,12 @@ class RobotSummary(Message):
     name: Name
     joints: list[Joint]
     nominal_arm: Name | None = Field(description="Arm of the catalogue, if the model has its figures.")
-    archived: bool = Field(description="Whether listings leave it out.")
+    archived: bool = Field(description="True if listings leave the robot out.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map, as in the robot.")
     created_at: Timestamp
+    alarms: list[OpenAlarm] = Field(
+        default_factory=list, description="Alarms of its trend that last and that nobody has acknowledged."
+    )
 
 
 class Robot(RobotDocument):
@@ -195,9 +199,12 @@ class Robot(RobotDocument):
         default=None,
         description="Arm of the catalogue whose nominal figures the model has, if it was posted as one.",
     )
-    archived: bool = Field(default=False, description="Whether listings leave it out.")
+    archived: bool = Field(default=False, description="True if listings leave the robot out.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
     created_at: Timestamp
+    alarms: list[OpenAlarm] = Field(
+        default_factory=list, description="Alarms of its trend that last and that nobody has acknowledged."
+    )
 
 
 class RobotChange(Message):
@@ -205,7 +212,7 @@ class RobotChange(Message):
 
     name: Name | None = Field(default=None, description="New name; null, or left out: it stays.")
     archived: bool | None = Field(
-        default=None, description="Whether listings leave it out; null, or left out: as before."
+        default=None, description="True if listings leave the robot out; null, or absent: as before."
     )
 
 
@@ -217,7 +224,7 @@ class JointMapPreset(Message):
 
     id: Identifier
     name: Name = Field(examples=["FANUC: J3 from the horizontal"])
-    note: str = Field(description="What the controller shows.")
+    note: str = Field(description="Angles as the controller shows them.")
     joint_map: JointMap
 
 
@@ -235,7 +242,7 @@ class Arm(Message):
         description="Point whose largest distance from axis 1 the reach is, and was compared with; `stated`: "
         "the maker does not say it, and the table was compared with a second publication."
     )
-    sources: list[str] = Field(description="Where the figures stand.")
+    sources: list[str] = Field(description="Source of the figures.")
 
 
 class Catalogue(Message):

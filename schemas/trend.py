@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.alarm import TrendChange
+from jointstiff.schemas.assessment import Assessment, Verdict
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.measurement.metadata import Notes
@@ -26,7 +27,7 @@ class TrendQuery(Message):
     method: Method | None = Field(default=None, description="Method of the runs.")
     weighting: Weighting | None = Field(default=None, description="Weighting of the runs.")
     positive: bool | None = Field(
-        default=None, description="Whether compliances are constrained to be zero or more."
+        default=None, description="True if compliances are constrained to be zero or more."
     )
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
 
@@ -37,7 +38,7 @@ class TrendSelection(Message):
     serial_number: str | None = Field(description="Serial number of the robot; null where sets state none.")
     method: Method
     weighting: Weighting
-    positive: bool = Field(description="Whether compliances are constrained to be zero or more.")
+    positive: bool = Field(description="True if compliances are constrained to be zero or more.")
     encoders: Encoders
     complementary_stiffness: Literal["neglected", "included"]
 
@@ -64,18 +65,7 @@ class TrendBaseline(Message):
     campaigns: int = Field(description="Campaigns of each joint that it takes.")
     reason: str | None = Field(description="Reason for a new baseline; null for the first campaigns.")
     set_by: Requester | None = Field(description="Key that asked for it; null if there was none.")
-    set_at: Timestamp | None = Field(description="When; null for the first campaigns.")
-
-
-class TrendChange(Message):
-    """A change of stiffness with its standard uncertainty."""
-
-    relative: Dimensionless[float] = Field(
-        description="Relative change: -0.1 for a joint that is 10 % softer."
-    )
-    standard_uncertainty: Dimensionless[float] = Field(
-        description="Its standard uncertainty: readings, baseline and scatter between campaigns."
-    )
+    set_at: Timestamp | None = Field(description="Time of the baseline; null for the first campaigns.")
 
 
 class TrendPoint(Message):
@@ -93,7 +83,7 @@ class TrendPoint(Message):
     smoothed: Stiffness[float | None] = Field(description="EWMA after this campaign.")
     lower_limit: Stiffness[float | None] = Field(description="Lower limit of the EWMA.")
     upper_limit: Stiffness[float | None] = Field(description="Upper limit of the EWMA.")
-    exceeded: bool = Field(description="Whether the EWMA is beyond a limit.")
+    exceeded: bool = Field(description="True if the EWMA is beyond a limit.")
     change: TrendChange | None = Field(description="Change of this campaign against the baseline.")
 
 
@@ -147,7 +137,7 @@ class TrendJoint(Message):
         description="State at its latest campaign; `unjudged`: no campaign after a whole baseline yet."
     )
     points: list[TrendPoint] = Field(description="One for each of `campaigns`.")
-    charts: list[TrendChart] = Field(description="Its charts, oldest first.")
+    charts: list[TrendChart] = Field(description="Charts of the joint, oldest first.")
     alarms: list[TrendAlarm] = Field(description="Oldest first.")
     latest: TrendChange | None = Field(description="Change of its latest campaign against the baseline.")
     pair: TrendPair | None = Field(description="Test of two campaigns, where there is no chart.")
@@ -175,14 +165,16 @@ class Trend(Message):
     """Trend of a robot's joints."""
 
     robot_id: Identifier
-    selection: TrendSelection | None = Field(description="What the runs share; null without any run.")
+    selection: TrendSelection | None = Field(description="Options that the runs share; null without any run.")
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
     baselines: list[TrendBaseline] = Field(description="Oldest first; the last one is in force.")
     joints: list[TrendJoint]
     false_alarms: FalseAlarms
     left_out: list[LeftOut] = Field(description="Campaigns that do not enter, with the reason.")
-    note: str | None = Field(description="What the trend cannot say yet, and what is missing for it.")
+    note: str | None = Field(
+        description="Remarks: what the trend cannot say yet, and what is missing for it."
+    )
 
 
 class BaselineRequest(Message):
@@ -200,7 +192,7 @@ class AcknowledgementRequest(Message):
 
     run_id: Identifier = Field(description="`run_id` of the alarm.")
     joint: Name
-    note: Notes = Field(description="What was found or decided.", examples=["belt checked, order 4711"])
+    note: Notes = Field(description="Finding or decision in words.", examples=["belt checked, order 4711"])
 
 
 class FleetRow(Message):
@@ -211,15 +203,18 @@ class FleetRow(Message):
     serial_number: str | None
     state: JointState = Field(description="The worst of its joints.")
     joint: str | None = Field(description="Joint of that state which changed most against its uncertainty.")
-    change: TrendChange | None = Field(description="Its latest change against the baseline, or in the pair.")
+    change: TrendChange | None = Field(description="Latest change against the baseline, or in the pair.")
     alarm: str | None = Field(description="Message of its alarm.")
     measured_at: Timestamp | None = Field(description="Time of the latest campaign; null without any.")
+    verdict: Verdict | None = Field(
+        default=None, description="Verdict on the run of the latest campaign; null without any."
+    )
     campaigns: int = Field(description="Campaigns in its trend.")
-    missing: str | None = Field(description="What its trend cannot say yet.")
+    missing: str | None = Field(description="Remarks: what the trend cannot say yet.")
 
 
 class Fleet(Message):
     """All robots, those in alarm first."""
 
     items: list[FleetRow]
-    is_whole: bool = Field(description="Whether these are all robots: no more than 200 are shown.")
+    is_whole: bool = Field(description="True if these are all robots: no more than 200 are shown.")

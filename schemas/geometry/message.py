@@ -99,7 +99,7 @@ class BaseRule(Message):
     )
     height: Quantity = Field(
         default=0.0,
-        description="For `axes`: height of that perpendicular above R0, in units.length.",
+        description="Height, for `axes`, of that perpendicular above R0, in units.length.",
     )
 
 
@@ -180,7 +180,10 @@ class GeometryRequest(Message):
         default=None,
         description="Definition of the frame; default: the nominal model, or the axes without one.",
     )
-    flange: FlangeRule | None = Field(default=None, description="Likewise.")
+    flange: FlangeRule | None = Field(
+        default=None,
+        description="Definition of the flange; default: the nominal model, or the axes without one.",
+    )
     base_targets: BaseTargetReadings | None = None
 
     @model_validator(mode="after")

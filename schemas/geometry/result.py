@@ -156,7 +156,7 @@ class WristCentre(Message):
 
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]
-    base: Metres[Point] = Field(description="In R0.")
+    base: Metres[Point] = Field(description="Point in R0.")
     base_covariance: SquareMetres[Square3] = Field(description="Covariance, including the uncertainty of R0.")
 
 
@@ -289,7 +289,7 @@ class GeometryFinding(Message):
 class GeometryResult(Result):
     """The robot as it was found."""
 
-    assessment: Assessment = Field(description="By the findings; notes are no reasons.")
+    assessment: Assessment = Field(description="Verdict from the findings; notes are no reasons.")
     axes: list[IdentifiedAxis]
     sweeps: list[SweepEvidence] = Field(description="Sweeps; empty for poses.")
     fit: Literal["one_by_one", "together"] | None = Field(

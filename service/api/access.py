@@ -101,7 +101,7 @@ class Asked:
             return
         if self.is_open:
             raise RoleError(
-                "keys and the audit are for admins, and this service knows nobody, as it demands no keys",
+                "keys, webhooks and the audit are for admins, and this service demands no keys",
                 "use `jointstiff keys` at the terminal, or start the service with --require-key",
             )
         if self.key is None:

@@ -61,6 +61,7 @@ class Jobs:
         # return the work of a stored job, for those who carry it out
         self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._work)
         self._records = resources.store.jobs(kind.resource)
+        self._webhooks = resources.store.webhooks
         self._inputs = Stored(resources)
         self._enqueue = enqueue
 
@@ -86,7 +87,8 @@ class Jobs:
         job = new_job(self.kind.message, request, work, requested_by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
-            return self._records.add(record_of(self.kind, carry_out(job, work), work.robot_id), key)
+            done = record_of(self.kind, carry_out(job, work), work.robot_id)
+            return self._records.add(done, key, lambda connection: self._tell(connection, job.id))
         if len(self.log.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
         return self._records.add(
@@ -270,4 +272,9 @@ class Jobs:
             }
             return self._changes(job.model_copy(update={**changes, **always}), before.robot_id)
 
-        self.log.end(job_id, state, final)
+        self.log.end(job_id, state, final, lambda connection: self._tell(connection, job_id))
+
+    def _tell(self, connection: Connection, job_id: str) -> None:
+        """Leave the end of a run to those who tell webhooks of it, in the transaction that writes it."""
+        if self.kind.name == "run":
+            self._webhooks.run_ended(connection, job_id, datetime.now(UTC))

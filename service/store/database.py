@@ -27,8 +27,9 @@ _DIALECTS: dict[str, Dialect] = {
     "postgresql+psycopg": "postgresql",
 }
 BUSY_SECONDS = 20.0
-"""Time that a statement waits for other writers of SQLite [s]."""
-"""Time that a statement waits for other writers of SQLite [s]."""
+"""Time that a transaction waits for other writers of SQLite [s]."""
+LOCKED_SECONDS = 1.0
+"""Time that it waits after one that waited in vain, until one gets its turn [s]."""
 _CONNECTIONS = 16
 
 
@@ -48,6 +49,7 @@ class Database:
         # SQLite has one writer at a time, and those who wait for it poll: threads queue here,
         # which halves the time and takes the long waits away.
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
+        self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
 
     @classmethod
     def open(cls, url: str) -> Database:
@@ -90,17 +92,25 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Connection]:
         """One transaction: committed at the end of the block, rolled back if it raises."""
-        with self._errors_translated(), self._turn(), self._writer.begin() as connection:
-            yield connection
-
-    @contextmanager
-    def _turn(self) -> Iterator[None]:
-        if not self._turns.acquire(timeout=BUSY_SECONDS):
-            raise PoolTimeoutError(f"the database has been locked by other writers for {BUSY_SECONDS:.0f} s")
-        try:
-            yield
-        finally:
-            self._turns.release()
+        patience = LOCKED_SECONDS if self._is_locked else BUSY_SECONDS
+        deadline = time.monotonic() + patience
+        with self._errors_translated():
+            if not self._turns.acquire(timeout=patience):
+                self._is_locked = True
+                raise PoolTimeoutError(f"the database has been locked by other writers for {patience:.0f} s")
+            try:
+                left = max(0.0, deadline - time.monotonic())
+                with self._writer.connect().execution_options(busy_seconds=left) as connection:
+                    try:
+                        transaction = connection.begin()
+                    except OperationalError as error:
+                        self._is_locked = _code(error) == sqlite3.SQLITE_BUSY
+                        raise
+                    self._is_locked = False
+                    with transaction:
+                        yield connection
+            finally:
+                self._turns.release()
 
     @contextmanager
     def _errors_translated(self) -> Iterator[None]:
@@ -111,6 +121,8 @@ class Database:
             raise
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
+            if _code(error) == sqlite3.SQLITE_READONLY:  # connections stay so for ever
+                self._reader.dispose()
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
             raise StoreUnavailableError(
                 f"the {self.dialect} database failed ({lines[0][:200]})",
@@ -171,6 +183,7 @@ def _sqlite_engines(url: URL) -> tuple[Engine, Engine]:
     in_memory = _is_in_memory(url)
     reader = create_engine(
         url,
+        hide_parameters=True,  # an error in the log shows no secret of a webhook
         isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
         connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
         poolclass=QueuePool,
@@ -190,7 +203,15 @@ def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
 
 
 def _begin_immediate(connection: Connection) -> None:
-    connection.exec_driver_sql("BEGIN IMMEDIATE")
+    left = connection.get_execution_options()["busy_seconds"]
+    is_shorter = left < 0.9 * BUSY_SECONDS
+    if is_shorter:
+        connection.exec_driver_sql(f"PRAGMA busy_timeout={1000.0 * left:.0f}")
+    try:
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+    finally:
+        if is_shorter:  # statements of others, who get this connection next, have their whole time
+            connection.exec_driver_sql(f"PRAGMA busy_timeout={1000.0 * BUSY_SECONDS:.0f}")
 
 
 def _switch_to_wal(connection: Connection) -> None:
@@ -205,7 +226,7 @@ def _switch_to_wal(connection: Connection) -> None:
             mode = connection.exec_driver_sql("PRAGMA journal_mode=WAL").scalar_one()
             break
         except OperationalError as error:
-            if not _is_busy(error) or time.monotonic() > deadline:
+            if _code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.01)
     if mode not in {"wal", "memory"}:
@@ -215,9 +236,10 @@ def _switch_to_wal(connection: Connection) -> None:
         )
 
 
-def _is_busy(error: OperationalError) -> bool:
-    code = getattr(error.orig, "sqlite_errorcode", 0)
-    return isinstance(code, int) and code & 0xFF == sqlite3.SQLITE_BUSY
+def _code(error: Exception) -> int:
+    """Return SQLite's code of an error, 0 for others."""
+    code = getattr(getattr(error, "orig", None), "sqlite_errorcode", 0)
+    return code & 0xFF if isinstance(code, int) else 0
 
 
 def _postgresql_engines(url: URL) -> tuple[Engine, Engine]:
@@ -227,6 +249,7 @@ def _postgresql_engines(url: URL) -> tuple[Engine, Engine]:
     writer = create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
+        hide_parameters=True,
         pool_size=_CONNECTIONS,
         max_overflow=0,
         pool_pre_ping=True,  # a server that was restarted costs a reconnection, not an error

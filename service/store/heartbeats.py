@@ -50,15 +50,31 @@ class Heartbeats:
         with self._database.reading() as connection:
             return self._living(connection, self._now(connection), silence)
 
+    def silent(self, silence: timedelta) -> dict[str, datetime]:
+        """The executors that were silent for longer than that, with their last beat."""
+        with self._database.reading() as connection:
+            old = heartbeats.c.beat_at < self._now(connection) - silence
+            rows = connection.execute(select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
+        return {str(row.executor): row.beat_at for row in rows}
+
     def forget(self, executor: str) -> None:
         """An executor is about to end."""
         with self._database.writing() as connection:
             connection.execute(delete(heartbeats).where(heartbeats.c.executor == executor))
 
+    def prove(self) -> None:
+        """Write a row that is no worker's.
+
+        Raises:
+            StoreUnavailableError: the database cannot be written.
+        """
+        self.beat("", timedelta(seconds=SILENT_SECONDS))
+
     def _living(self, connection: Connection, now: datetime, silence: timedelta) -> list[str]:
         # Nor later than now: a clock that was set back would keep the dead alive until it caught up.
         living = heartbeats.c.beat_at.between(now - silence, now + silence)
-        rows = connection.execute(select(heartbeats.c.executor).where(living)).all()
+        named = select(heartbeats.c.executor).where(living, heartbeats.c.executor != "")
+        rows = connection.execute(named).all()
         return sorted(str(row.executor) for row in rows)
 
     def _database_time(self, connection: Connection) -> datetime:

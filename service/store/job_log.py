@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, and_, bindparam, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems.errors import Resource
@@ -82,13 +82,20 @@ class JobLog:
                 update(jobs).where(self._is(job_id), jobs.c.state == "queued").values(**changes)
             )
 
-    def end(self, job_id: str, state: str, changes: Callable[[JobRecord, int], JobChanges]) -> bool:
+    def end(
+        self,
+        job_id: str,
+        state: str,
+        changes: Callable[[JobRecord, int], JobChanges],
+        also: Callable[[Connection], object] = lambda _: None,
+    ) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
         Args:
             job_id: its id.
             state: its final state.
             changes: return its last form, given the record before and the number of units done.
+            also: what else belongs into the transaction that ends it.
 
         Returns:
             Whether it was this call that ended it.
@@ -100,6 +107,7 @@ class JobLog:
                 *before, done = connection.execute(select(*_record, _done).where(mine)).one()
                 final = changes(JobRecord(*before), int(done))
                 connection.execute(update(jobs).where(mine).values(**final))
+                also(connection)
         return ended
 
     def report(self, job_id: str, start: int, stop: int) -> None:

@@ -85,10 +85,16 @@ class Authorisations(Journal[AuthorisationRecord]):
     """The authorisations of all reports. One that repeats the latest of its run is not added again."""
 
     def _insert(self, connection: Connection, record: AuthorisationRecord) -> AuthorisationRecord:
-        # Of two at the same time, one waits here.
+        # Of two at the same time, one waits here; on SQLite it waited for the transaction to begin.
         connection.execute(select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
         mine = self._all.filter_by(run_id=record.run_id).order_by(authorisations.c.sequence.desc()).limit(1)
         latest = self._found(connection, mine)
         if latest and all(getattr(latest[0], name) == getattr(record, name) for name in _SAME):
             return latest[0]
+        if record.number != (latest[0].number if latest else 0) + 1:
+            raise NumberTakenError
         return super()._insert(connection, record)
+
+
+class NumberTakenError(Exception):
+    """Another report of the run was authorised meanwhile, and has the number."""

@@ -184,6 +184,42 @@ class AuthorisationRecord:
     page: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class WebhookRecord:
+    """An address that is told of events."""
+
+    id: str
+    url: str
+    events: str
+    """JSON list of the types of events."""
+    secret: str
+    """Signs the messages, so that it is kept as it is."""
+    address: str
+    """Address of the service, as the admin reached it: links begin with it."""
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class DeliveryRecord:
+    """A message to a webhook."""
+
+    webhook_id: str
+    message_id: str
+    """The same at each attempt, and for the same event."""
+    type: str
+    subject: str
+    """Job or worker that it is about; messages about one go in order."""
+    document: str
+    """JSON that is sent; empty for alarms that are yet to be derived from the trends."""
+    created_at: datetime
+    state: str
+    """`pending`, `delivered` or `dead`."""
+    attempts: int
+    due_at: datetime
+    """Time of the next attempt, or while one is under way, when it is taken for lost."""
+    error: str | None
+
+
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Collection as Ids
 from datetime import timedelta
 from types import TracebackType
 from typing import Final
 
-from sqlalchemy import func, select
+from sqlalchemy import case, func, select
 
 from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions
@@ -29,6 +31,7 @@ from jointstiff.service.store.records import (
     TrendNote,
 )
 from jointstiff.service.store.tables import audit, authorisations, jobs, measurement_sets, robots, trend_notes
+from jointstiff.service.store.webhooks import Webhooks
 
 SESSION_IDLE: Final = timedelta(hours=8)
 """A session that is not used for so long has ended."""
@@ -59,6 +62,7 @@ class Store:
         self.authorisations = Authorisations(database, authorisations, AuthorisationRecord, self.quota)
         # new baselines and acknowledged alarms
         self.trend_notes = Journal(database, trend_notes, TrendNote, self.quota)
+        self.webhooks = Webhooks(database)  # with the messages to them
 
     @classmethod
     def open(cls, url: str, most_bytes: int | None = None) -> Store:
@@ -108,6 +112,32 @@ class Store:
         """Return the deleted robots, measurement sets, or jobs of a kind."""
         table = {ROBOT: robots, MEASUREMENT_SET: measurement_sets}.get(kind, jobs)
         return Deletions(self._database, kind, table)
+
+    def trend_marks(self, robot_ids: Ids[str], least: int) -> dict[str, str]:
+        """Return a hash of what the trends of some robots are made of, in three queries for all of them.
+
+        Args:
+            robot_ids: ids of the robots; those with fewer runs are left out.
+            least: number of succeeded runs.
+        """
+        runs, sets, notes = jobs.c, measurement_sets.c, trend_notes.c
+        shown = case((runs.deleted_at.is_(None), runs.sequence))
+        counted = (
+            select(runs.robot_id, func.count(shown), func.sum(shown), func.max(runs.deleted_at))
+            .where(runs.kind == "run", runs.state == "succeeded", runs.robot_id.in_(robot_ids))
+            .group_by(runs.robot_id)
+            .having(func.count(shown) >= least)
+        )
+        with self._database.reading() as connection:
+            found = {str(row[0]): [str(row)] for row in connection.execute(counted)}
+            measured = select(
+                sets.robot_id, sets.id, sets.measured_at, sets.serial_number, sets.instrument, sets.archived
+            ).where(sets.robot_id.in_(found), sets.deleted_at.is_(None))
+            noted = select(notes.robot_id, func.max(notes.sequence)).where(notes.robot_id.in_(found))
+            for query in (measured.order_by(sets.sequence), noted.group_by(notes.robot_id)):
+                for row in connection.execute(query):
+                    found[str(row[0])].append(str(row))
+        return {robot: hashlib.sha256("".join(rows).encode()).hexdigest() for robot, rows in found.items()}
 
     def schema(self) -> str | None:
         """Return the schema of its tables on PostgreSQL, None on SQLite."""

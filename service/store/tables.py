@@ -32,11 +32,13 @@ from jointstiff.service.store.records import (
     AccessKey,
     AuditEntry,
     AuthorisationRecord,
+    DeliveryRecord,
     JobRecord,
     MeasurementSetRecord,
     RobotRecord,
     SessionRecord,
     TrendNote,
+    WebhookRecord,
 )
 
 metadata = MetaData(
@@ -232,3 +234,7 @@ access_links = Table(
 audit = _numbered("audit", AuditEntry, filters=["key_id"])
 trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
 authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_id", "supersedes"])
+
+webhooks = Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))
+deliveries = _numbered("deliveries", DeliveryRecord, filters=[("webhook_id", "state"), "subject"])
+Index(None, deliveries.c.webhook_id, deliveries.c.message_id, unique=True)

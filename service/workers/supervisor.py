@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
 from typing import Final
 
@@ -22,6 +23,10 @@ _LONGEST_PAUSE_SECONDS: Final = 60.0
 _FAILING: Final = 2
 """Short lives, one after the other, from which on a worker counts as one that cannot start."""
 _END_SECONDS: Final = 10.0
+SILENCE_SECONDS: Final = 60.0
+"""A worker that showed no sign of life for so long, at two looks, is ended and replaced."""
+_LOOK_SECONDS: Final = 15.0
+_SILENT_LOOKS: Final = 2
 
 _logger = logging.getLogger(__name__)
 
@@ -38,7 +43,14 @@ class Supervisor:
     """N worker processes. Each holds a pipe from this process and ends when this process does, however."""
 
     def __init__(
-        self, database: str, workers: int, prefix: str, forget: Callable[[str], object] = lambda _: None
+        self,
+        database: str,
+        workers: int,
+        prefix: str,
+        forget: Callable[[str], object] = lambda _: None,
+        is_silent: Callable[[str], bool] = lambda _: False,
+        silence: float = SILENCE_SECONDS,
+        look: float = _LOOK_SECONDS,
     ) -> None:
         """Start the workers.
 
@@ -48,8 +60,12 @@ class Supervisor:
             prefix: what makes the names of these workers unlike those of other services, and the same as
                 those of an earlier start of this one.
             forget: called with the name of a worker that ended by itself, which is living no more.
+            is_silent: tells of the name of a worker whether it showed no sign of life for `silence`.
+            silence: time from its start after which it is asked [s].
+            look: time between two such looks [s].
         """
         self._forget = forget
+        self._is_silent, self._silence, self._look = is_silent, silence, look
         self._short_lives: dict[str, int] = {}
         self._stopping = threading.Event()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -72,6 +88,8 @@ class Supervisor:
         deadline = time.monotonic() + _END_SECONDS
         for watcher in self._watchers:
             watcher.join(max(0.0, deadline - time.monotonic()))
+        for process in list(self._processes.values()):  # one without memory may not hear
+            process.kill()
 
     @property
     def failing(self) -> int:
@@ -106,11 +124,23 @@ class Supervisor:
             self._processes[name] = process
             if self._stopping.is_set():  # it was started while all others were being ended
                 process.terminate()
-            status = process.wait()
+            status = self._end_of(process, name)
         if not self._stopping.is_set():
             how = f"signal {-status}" if status < 0 else f"status {status}"
             _logger.warning("worker %s ended with %s; starting it again", name, how)
             self._forget(name)
+
+    def _end_of(self, process: subprocess.Popen[bytes], name: str) -> int:
+        """Wait for the end of a worker; end one that lives but shows no sign of it, as without memory."""
+        pause, silent_looks = self._silence, 0
+        while True:
+            with suppress(subprocess.TimeoutExpired):
+                return process.wait(pause)
+            pause = self._look
+            silent_looks = silent_looks + 1 if self._is_silent(name) else 0
+            if silent_looks >= _SILENT_LOOKS:
+                _logger.warning("worker %s is silent; ending it", name)
+                process.kill()
 
 
 def _environment(database: str) -> dict[str, str]:

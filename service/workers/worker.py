@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import logging
+import mmap
 import os
+import select
 import signal
 import sys
 import threading
@@ -21,12 +24,20 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.queue import is_ended, job_of
+from jointstiff.service.workers.webhooks import Sender
 
 _EARLY_BEAT: Final = 1.0
 """The first looks come sooner, as there may be something to take over."""
 
 _GOODBYE_SECONDS: Final = 8.0
 """For handing over; after 30 s of silence others take over by themselves."""
+
+_FAULT: Final = 70
+"""Exit status of a worker that cannot go on."""
+_SPARE_BYTES: Final = 64 * 1024 * 1024
+"""Memory that must be left to a worker; a step takes more at times."""
+_LOOK_SECONDS: Final = 1.0
+"""Between two looks at whether it can go on."""
 
 _logger = logging.getLogger(__name__)
 
@@ -43,24 +54,33 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     Raises:
         StoreError: the database cannot be used.
     """
+    threading.excepthook = _end
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     store = Store.open(database)
-    jobs = Parts.of(store).jobs
+    parts = Parts.of(store)
+    jobs = parts.jobs
     store.heartbeats.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
     engine = Engine(store, jobs, database, executor)
     inputs = [store.deletions(kind) for kind in (store.sets.resource, store.robots.resource)]
-    recovery = Recovery(store.heartbeats, jobs, engine, executor, inputs=inputs)
+    recovery = Recovery(
+        store.heartbeats, jobs, engine, executor, inputs=inputs, lost=store.webhooks.worker_lost
+    )
+    sender = Sender(store, parts.trends)
     recovery.count_own_deaths()
     with engine:
         keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
         gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
         console().print(f"worker {executor} ready", markup=False)
-        keeper.start()
-        stop.wait()
+        try:
+            keeper.start()
+            threading.Thread(target=_send, args=(sender, stop), daemon=True).start()
+        except RuntimeError:  # for want of memory
+            _end()
+        while not stop.wait(_LOOK_SECONDS):
+            if not _is_fit(parent):
+                _end()
         keeper.join(_GOODBYE_SECONDS)  # with a database that does not answer it could take any time
         # A step under way would keep the process alive to its end; it belongs to someone else by now.
         sys.stdout.flush()
@@ -77,18 +97,38 @@ def _look_after(recovery: Recovery, stop: threading.Event) -> None:
     _patiently(recovery.hand_over)
 
 
+def _send(sender: Sender, stop: threading.Event) -> None:
+    """Tell webhooks what happened, beside the work."""
+    while not stop.wait(_EARLY_BEAT):
+        _patiently(sender.look)
+
+
 def _patiently(act: Callable[[], None]) -> None:
     """A database that is away now will be back at the next beat."""
     try:
         act()
+    except MemoryError:
+        _end()
     except Exception:
-        _logger.warning("could not check the jobs; trying again", exc_info=True)
+        _logger.warning("could not look after jobs and webhooks; trying again", exc_info=True)
 
 
-def _end_with(parent: int) -> None:
-    while os.read(parent, 1024):
-        pass
-    os._exit(0)
+def _end(*_: object) -> None:
+    """End the process at once: without memory, or without one of its threads, it would only look alive."""
+    faulthandler.dump_traceback()  # takes no memory
+    os._exit(_FAULT)
+
+
+def _is_fit(parent: int | None) -> bool:
+    """Return whether to go on: who started this process is there, and there is memory left to work with.
+
+    Where there is none, no thread starts, and who starts one waits for ever: the main thread has to look.
+    """
+    try:
+        mmap.mmap(-1, _SPARE_BYTES).close()
+    except (OSError, MemoryError):
+        return False
+    return parent is None or not select.select([parent], [], [], 0.0)[0] or bool(os.read(parent, 1024))
 
 
 BEAT_SECONDS: Final = 5.0
@@ -117,6 +157,7 @@ class Recovery:
         keep: timedelta = timedelta(seconds=KEEP_SECONDS),
         inputs: Sequence[Deletions] = (),
         now: Callable[[], datetime] = _now,
+        lost: Callable[[str, datetime], object] = lambda _worker, _at: None,
     ) -> None:
         """Look after the jobs of a store.
 
@@ -128,6 +169,7 @@ class Recovery:
             keep: for how long after the end of a job what its steps computed is kept.
             inputs: deleted resources that jobs refer to, each before those that it refers to itself.
             now: tells the time, aware, by which deleted jobs are removed.
+            lost: is told of a worker that died, with its last sign of life.
         """
         self._heartbeats = heartbeats
         self._jobs = jobs
@@ -139,6 +181,8 @@ class Recovery:
         self._inherited = dict(engine.inherited)
         self._idle: set[str] = set()
         self._lost: set[str] = set()
+        self._tell_lost = lost
+        self._silent: dict[str, datetime] = {}
 
     def look(self) -> None:
         """Show a sign of life, and mend what is found.
@@ -155,6 +199,7 @@ class Recovery:
                 lambda: self._count_deaths(abandoned, pending),
                 lambda: self._resume(abandoned, pending),
                 self._look_after_jobs,
+                self._look_after_workers,
                 self._tidy,
                 self._purge,
             ]
@@ -205,6 +250,12 @@ class Recovery:
 
     def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:
         self._engine.queue.resume((name, pending[name][0]) for name in names)
+
+    def _look_after_workers(self) -> None:
+        """Tell of workers that were silent at two looks in a row: after an outage all are, at the first."""
+        before, self._silent = self._silent, self._heartbeats.silent(timedelta(seconds=SILENT_SECONDS))
+        for worker, at in self._silent.items() & before.items():
+            self._tell_lost(worker, at)
 
     def _look_after_jobs(self) -> None:
         lost = set[str]()

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,8 +17,18 @@ from pathlib import Path
 class Service:
     """A service process of our own, on a real socket and a real database."""
 
-    def __init__(self, database_url: str, *options: str) -> None:
-        command = [sys.executable, "-m", "jointstiff", "serve", "--port", "0", "--database", database_url]
+    def __init__(self, database_url: str, *options: str, prefix: Sequence[str] = ()) -> None:
+        command = [
+            *prefix,
+            sys.executable,
+            "-m",
+            "jointstiff",
+            "serve",
+            "--port",
+            "0",
+            "--database",
+            database_url,
+        ]
         command += options
         self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed by stop
         self.process = subprocess.Popen(

@@ -89,6 +89,16 @@ def selection_of(
     return None if newest is None else newest.selection
 
 
+def selections_of(runs: Iterable[Sequence[Candidate]], least: int) -> list[messages.TrendSelection]:
+    """Return what trends of so many campaigns at least share, that of the newest campaign first."""
+    newest: dict[messages.TrendSelection, list[tuple[datetime, datetime]]] = {}
+    for candidates in runs:
+        for selection, one in {one.selection: one for one in candidates if _unfit(one) is None}.items():
+            newest.setdefault(selection, []).append((one.at, one.entry.created_at))
+    found = [selection for selection, times in newest.items() if len(times) >= least]
+    return sorted(found, key=lambda selection: max(newest[selection]), reverse=True)
+
+
 def _unfit(candidate: Candidate) -> str | None:
     """Return why a run enters no trend at all; None if it may."""
     asked, result = candidate.run.request, candidate.run.result

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Final
 
 from jointstiff.schemas import trend as messages
+from jointstiff.schemas.alarm import OpenAlarm, TrendChange
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.kinds.trend.comparable_runs import (
@@ -18,6 +19,7 @@ from jointstiff.service.kinds.trend.comparable_runs import (
     baselines_of,
     note_of,
     selection_of,
+    selections_of,
     sorted_out,
 )
 from jointstiff.service.kinds.trend.work import TrendInput, trend_of
@@ -68,6 +70,7 @@ class Trends:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._read = lru_cache(_REMEMBERED)(self._parse)  # a run never changes once it has ended
+        self._open = lru_cache(_REMEMBERED)(self._derive)  # by what the alarms are derived from
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
         """Return the trend of a robot.
@@ -75,7 +78,8 @@ class Trends:
         Raises:
             NotFoundError: there is no such robot.
         """
-        return self._trend(robot_id, self._ground(robot_id), query)
+        ground = self._ground(robot_id)
+        return self._trend(robot_id, ground, selection_of(ground.runs.values(), query))
 
     def _ground(self, robot_id: str) -> _Ground:
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
@@ -89,9 +93,10 @@ class Trends:
             runs=self._candidates(robot_id, sets),
         )
 
-    def _trend(self, robot_id: str, ground: _Ground, query: messages.TrendQuery) -> messages.Trend:
+    def _trend(
+        self, robot_id: str, ground: _Ground, selection: messages.TrendSelection | None
+    ) -> messages.Trend:
         sets, notes = ground.sets, ground.notes
-        selection = selection_of(ground.runs.values(), query)
         entering, left_out = sorted_out(sets, ground.runs, selection)
         left_out += [  # else an alarm could be put away without a trace
             messages.LeftOut(measurement_set_id=one.id, name=one.name, reason="it is archived")
@@ -170,6 +175,41 @@ class Trends:
         self._store.trend_notes.add(note_of(robot_id, "acknowledgement", document, by, now))
         return messages.Acknowledgement(note=request.note, acknowledged_by=by, acknowledged_at=now)
 
+    def alarms(self, robot_ids: Collection[str]) -> dict[str, list[OpenAlarm]]:
+        """Return the alarms of robots that last and that nobody has acknowledged; most robots have none."""
+        least = messages.LEAST_BASELINE + 1
+        marks = self._store.trend_marks(robot_ids, least)
+        found = {robot_id: self._open(robot_id, mark) for robot_id, mark in marks.items()}
+        return {robot_id: alarms for robot_id, alarms in found.items() if alarms}
+
+    def alarms_of(self, robot_id: str, serial_number: str | None) -> list[OpenAlarm]:
+        """Return those of one arm: a robot may stand for many."""
+        alarms = self.alarms([robot_id]).get(robot_id, [])
+        return [alarm for alarm in alarms if alarm.serial_number == serial_number]
+
+    def _derive(self, robot_id: str, _mark: str) -> list[OpenAlarm]:
+        """Return the alarms of all trends of a robot; of a joint in several of them that of the newest."""
+        ground = self._ground(robot_id)
+        arms = dict(ground.by_serial_number())
+        found: dict[tuple[str | None, str], OpenAlarm] = {}
+        for selection in selections_of(ground.runs.values(), messages.LEAST_BASELINE + 1):
+            trend = self._trend(robot_id, arms.get(selection.serial_number or "", ground), selection)
+            sets = {campaign.run_id: campaign.measurement_set_id for campaign in trend.campaigns}
+            for joint in trend.joints:
+                if joint.state == "alarm":
+                    alarm = joint.alarms[-1]
+                    shown = OpenAlarm(
+                        serial_number=selection.serial_number,
+                        joint=joint.name,
+                        change=joint.latest or alarm.change,
+                        since=alarm.since,
+                        run_id=alarm.run_id,
+                        measurement_set_id=sets[alarm.run_id],
+                        message=alarm.message,
+                    )
+                    found.setdefault((selection.serial_number, joint.name), shown)
+        return list(found.values())
+
     def fleet(self) -> messages.Fleet:
         """Return a row for each robot and serial number, those in alarm first."""
         page = self._store.robots.page(limit=_MOST_ROBOTS)
@@ -178,13 +218,13 @@ class Trends:
 
     def _rows(self, robot_id: str, name: str) -> Iterator[messages.FleetRow]:
         ground = self._ground(robot_id)
-        first = self._trend(robot_id, ground, messages.TrendQuery())
-        shown = None if first.selection is None else first.selection.serial_number
-        yield _row(first, name)
+        newest = selection_of(ground.runs.values(), messages.TrendQuery())
+        shown = None if newest is None else newest.serial_number
+        yield _row(self._trend(robot_id, ground, newest), name, shown)
         for number, part in ground.by_serial_number():
             if number != shown:
-                query = messages.TrendQuery(serial_number=number)
-                yield _row(self._trend(robot_id, part, query), name, number)
+                selection = selection_of(part.runs.values(), messages.TrendQuery())
+                yield _row(self._trend(robot_id, part, selection), name, number)
 
     def _sets(self, robot_id: str, *, archived: bool = False) -> Iterator[MeasurementSetEntry]:
         filters, cursor = {"robot_id": robot_id}, None
@@ -233,24 +273,25 @@ class Trends:
         )
 
 
-def _row(trend: messages.Trend, name: str, serial_number: str | None = None) -> messages.FleetRow:
+def _row(trend: messages.Trend, name: str, serial_number: str | None) -> messages.FleetRow:
     worst = min(trend.joints, key=_joint_urgency, default=None)
     alarm = worst.alarms[-1] if worst is not None and worst.alarms else None
     return messages.FleetRow(
         robot_id=trend.robot_id,
         name=name,
-        serial_number=serial_number if trend.selection is None else trend.selection.serial_number,
+        serial_number=serial_number,
         state="unjudged" if worst is None else worst.state,
         joint=None if worst is None or _change_of(worst) is None else worst.name,
         change=None if worst is None else _change_of(worst),
         alarm=None if alarm is None or alarm.until is not None else alarm.message,
         measured_at=trend.campaigns[-1].at if trend.campaigns else None,
+        verdict=trend.campaigns[-1].assessment.verdict if trend.campaigns else None,
         campaigns=len(trend.campaigns),
         missing=trend.note,
     )
 
 
-def _change_of(joint: messages.TrendJoint) -> messages.TrendChange | None:
+def _change_of(joint: messages.TrendJoint) -> TrendChange | None:
     return joint.latest or (None if joint.pair is None else joint.pair.change)
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from math import exp
+from math import exp, hypot
 from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
+from jointstiff.schemas.alarm import TrendChange
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, Alarm, Chart, alarms_of, charts_of
 from jointstiff.solver.trend.series import Change, Series, change_between, log_stiffness
@@ -25,6 +26,7 @@ class JointBudget(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     force_scale: float = 0.0
+    assumed_load_point: float = 0.0
 
 
 class JointNumbers(BaseModel):
@@ -148,16 +150,25 @@ def _baseline_of(at: datetime, baselines: Sequence[messages.TrendBaseline]) -> i
 def _series(given: TrendInput, name: str, inside: Sequence[int]) -> tuple[list[int], Series]:
     instruments = {given.campaigns[i].instrument for i in inside}
     same = len(instruments) == 1 and None not in instruments
-    numbers = ((i, _number(given.campaigns[i].joints.get(name), same_load_cell=same)) for i in inside)
+    joints = {i: given.campaigns[i].joints.get(name) for i in inside}
+    budgets = [joint.budget for joint in joints.values() if joint is not None and joint.budget is not None]
+    # A load point of which no campaign states anything is that of the same hook in all of them.
+    hook = all(budget.assumed_load_point > 0.0 for budget in budgets)
+    numbers = ((i, _number(joint, same_load_cell=same, same_hook=hook)) for i, joint in joints.items())
     found = [(i, number) for i, number in numbers if number is not None]
     values, uncertainties = np.array([number for _, number in found]).reshape(-1, 2).T
     return [i for i, _ in found], Series(values, uncertainties)
 
 
-def _number(joint: JointNumbers | None, *, same_load_cell: bool = False) -> tuple[float, float] | None:
+def _number(
+    joint: JointNumbers | None, *, same_load_cell: bool = False, same_hook: bool = False
+) -> tuple[float, float] | None:
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
-    shared = joint.budget.force_scale if joint.budget is not None and same_load_cell else 0.0
+    budget = joint.budget or JointBudget()
+    shared = hypot(
+        budget.assumed_load_point if same_hook else 0.0, budget.force_scale if same_load_cell else 0.0
+    )
     return log_stiffness(joint.compliance, joint.standard_uncertainty, shared)
 
 
@@ -256,8 +267,8 @@ def _alarm(given: TrendInput, name: str, part: _Part, alarm: Alarm) -> messages.
     )
 
 
-def _change(change: Change) -> messages.TrendChange:
-    return messages.TrendChange(relative=change.relative, standard_uncertainty=change.relative_uncertainty)
+def _change(change: Change) -> TrendChange:
+    return TrendChange(relative=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
 def _pair(part: _Part) -> messages.TrendPair | None:

@@ -138,6 +138,48 @@ def test_what_is_not_comparable_is_left_out_and_said(client, robot, runs):
     assert len(trend_of(client, robot, encoders="secondary")["campaigns"]) == 1
 
 
+def alarms_of(client, robot):
+    """Return the alarms of a robot as the robot itself and the listing say them."""
+    alone = client.get(f"/v1/robots/{robot}").json()["alarms"]
+    (listed,) = [one for one in client.get("/v1/robots").json()["items"] if one["id"] == robot]
+    assert listed["alarms"] == alone
+    return alone
+
+
+def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(client, robot, runs):
+    (alarm,) = alarms_of(client, robot)
+    assert alarm | {"joint": "joint_3", "serial_number": "A", "run_id": runs[SOFT]["id"]} == alarm
+    assert alarm["measurement_set_id"] == runs[SOFT]["request"]["measurement_set_id"]
+    assert alarm["since"] == DAYS[SOFT]
+    assert alarm["change"] == joint(trend_of(client, robot, encoders="motor"))["latest"]
+    report = client.get(f"/v1/runs/{runs[-1]['id']}/report.html").text
+    assert "The robot is in alarm" in report
+    assert alarm["message"] in report
+
+
+def test_an_alarm_follows_what_its_trend_is_made_of(client, robot, runs):
+    """Nothing of it is stored: it goes and comes with a run, a set, the serial number."""
+    (alarm,) = alarms_of(client, robot)
+    last = [f"/v1/runs/{run['id']}" for run in runs[SOFT:]]
+    for path in last:
+        assert client.request("DELETE", path).status_code == 204
+    assert alarms_of(client, robot) == []
+    for path in last:
+        client.request("POST", f"{path}/restore")
+    assert alarms_of(client, robot) == [alarm]
+    sets = [f"/v1/measurement-sets/{run['request']['measurement_set_id']}" for run in runs[SOFT:]]
+    for change, back in (
+        ({"serial_number": "B"}, {"serial_number": "A"}),
+        ({"archived": True}, {"archived": False}),
+    ):
+        for path in sets:
+            client.request("PATCH", path, json=change)
+        assert alarms_of(client, robot) == []
+        for path in sets:
+            client.request("PATCH", path, json=back)
+        assert alarms_of(client, robot) == [alarm]
+
+
 def test_an_alarm_is_acknowledged_once_it_is_there(client, robot, runs):
     address = f"/v1/robots/{robot}/trend/acknowledgements"
     body = {"run_id": runs[SOFT]["id"], "joint": "joint_3", "note": "gearbox ordered"}
@@ -148,6 +190,9 @@ def test_an_alarm_is_acknowledged_once_it_is_there(client, robot, runs):
     found = joint(trend_of(client, robot, encoders="motor"))
     assert found["state"] == "acknowledged"
     assert found["alarms"][0]["acknowledgement"]["note"] == "gearbox ordered"
+    assert alarms_of(client, robot) == []
+    report = client.get(f"/v1/runs/{runs[-1]['id']}/report.html").text
+    assert "The robot is in alarm" not in report
 
 
 def test_the_fleet_has_a_row_for_each_serial_number(client, robot, runs):
@@ -159,7 +204,9 @@ def test_the_fleet_has_a_row_for_each_serial_number(client, robot, runs):
     assert set(rows) == {("worn", "A"), ("worn", "B"), ("new", None)}
     assert rows["worn", "B"]["state"] == "unjudged"
     assert rows["worn", "B"]["missing"].startswith("the baseline takes 3 campaigns and has 1")
-    assert rows["new", None]["measured_at"] is None
+    assert rows["new", None]["measured_at"] is rows["new", None]["verdict"] is None
+    (newest,) = client.get("/v1/runs", params={"limit": 1}).json()["items"]
+    assert rows["worn", "B"]["verdict"] == newest["verdict"] == "use"
     assert rows["new", None]["robot_id"] == other
 
 

@@ -27,8 +27,8 @@ SELECTION = TrendSelection(
 CLEAN = Assessment(verdict="use", reasons=[])
 
 
-def campaigns(instruments):
-    """Campaigns whose uncertainty of 3 % is 2.9 % that of the force's scale."""
+def campaigns(instruments, source="force_scale"):
+    """Campaigns whose uncertainty of 3 % is 2.9 % that of one source."""
     values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
     for number, (c, instrument) in enumerate(zip(values, instruments, strict=True)):
         joint = JointNumbers(
@@ -40,7 +40,7 @@ def campaigns(instruments):
             standard_uncertainty=0.03 * c,
             stiffness=1.0 / c,
             stiffness_interval=(0.94 / c, 1.06 / c),
-            budget=JointBudget(force_scale=0.029 * c),
+            budget=JointBudget(**{source: 0.029 * c}),
         )
         at = START + timedelta(days=number)
         yield Campaign(
@@ -48,8 +48,12 @@ def campaigns(instruments):
         )
 
 
-def limit_of(instruments):
-    (joint,) = trend_of(TrendInput(["joint_1"], list(campaigns(instruments)))).joints
+def limit_of(instruments, **source):
+    return limit_among(list(campaigns(instruments, **source)))
+
+
+def limit_among(measured):
+    (joint,) = trend_of(TrendInput(["joint_1"], measured)).joints
     return np.log(joint.points[-1].upper_limit / joint.charts[0].stiffness)
 
 
@@ -59,6 +63,16 @@ def test_one_load_cell_shifts_all_campaigns_alike():
     others = [limit_of(["cell 7"] * 4 + ["cell 8"]), limit_of([None] * 5)]
     assert others[0] == pytest.approx(others[1])
     assert same < 0.4 * others[0]
+
+
+def test_an_assumed_load_point_is_that_of_one_hook():
+    """Nothing was stated, so no campaign says that it is elsewhere than in the others."""
+    assumed = limit_of(["cell 7"] * 4 + ["cell 8"], source="assumed_load_point")
+    assert assumed == pytest.approx(limit_of(["cell 7"] * 5))
+    *others, last = campaigns(["cell 7"] * 5, source="assumed_load_point")
+    *_, stated = campaigns(["cell 7"] * 5, source="load_point")
+    assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
+    assert limit_among([*others, stated]) > 2.0 * assumed  # it has a hook of its own
 
 
 def test_an_acknowledgement_is_of_one_methods_trend():

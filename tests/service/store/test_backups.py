@@ -180,7 +180,7 @@ class TestOnSqlite:
     def test_another_layout_is_neither_copied_nor_restored(self, url, tmp_path):
         back_up(url, tmp_path / "backup")
         manifest = tmp_path / "backup" / "manifest.json"
-        manifest.write_text(manifest.read_text().replace("0001_tables", "0000_earlier"))
+        manifest.write_text(manifest.read_text().replace("0001_webhooks", "0000_earlier"))
         with pytest.raises(StoreError, match="0000_earlier"):
             restore(f"sqlite:///{tmp_path / 'other.db'}", tmp_path / "backup")
         with closing(Database.open(url)) as database, database.writing() as connection:

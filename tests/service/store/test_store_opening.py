@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
 import subprocess
 import sys
@@ -19,7 +20,10 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import text
+from sqlalchemy.dialects import sqlite as sqlite_dialect
+from sqlalchemy.schema import CreateTable
 
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
@@ -81,6 +85,14 @@ def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: st
     with database.reading() as connection:
         assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == version
     database.close()
+
+
+def test_other_tables_are_another_layout() -> None:
+    """A change of the tables needs a new name of the layout in `migrations/versions`, and its hash here."""
+    dialect = sqlite_dialect.dialect()
+    tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
+    layout = ScriptDirectory.from_config(configuration()).get_current_head()
+    assert (layout, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0001_webhooks", "34014b11446992fe")
 
 
 def test_a_migration_that_fails_leaves_nothing(database_url: str) -> None:
@@ -251,6 +263,24 @@ class TestSqlite:
                 futures = [pool.submit(store.robots.add, record) for _ in range(4)]
             assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
             assert store.robots.page(limit=1).records == (), "readers do not wait"
+            other.close()
+            assert store.robots.add(record) == record
+
+    def test_those_who_wait_for_one_lock_wait_once(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Eight writers, four at a time: all are refused in little more than the time of one."""
+        monkeypatch.setattr(database_module, "BUSY_SECONDS", 2.0)
+        monkeypatch.setattr(database_module, "LOCKED_SECONDS", 0.05)
+        path = tmp_path / "jointstiff.db"
+        with Store.open(f"sqlite:///{path}") as store:
+            other = sqlite3.connect(path, isolation_level=None)
+            other.execute("BEGIN IMMEDIATE")
+            record, began = RobotRecord("r1", "n", TIME, "h", "{}"), time.monotonic()
+            with ThreadPoolExecutor(4) as pool:
+                futures = [pool.submit(store.robots.add, record) for _ in range(8)]
+            assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
+            assert 1.8 < time.monotonic() - began < 4.0
             other.close()
             assert store.robots.add(record) == record
 

@@ -211,6 +211,8 @@ def test_the_living_are_counted_by_their_beats(beats_at):
         beats_at(NOW).beat(executor, SILENCE)
     assert beats_at(NOW).living(SILENCE) == ["a", "b"]
     assert beats_at(NOW + 2 * SILENCE).living(SILENCE) == []
+    beats_at(NOW).prove()
+    assert beats_at(NOW).living(SILENCE) == ["a", "b"], "a proof is no worker"
 
 
 def test_of_a_part_no_step_is_carried_out_after_one_that_finds_the_job_ended():

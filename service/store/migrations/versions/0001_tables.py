@@ -6,7 +6,7 @@ from alembic import op
 
 from jointstiff.service.store.tables import metadata
 
-revision = "0001_tables"  # layouts from before the first release had other names
+revision = "0001_webhooks"  # layouts from before the first release had other names
 down_revision = None
 branch_labels = None
 depends_on = None

@@ -1,0 +1,60 @@
+"""Webhooks: addresses that are told of events, and the messages that did not arrive."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Identifier, Message, Timestamp
+
+Event = Literal["run.succeeded", "run.failed", "alarm.raised", "worker.lost"]
+Events = Annotated[list[Event], Field(min_length=1, max_length=len(get_args(Event)))]
+
+
+class WebhookRequest(Message):
+    """A webhook as it is asked for."""
+
+    url: Annotated[str, Field(max_length=2_000, pattern=r"^https?://[!-~]+$")] = Field(
+        description="Address to post to; redirects are not followed.", examples=["https://mes.example/hooks"]
+    )
+    events: Events = Field(default=list(get_args(Event)), description="Events to tell it; all by default.")
+
+
+class Delivery(Message):
+    """A message to a webhook that has not arrived."""
+
+    id: str = Field(description="Id of the message, the same at each attempt (`webhook-id`).")
+    type: Event
+    state: Literal["pending", "dead"] = Field(
+        description="`dead`: it did not arrive within a day, and is not sent again."
+    )
+    created_at: Timestamp
+    attempts: int = Field(description="Number of attempts so far.")
+    next_at: Timestamp = Field(description="Time of the next attempt, or of the last one.")
+    error: str | None = Field(description="Outcome of the latest attempt; null before the first.")
+
+
+class Webhook(Message):
+    """A webhook, without its secret."""
+
+    id: Identifier
+    url: str = Field(description="Address to post to.")
+    events: Events
+    created_at: Timestamp
+    delivered: int = Field(description="Number of messages of the last 30 days that arrived.")
+    undelivered: list[Delivery] = Field(
+        description="The 50 newest messages that did not arrive, newest first."
+    )
+
+
+class WebhookList(Message):
+    """All webhooks."""
+
+    items: list[Webhook] = Field(description="The webhooks, in the order in which they came.")
+
+
+class NewWebhook(Webhook):
+    """A webhook just made: the only time that its secret is shown."""
+
+    secret: str = Field(description="Secret that signs its messages (`whsec_…`). It is not shown again.")

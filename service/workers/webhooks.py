@@ -1,0 +1,144 @@
+"""Send messages to webhooks: signed, to a checked address, again after longer and longer pauses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
+from threading import Timer
+from typing import Any, Final
+
+import httpx2
+
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.access.addresses import receiver_addresses
+from jointstiff.service.access.signing import signature
+from jointstiff.service.kinds.trend.trends import Trends
+from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
+from jointstiff.service.store.store import Store
+from jointstiff.service.versions import JOINTSTIFF_VERSION
+from jointstiff.solver.errors import RequestError
+
+_RUNS: Final = Resource(Run.kind, Run.collection)
+TIMEOUT_SECONDS: Final = 10.0
+_CLAIM: Final = timedelta(minutes=1)
+"""A message is sent again if whoever sends it has not settled it by then."""
+_FIRST_PAUSE: Final = timedelta(seconds=5)
+_LONGEST_PAUSE: Final = timedelta(hours=1)
+_GIVEN_UP: Final = timedelta(days=1)
+_FORGET: Final = timedelta(hours=1)
+_SENDERS: Final = 4
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
+
+
+class Sender:
+    """Sends what is due. Any number may do so: each message is claimed by one of them at a time."""
+
+    def __init__(self, store: Store, trends: Trends, now: Callable[[], datetime] = _now) -> None:
+        self._store, self._trends, self._now = store, trends, now
+        self._webhooks = store.webhooks
+        self._forgot = datetime.min.replace(tzinfo=UTC)
+
+    def look(self) -> None:
+        """Send what is due, to several receivers at once.
+
+        Raises:
+            StoreUnavailableError: the database does not answer; look again later.
+        """
+        hooks = self._webhooks.all()
+        if hooks:
+            with ThreadPoolExecutor(_SENDERS) as threads:
+                list(threads.map(self._send_due, hooks))
+            if self._now() - self._forgot > _FORGET:
+                self._forgot = self._now()
+                self._webhooks.forget(self._forgot)
+
+    def _send_due(self, webhook: WebhookRecord) -> None:
+        """Send the messages of a webhook in order, until one gets no answer: the others wait as well."""
+        for due in self._webhooks.due(webhook.id, self._now()):
+            message = self._webhooks.claim(due, self._now() + _CLAIM)
+            if message is None:
+                continue
+            if not message.document:
+                self._webhooks.alarms_raised(message, webhook, self._alarms(message.subject))
+                continue
+            error: str | None
+            try:
+                status = self._post(webhook, message)
+                error = None if 200 <= status < 300 else f"answered {status}"
+            except (RequestError, httpx2.HTTPError, httpx2.InvalidURL) as failure:
+                status, error = 0, str(failure)[:200] or type(failure).__name__
+            now = self._now()
+            if error is None:
+                self._webhooks.settle(message, "delivered", None, now)
+            elif now - message.created_at >= _GIVEN_UP:
+                self._webhooks.settle(message, "dead", error, now)
+            else:
+                pause = min(_FIRST_PAUSE * 2 ** min(message.attempts - 1, 20), _LONGEST_PAUSE)
+                self._webhooks.settle(message, "pending", error, now + pause)
+            if status == 0:
+                return
+
+    def _post(self, webhook: WebhookRecord, message: DeliveryRecord) -> int:
+        """Post a message to an address that was checked; return the status of the answer.
+
+        Raises:
+            RequestError: the receiver has no address that may be asked.
+            HTTPError: there is no answer.
+        """
+        url = httpx2.URL(webhook.url)
+        timestamp = int(self._now().timestamp())
+        request: dict[str, Any] = {
+            "content": message.document,
+            "headers": {
+                "Host": url.netloc.decode("ascii"),
+                "Content-Type": "application/json",
+                "User-Agent": f"Jointstiff/{JOINTSTIFF_VERSION}",
+                "webhook-id": message.message_id,
+                "webhook-timestamp": str(timestamp),
+                "webhook-signature": signature(
+                    webhook.secret, message.message_id, timestamp, message.document
+                ),
+            },
+            "extensions": {"sni_hostname": url.host},  # the certificate is that of the name
+        }
+        *others, last = receiver_addresses(url.host, url.port or (443 if url.scheme == "https" else 80))
+        with httpx2.Client(trust_env=False, follow_redirects=False, timeout=TIMEOUT_SECONDS) as client:
+            for address in others:
+                with suppress(httpx2.ConnectError, httpx2.ConnectTimeout):
+                    return _status(client, url.copy_with(host=address), request)
+            return _status(client, url.copy_with(host=last), request)
+
+    def _alarms(self, run_id: str) -> dict[str, dict[str, Any]]:
+        """Return what is to be told of the alarms of a run's robot, by what tells alarms apart."""
+        runs, told = self._store.jobs(_RUNS), {}
+        with suppress(NotFoundError):  # a run or its robot was deleted meanwhile
+            robot = self._store.robots.get(runs.get(run_id).robot_id or "")
+            for alarm in self._trends.alarms([robot.id]).get(robot.id, []):
+                told[f"{alarm.measurement_set_id} {alarm.joint}"] = {
+                    "run_id": alarm.run_id,  # which raised it; others may have ended since
+                    "verdict": runs.get(alarm.run_id).verdict,
+                    "robot": robot.name,
+                    "robot_id": robot.id,
+                    "alarm": alarm.model_dump(mode="json"),
+                }
+        return told
+
+
+def _status(client: httpx2.Client, url: httpx2.URL, request: Mapping[str, Any]) -> int:
+    end = Timer(TIMEOUT_SECONDS, client.close)  # the client's own time limit is for each read
+    end.start()
+    try:
+        with client.stream("POST", url, **request) as answer:  # its body is not read
+            return answer.status_code
+    except httpx2.HTTPError as failure:
+        if end.finished.is_set():
+            raise httpx2.ReadTimeout("timed out") from failure
+        raise
+    finally:
+        end.cancel()

@@ -1,0 +1,473 @@
+"""Webhooks: signed messages, each at least once, in order for a job, the same id at each attempt."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import socket
+import threading
+import time
+from base64 import b64decode, b64encode
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+from support.guide_files import blocks_of
+from support.in_process import Client
+from support.jobs import QueueEngine, request, runs_of, stored_set
+from typer.testing import CliRunner
+
+from jointstiff.service.access.addresses import ALLOWED_VARIABLE
+from jointstiff.service.access.key_text import mint
+from jointstiff.service.access.signing import signature
+from jointstiff.service.api.posture import Posture
+from jointstiff.service.cli.app import app
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.library.answers import problem_in
+from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.store.heartbeats import Heartbeats
+from jointstiff.service.store.store import Store
+from jointstiff.service.workers import webhooks
+from jointstiff.service.workers.webhooks import Sender
+from jointstiff.service.workers.worker import Recovery
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+class Receiver:
+    """A real receiver, which notes what comes, and answers as it is told."""
+
+    def __init__(self):
+        self.came = []
+        self.answers = {}  # status by the number of the request
+        self.location = None
+        self.pause = 0.0
+        self.drips = 0
+        receiver = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self):
+                body = self.rfile.read(int(self.headers["Content-Length"])).decode()
+                receiver.came.append((dict(self.headers), body))
+                time.sleep(receiver.pause)
+                while receiver.drips:
+                    time.sleep(0.05)
+                    self.wfile.write(
+                        b"HTTP/1.1 204 No Content\r\n" if receiver.drips == 1 else b"X-More: 1\r\n"
+                    )
+                    self.wfile.flush()
+                    receiver.drips += 1
+                self.send_response(receiver.answers.get(len(receiver.came), 204))
+                if receiver.location:
+                    self.send_header("Location", receiver.location)
+                self.end_headers()
+
+            def log_message(self, *_):
+                pass
+
+        self._handler = Handler
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/hooks"
+
+    @contextmanager
+    def up(self):
+        with ThreadingHTTPServer(("127.0.0.1", self.port), self._handler) as server:
+            threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+            try:
+                yield self
+            finally:
+                server.shutdown()
+
+    @property
+    def messages(self):
+        return [json.loads(body) for _, body in self.came]
+
+    @property
+    def ids(self):
+        return [headers["webhook-id"] for headers, _ in self.came]
+
+
+class Clock:
+    """A clock that is set by hand, from the moment on at which it is made."""
+
+    def __init__(self):
+        self.time = datetime.now(UTC) + timedelta(seconds=1)
+
+    def __call__(self):
+        return self.time
+
+    def go_on(self, **step):
+        self.time += timedelta(**step)
+
+
+@pytest.fixture
+def receiver():
+    return Receiver()
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture(autouse=True)
+def allowed(monkeypatch):
+    monkeypatch.setenv(ALLOWED_VARIABLE, "127.0.0.1, ::1")
+
+
+@pytest.fixture
+def store():
+    with Store.open("sqlite://") as opened:
+        yield opened
+
+
+POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+ADMIN = mint("admin Smith", "admin", datetime.now(UTC), None)
+
+
+CLIENTS = {}
+
+
+def client_of(store):
+    if store not in CLIENTS:
+        store.keys.add(ADMIN.record)
+        CLIENTS.clear()
+        CLIENTS[store] = Client(store, POSTURE)
+    return CLIENTS[store]
+
+
+def ask(store, method, path, text=ADMIN.text, **options):
+    """Ask as an admin."""
+    headers = {"Authorization": f"Bearer {text}"}
+    return client_of(store).request(method, path, headers=headers, **options)
+
+
+def told_of(store, receiver, **body):
+    answer = ask(store, "POST", "/v1/webhooks", json={"url": receiver.url} | body)
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+def outcome(store):
+    (hook,) = ask(store, "GET", "/v1/webhooks").json()["items"]
+    return hook
+
+
+def sender_of(store, clock):
+    clock.time = max(clock.time, datetime.now(UTC) + timedelta(seconds=1))
+    return Sender(store, Parts.of(store).trends, clock)
+
+
+def run(store, set_id):
+    return runs_of(store).create(request(set_id, resampling=None), None)
+
+
+def looks(sender, clock, **total):
+    """Look every second of a time, jumping to what is due."""
+    end = clock.time + timedelta(**total)
+    while clock.time < end:
+        sender.look()
+        clock.go_on(seconds=1)
+
+
+def test_the_signature_is_that_of_the_published_example():
+    """Standard Webhooks, its reference libraries' test."""
+    secret, message = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw", "msg_p5jXN8AQM9LWM0D4loKWxJek"
+    signed = signature(secret, message, 1614265330, '{"test": 2432232314}')
+    assert signed == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
+
+
+def test_a_receiver_that_is_down_ten_minutes_gets_everything_once_and_in_order(database_url, receiver, clock):
+    with Store.open(database_url) as store:
+        made = told_of(store, receiver)
+        set_id = stored_set(store)
+        runs = [run(store, set_id) for _ in range(3)]
+        sender = sender_of(store, clock)
+        for _ in range(60):
+            sender.look()
+            clock.go_on(seconds=10)
+        pending = outcome(store)["undelivered"]
+        assert {one["state"] for one in pending} == {"pending"}
+        assert max(one["attempts"] for one in pending) > 3
+        assert "refused" in pending[-1]["error"]
+        with receiver.up():
+            for _ in range(70):
+                sender.look()
+                clock.go_on(seconds=10)
+        assert outcome(store)["undelivered"] == []
+        assert outcome(store)["delivered"] == 3
+    assert len(receiver.ids) == len(set(receiver.ids)) == 3
+    assert [one["data"]["run_id"] for one in receiver.messages] == [one.id for one in runs]
+    for (headers, body), message in zip(receiver.came, receiver.messages, strict=True):
+        signed = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.{body}".encode()
+        key = b64decode(made["secret"].removeprefix("whsec_"))
+        expected = b64encode(hmac.new(key, signed, hashlib.sha256).digest()).decode()
+        assert headers["webhook-signature"] == f"v1,{expected}"
+        assert message["type"] == "run.succeeded"
+        data = message["data"]
+        assert data["link"] == f"http://localhost:8000/#/runs/{data['run_id']}"
+        assert data["verdict"] in {"use", "use_with_care"}
+        assert data["robot"]
+
+
+def test_the_guide_shows_how_to_check_a_signature(store, receiver, clock):
+    made = told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    with receiver.up():
+        sender_of(store, clock).look()
+    (code,) = [text for language, text in blocks_of("docs/webhooks.md") if language == "python"]
+    guide = {}
+    exec(code, guide)  # noqa: S102 - our own guide
+    ((headers, body),) = receiver.came
+    now = int(clock.time.timestamp())
+    assert guide["is_genuine"](made["secret"], headers, body.encode(), now)
+    for forged in (headers | {"webhook-id": "msg_other"}, headers | {"webhook-timestamp": "1"}):
+        assert not guide["is_genuine"](made["secret"], forged, body.encode(), now)
+    assert not guide["is_genuine"](made["secret"], headers, body.encode() + b" ", now)
+    assert not guide["is_genuine"](made["secret"], headers, body.encode(), now + 301)
+
+
+def test_the_terminal_makes_lists_and_deletes_them(store, receiver, monkeypatch):
+    """The commands ask this service in process."""
+
+    def send(_client, verb, path, _query=None, document=None):
+        answer = ask(store, verb, path, **({} if document is None else {"json": document}))
+        if not answer.is_success:
+            raise RefusedError(problem_in(answer))
+        return answer
+
+    monkeypatch.setattr("jointstiff.service.library.client.Client.send", send)
+
+    def command(*words):
+        return CliRunner().invoke(app, ["webhooks", *words], env={"COLUMNS": "200"})
+
+    made = command("create", receiver.url, "--event", "run.failed")
+    assert made.exit_code == 0, made.output
+    assert made.stdout.strip().startswith("whsec_")
+    (hook,) = store.webhooks.all()
+    listed = command("list").output
+    assert hook.id in listed
+    assert "run.failed" in listed
+    assert command("create", receiver.url, "--event", "run.paused").exit_code == 2
+    assert command("delete", hook.id).exit_code == 0
+    assert store.webhooks.all() == []
+
+
+def test_a_receiver_that_answers_500_or_redirects_gets_the_same_id_again(store, receiver, clock):
+    told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    receiver.answers = {1: 500, 2: 503, 3: 302}
+    receiver.location = f"http://127.0.0.1:{receiver.port}/elsewhere"
+    sender = sender_of(store, clock)
+    with receiver.up():
+        sender.look()
+        assert outcome(store)["undelivered"][0]["error"] == "answered 500"
+        sender.look()
+        assert len(receiver.came) == 1  # not before the pause is over
+        looks(sender, clock, minutes=1)
+    assert len(receiver.came) == 4  # 5, 10 and 20 s later; no redirect was followed
+    assert len(set(receiver.ids)) == 1
+    assert outcome(store)["delivered"] == 1
+
+
+def test_a_slow_receiver_and_a_sender_that_is_killed_repeat_the_same_id(store, receiver, clock, monkeypatch):
+    told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 0.1)
+    sender = sender_of(store, clock)
+    with receiver.up():
+        receiver.pause = 0.4
+        sender.look()
+        assert "timed out" in outcome(store)["undelivered"][0]["error"]
+        receiver.pause = 0.0
+        clock.go_on(seconds=5)
+        with monkeypatch.context() as killed:
+            killed.setattr(store.webhooks, "settle", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+            with pytest.raises(KeyboardInterrupt):
+                sender.look()
+        assert len(receiver.came) == 2
+        another = sender_of(store, clock)
+        another.look()
+        assert len(receiver.came) == 2  # it may be under way
+        clock.go_on(minutes=1)
+        another.look()
+        another.look()
+    assert len(receiver.came) == 3
+    assert len(set(receiver.ids)) == 1
+    assert outcome(store)["delivered"] == 1
+
+
+def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, monkeypatch):
+    told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 0.3)
+    receiver.drips = 1
+    with receiver.up():
+        sender_of(store, clock).look()
+        assert 3 < receiver.drips < 100
+        assert "timed out" in outcome(store)["undelivered"][0]["error"]
+        receiver.drips = 0
+
+
+def test_what_does_not_arrive_in_a_day_is_dead_and_shown(store, receiver, clock):
+    told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    sender = sender_of(store, clock)
+    for _ in range(25):
+        sender.look()
+        clock.go_on(hours=1)
+    (dead,) = outcome(store)["undelivered"]
+    assert dead["state"] == "dead"
+    attempts = dead["attempts"]
+    with receiver.up():
+        sender.look()
+    assert receiver.came == []
+    assert outcome(store)["undelivered"][0]["attempts"] == attempts
+
+
+def test_one_message_that_is_refused_does_not_hold_other_jobs(store, receiver, clock):
+    told_of(store, receiver, events=["run.succeeded"])
+    set_id = stored_set(store)
+    runs = [run(store, set_id) for _ in range(2)]
+    receiver.answers = {1: 500}
+    with receiver.up():
+        sender_of(store, clock).look()
+    assert [one["data"]["run_id"] for one in receiver.messages] == [one.id for one in runs]
+    assert outcome(store)["delivered"] == 1
+
+
+def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
+    told_of(store, receiver, events=["run.failed", "worker.lost"])
+    jobs = runs_of(store, lambda *_: None)
+    record = jobs.create(request(stored_set(store)), None)
+    jobs.fail(record.id, WorkerLostError("five workers died"))
+    jobs.fail(record.id, WorkerLostError("and again"))
+    beats = Heartbeats(store._database, lambda _: clock.time)
+    recovery = Recovery(beats, {"run": jobs}, QueueEngine(), "alive", lost=store.webhooks.worker_lost)
+    beats.beat("gone", timedelta(seconds=30))
+    clock.go_on(seconds=31)
+    with receiver.up():
+        for _ in range(4):
+            recovery.look()
+            clock.go_on(seconds=5)
+        looks(sender_of(store, clock), clock, seconds=3)
+    failed, lost = receiver.messages
+    assert failed["type"] == "run.failed"
+    assert failed["data"]["run_id"] == record.id
+    assert failed["data"]["verdict"] is None
+    assert lost["type"] == "worker.lost"
+    assert lost["data"]["worker"] == "gone"
+
+
+def test_an_alarm_is_told_once_after_the_run_that_raised_it(store, receiver, clock):
+    client, arm = Client(store), default_arm()
+    soft = replace(arm, stiffnesses=arm.stiffnesses * [1, 1, 0.85, 1, 1, 1])
+    campaigns = [
+        simulate_campaign(each, load="pull", configurations=10, seed=seed)
+        for seed, each in enumerate([arm, arm, arm, soft, soft])
+    ]
+    told_of(store, receiver, events=["run.succeeded", "alarm.raised"])
+    robot = client.request("POST", "/v1/robots", json=campaigns[0]["robot"]).json()["id"]
+    runs = []
+    with receiver.up():
+        sender = sender_of(store, clock)
+        for month, campaign in enumerate(campaigns, 1):
+            noted = {"robot_id": robot, "measured_at": f"2026-{month:02d}-10T08:00:00Z", "serial_number": "W"}
+            body = campaign["measurement_set"] | noted
+            posted = client.request("POST", "/v1/measurement-sets", json=body).json()["id"]
+            for _ in range(2 if month == 4 else 1):  # the run that raises it is repeated
+                runs.append(
+                    client.request("POST", "/v1/runs", json={"measurement_set_id": posted}).json()["id"]
+                )
+                clock.time = datetime.now(UTC) + timedelta(seconds=1)
+                looks(sender, clock, seconds=3)
+    assert [one["type"] for one in receiver.messages].count("alarm.raised") == 1
+    kinds = [(one["type"], one["data"]["run_id"]) for one in receiver.messages]
+    assert kinds[3:5] == [("run.succeeded", runs[3]), ("alarm.raised", runs[3])]
+    alarm = receiver.messages[4]["data"]
+    assert alarm["alarm"]["joint"] == "joint_3"
+    assert alarm["alarm"]["serial_number"] == "W"
+    assert alarm["link"].endswith(f"/#/compare/trend/{robot}")
+    assert len(set(receiver.ids)) == len(runs) + 1
+
+
+PRIVATE = [
+    "http://127.0.0.1:1/",
+    "http://localhost/",
+    "http://10.1.2.3/",
+    "http://192.168.0.1/",
+    "https://172.16.3.4/",
+    "http://169.254.169.254/latest/meta-data",
+    "http://100.64.0.1/",
+    "http://0.0.0.0/",
+    "http://224.0.0.1/",
+    "http://[::1]/",
+    "http://[fe80::1]/",
+    "http://[fd00::1]/",
+    "http://[::ffff:10.0.0.1]/",
+    "http://[64:ff9b::a00:1]/",
+    "http://[2002:a00:1::1]/",
+    "http://2130706433/",
+    "http://0x7f.1/",
+]
+
+
+def test_addresses_that_are_not_public_are_refused(store, monkeypatch):
+    monkeypatch.delenv(ALLOWED_VARIABLE)
+    odd = ["http://no-such-name.invalid/", "http://[::1/", "http://a:b/", "ftp://x/"]
+    answers = {url: ask(store, "POST", "/v1/webhooks", json={"url": url}) for url in [*PRIVATE, *odd]}
+    places = {url: answer.json().get("where") for url, answer in answers.items()}
+    assert places == dict.fromkeys(answers, "url")
+    assert {answer.status_code for answer in answers.values()} == {422}
+    assert store.webhooks.all() == []
+
+
+@pytest.mark.parametrize("entry", ["10.1.2.3", "10.0.0.0/8", "mes.plant", "other, MES.plant"])
+def test_the_settings_allow_receivers_by_name_address_and_network(store, entry, monkeypatch):
+    monkeypatch.setenv(ALLOWED_VARIABLE, entry)
+    resolve(monkeypatch, "10.1.2.3")
+    answer = ask(store, "POST", "/v1/webhooks", json={"url": "http://mes.plant/"})
+    assert answer.status_code == 201, answer.text
+
+
+def resolve(monkeypatch, *addresses):
+    """Let every name have these addresses."""
+    found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (one, 80)) for one in addresses]
+    monkeypatch.setattr("jointstiff.service.access.addresses.socket.getaddrinfo", lambda *_, **__: found)
+
+
+def test_a_name_that_leads_elsewhere_later_leads_nowhere(store, receiver, clock, monkeypatch):
+    """DNS rebinding: public when it is made, this machine when the message is sent; or both at once."""
+    monkeypatch.delenv(ALLOWED_VARIABLE)
+    with monkeypatch.context() as resolving:
+        resolve(resolving, "1.1.1.1")
+        receiver.url = f"http://rebinding.example:{receiver.port}/"
+        told_of(store, receiver, events=["run.succeeded"])
+        run(store, stored_set(store))
+        resolve(resolving, "1.1.1.1", "127.0.0.1")
+        with receiver.up():
+            sender_of(store, clock).look()
+        both = ask(store, "POST", "/v1/webhooks", json={"url": receiver.url})
+    assert both.status_code == 422
+    assert receiver.came == []
+    assert "is 127.0.0.1" in outcome(store)["undelivered"][0]["error"]
+
+
+def test_only_admins_see_them_and_the_secret_is_shown_once(store, receiver):
+    operator = mint("operator", "operator", datetime.now(UTC), None)
+    store.keys.add(operator.record)
+    for method, path in (("POST", "/v1/webhooks"), ("GET", "/v1/webhooks"), ("DELETE", "/v1/webhooks/x")):
+        assert ask(store, method, path, operator.text, json={}).status_code == 403
+        assert client_of(store).request(method, path, json={}).status_code == 401
+    made = told_of(store, receiver)
+    assert made["secret"].startswith("whsec_")
+    assert len(b64decode(made["secret"].removeprefix("whsec_"))) == 32
+    assert "secret" not in outcome(store)
+    for body in ({"url": receiver.url, "events": []}, {"url": receiver.url, "events": ["x"]}, {}):
+        assert ask(store, "POST", "/v1/webhooks", json=body).status_code == 422
+    assert ask(store, "DELETE", f"/v1/webhooks/{made['id']}").status_code == 204
+    assert ask(store, "DELETE", f"/v1/webhooks/{made['id']}").status_code == 404
