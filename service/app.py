@@ -9,6 +9,7 @@ from typing import Any, Final
 from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
+from starlette.middleware.gzip import GZipMiddleware
 
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.api import (
@@ -23,6 +24,7 @@ from jointstiff.service.api import (
     robots,
     sessions,
     trends,
+    webhooks,
 )
 from jointstiff.service.api.access import AccessGuard, operation_id, public_paths
 from jointstiff.service.api.errors import install_error_handlers
@@ -32,7 +34,7 @@ from jointstiff.service.api.job_files import job_files
 from jointstiff.service.api.jobs import job_routes
 from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.api.metrics import Metrics
-from jointstiff.service.api.middleware import AnswerHeaders, Methods, Observed
+from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, AnswerHeaders, Methods, Observed
 from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.api.posture import Posture, PostureGuard
 from jointstiff.service.api.watch import Watch
@@ -142,7 +144,7 @@ def create_app(
         health,
     ):
         app.include_router(module.router)
-    for module in (sessions, keys):
+    for module in (sessions, keys, webhooks):
         app.include_router(module.router)
     app.include_router(job_files())
     for kind in KINDS:
@@ -150,6 +152,9 @@ def create_app(
     install_description(app)
     install_page(app)
     install_error_handlers(app)
+    app.add_middleware(
+        GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=5, exclude_content_types=PACKED
+    )
     app.add_middleware(Methods, routes=app.routes)
     public_paths(app.routes)  # now, as middleware is made with the first request
     app.add_middleware(AccessGuard, gate=gate, store=store, routes=app.routes)

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
@@ -33,7 +34,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers.queue import JobQueue
-from jointstiff.service.workers.supervisor import Supervisor
+from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor
 
 _GOODBYE_SECONDS: Final = 5
 """For requests under way when the service is told to end; those who follow a run come back."""
@@ -119,7 +120,9 @@ def run_server(
         queue = stack.enter_context(closing(JobQueue(store, database)))
         port = listener.getsockname()[1]
         prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"
-        supervisor = stack.enter_context(Supervisor(database, workers, prefix, _forgetting(store)))
+        supervisor = stack.enter_context(
+            Supervisor(database, workers, prefix, _forgetting(store), _silence(store))
+        )
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {JOINTSTIFF_VERSION} at {address}, API description at {address}/openapi.json\n"
@@ -206,8 +209,21 @@ def _forgetting(store: Store) -> Callable[[str], None]:
     def forget(worker: str) -> None:
         with suppress(StoreError):
             store.heartbeats.forget(worker)
+            store.webhooks.worker_lost(worker, datetime.now(UTC))
 
     return forget
+
+
+def _silence(store: Store) -> Callable[[str], bool]:
+    """Return what tells whether a worker is silent; if the database can be written."""
+
+    def is_silent(worker: str) -> bool:
+        with suppress(StoreError):
+            store.heartbeats.prove()
+            return worker not in store.heartbeats.living(timedelta(seconds=SILENCE_SECONDS))
+        return False
+
+    return is_silent
 
 
 def _mark(database: str) -> str:

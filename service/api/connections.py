@@ -1,4 +1,4 @@
-"""Bounds on connections: none stays open by saying nothing, and bodies do not fill the memory.
+"""Bounds on connections: none stays open by saying nothing, and neither bodies nor answers fill the memory.
 
 Without them a client that sends half a request, or does not read its answer, is kept for ever: uvicorn only
 ends those that are silent between two requests.
@@ -12,12 +12,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final, cast
 
 import h11
-from starlette.types import Receive, Scope, Send
+from starlette.datastructures import Headers
+from starlette.types import Message, Receive, Scope, Send
 from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
-from jointstiff.service.api.errors import RETRY_SECONDS
+from jointstiff.service.api.errors import RETRY_SECONDS, answer_problem
 from jointstiff.service.api.middleware import ANSWER_HEADERS
 from jointstiff.service.problems.table import http_problem
 
@@ -47,8 +48,11 @@ class BoundedProtocol(H11Protocol):
     BODY_SECONDS: ClassVar[float] = 30.0  # for a body, and `BODY_RATE` bytes a second beyond it
     BODY_RATE: ClassVar[float] = 64 * 1024
     WRITE_SECONDS: ClassVar[float] = 20.0  # without a byte of the answer taken
+    ANSWER_RATE: ClassVar[float] = 4 * 1024  # bytes a second of an answer, on average over `WRITE_SECONDS`
     LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all bodies that are received or worked on
+    ANSWER_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all answers of more than `PIECE_BYTES` under way
+    PIECE_BYTES: ClassVar[int] = 64 * 1024  # of an answer that wait for the client at a time
     # open at once; the one that was silent for longest makes room for a new one
     CONNECTIONS: ClassVar[int] = connection_limit()
 
@@ -59,13 +63,17 @@ class BoundedProtocol(H11Protocol):
 
     _held: ClassVar[int] = 0
     """Bytes of all bodies: the application keeps each until it ends, even if the client has left."""
+    _answering: ClassVar[int] = 0
+    """Bytes of all large answers that are being sent."""
 
     _phase: tuple[Any, Any] = (None, None)
     _since: float = 0.0
     _received: int = 0
     _latest: int = 0
-    _unwritten: int = 0
+    _handed: int = 0  # bytes of answers given to the transport
+    _taken: int = 0  # of them, by the client, at the last look
     _written_at: float = 0.0
+    _window: tuple[float, int] = (0.0, 0)  # time and bytes taken when the rate was judged last
 
     def __init__(
         self,
@@ -83,6 +91,7 @@ class BoundedProtocol(H11Protocol):
         """Begin to wait for a header; make room first if there are too many."""
         super().connection_made(transport)
         self._since = self._written_at = self.loop.time()
+        self._window = (self._since, 0)
         self._phase = (self.conn.their_state, None)
         if len(self.connections) > self.CONNECTIONS:
             others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
@@ -100,8 +109,8 @@ class BoundedProtocol(H11Protocol):
         now = self.loop.time()
         if self.awaits_header:
             return now - self._since
-        is_stalled = 0 < self._unwritten <= self.transport.get_write_buffer_size()
-        stalled = now - self._written_at if is_stalled else 0.0
+        left = self.transport.get_write_buffer_size()
+        stalled = now - self._written_at if left and self._handed - left <= self._taken else 0.0
         return stalled if stalled >= self.LOOK_SECONDS else 0.0  # one that reads is not seen to between looks
 
     def data_received(self, data: bytes) -> None:
@@ -139,11 +148,37 @@ class BoundedProtocol(H11Protocol):
             self._phase, self._since = phase, self.loop.time()
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request to the application, which holds its body until it ends."""
-        cycle = self.cycle
+        """Pass a request to the application, which holds its body until it ends, and send the answer."""
+        cycle, length, is_refused = self.cycle, 0, False
+
+        async def sent(message: Message) -> None:
+            """Send a large answer piece by piece as the client takes it, unless too many are under way."""
+            nonlocal length, is_refused
+            if is_refused:
+                return
+            if message["type"] == "http.response.start":
+                declared = int(Headers(raw=message["headers"]).get("content-length", "0"))
+                length = declared if declared > self.PIECE_BYTES else 0
+                is_refused = length > 0 and self._answering + length > self.ANSWER_BYTES
+                length *= not is_refused
+                type(self)._answering += length
+            if is_refused:
+                reason = "too many large answers are being read at once"
+                await answer_problem(http_problem(503, reason, "ask again later"))(scope, receive, send)
+                return
+            body = message.get("body", b"")
+            for begin in range(0, len(body) - self.PIECE_BYTES, self.PIECE_BYTES):
+                piece = body[begin : begin + self.PIECE_BYTES]
+                self._handed += len(piece)
+                await send({"type": message["type"], "body": piece, "more_body": True})
+            rest = body[max(0, len(body) - 1) // self.PIECE_BYTES * self.PIECE_BYTES :]
+            self._handed += len(rest)
+            await send({**message, "body": rest} if body else message)
+
         try:
-            await self._application(scope, receive, send)
+            await self._application(scope, receive, sent)
         finally:
+            type(self)._answering -= length
             type(self)._held -= self._bodies.pop(cycle, 0)
             cycle.body.clear()
 
@@ -153,13 +188,18 @@ class BoundedProtocol(H11Protocol):
             return
         now = self.loop.time()
         left = self.transport.get_write_buffer_size()
-        if not left or left < self._unwritten:
+        taken = self._handed - left
+        if not left or taken > self._taken:
             self._written_at = now
-        self._unwritten = left
+        self._taken = taken
+        began, before = self._window
+        is_slow = left > 0 and taken - before < self.ANSWER_RATE * (now - began)
+        if not left or now - began >= self.WRITE_SECONDS:
+            self._window = (now, taken)
         if self.flow.read_paused:  # it is our turn
             self._since += self.LOOK_SECONDS
         remaining = min(self._allowed() - (now - self._since), self.WRITE_SECONDS - (now - self._written_at))
-        if remaining <= 0.0:
+        if remaining <= 0.0 or (is_slow and now - began >= self.WRITE_SECONDS):
             self.transport.abort()
         else:
             self.loop.call_later(min(self.LOOK_SECONDS, remaining), self._look)

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request, Response
 from jointstiff.schemas.health import Health
 from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
 from jointstiff.service.api.parts import problems
-from jointstiff.service.api.watch import Watch
+from jointstiff.service.api.watch import Seen, Watch
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
@@ -17,13 +17,15 @@ router = APIRouter(tags=["health"], route_class=AccessRoute)
 @router.get("/health", dependencies=[VIEWER], response_model=Health, responses=problems())
 async def get_health(request: Request) -> Health:
     """Return the version of the service, its database and the number of its workers, as last looked at."""
-    return await _health(request)
+    watch: Watch = request.app.state.watch
+    return _health(request, await watch.latest())
 
 
 @router.get("/ready", dependencies=[VIEWER], response_model=Health, responses=problems())
 async def get_ready(request: Request) -> Health:
-    """Return the same as /health: 503 while the database does not answer, so that no work should be sent."""
-    return await _health(request)
+    """Return the same as /health: 503 while the database cannot be written, as work would be lost."""
+    watch: Watch = request.app.state.watch
+    return _health(request, await watch.writable())
 
 
 @router.get("/live", dependencies=[PUBLIC], status_code=204, response_class=Response)
@@ -32,10 +34,8 @@ async def get_live() -> Response:
     return Response(status_code=204)
 
 
-async def _health(request: Request) -> Health:
+def _health(request: Request, seen: Seen) -> Health:
     # No thread and no database while the service runs: it is answered however much others ask for.
-    watch: Watch = request.app.state.watch
-    seen = await watch.latest()
     return Health(
         status="ok",
         version=JOINTSTIFF_VERSION,
@@ -43,7 +43,7 @@ async def _health(request: Request) -> Health:
         failing_workers=request.app.state.failing_workers(),
         database=seen.database,
         stored_bytes=seen.stored_bytes,
-        quota_bytes=watch.quota_bytes,
+        quota_bytes=request.app.state.watch.quota_bytes,
         access=request.app.state.access,
     )
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Path, Request, Response
+from fastapi.responses import StreamingResponse
 
 from jointstiff.schemas.job import Job
 from jointstiff.service.api.access import VIEWER, AccessRoute
@@ -17,7 +19,7 @@ from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.report import job_sheet
 from jointstiff.service.reports.job import job_document
-from jointstiff.service.tables.files import written
+from jointstiff.service.tables.files import csv_parts, written
 
 
 def job_files() -> APIRouter:
@@ -56,15 +58,17 @@ def _add_file(router: APIRouter, kind: AnyKind, file: File) -> None:
     async def download(request: Request, parts: PartsOf, job_id: str) -> Response:
         jobs = parts.jobs[kind.name]
 
-        def content_of() -> bytes:
-            job = _succeeded(jobs, job_id)
-            return written(job_sheet(kind, file, job, lambda: jobs.work(job_id)), file.suffix)
+        def content_of() -> bytes | Iterator[str]:
+            sheet = job_sheet(kind, file, _succeeded(jobs, job_id), lambda: jobs.work(job_id))
+            return csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
 
         # Large tables take seconds: they wait for their turn, and leave the other requests theirs.
         content = await run_sync(content_of, limiter=large_bodies(request))
         name = f"{kind.name}-{job_id}.{file.suffix}"
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-        return Response(content, media_type=file.media_type, headers=headers)
+        if isinstance(content, bytes):
+            return Response(content, media_type=file.media_type, headers=headers)
+        return StreamingResponse(content, media_type=file.media_type, headers=headers)
 
     download.__annotations__["job_id"] = _identifier(kind)
     schema: dict[str, Any] = (

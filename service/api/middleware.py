@@ -12,6 +12,7 @@ from typing import Final
 import anyio
 from anyio.lowlevel import checkpoint
 from starlette.datastructures import MutableHeaders
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Match, Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -84,6 +85,16 @@ class Methods:
             if method == "GET" or not isinstance(route, Mount)  # which has files, to be read
         )
 
+
+COMPRESSED_BYTES: Final = 1024
+"""Smaller answers are sent as they are."""
+PACKED: Final = (
+    *DEFAULT_EXCLUDED_CONTENT_TYPES,  # streams of events, pictures
+    "application/octet-stream",
+    "application/pdf",
+    "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+)
+"""Types of answers that are sent as they are, whatever their size."""
 
 ANSWER_HEADERS: Final = MappingProxyType(
     {

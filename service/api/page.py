@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from functools import cache
+from mimetypes import guess_type
 from pathlib import Path
 from threading import Lock
 from typing import Final
 
-from fastapi import FastAPI
+from anyio.to_thread import run_sync
+from fastapi import FastAPI, HTTPException
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import Headers
+from starlette.types import Scope
 
 from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
 
@@ -45,11 +49,22 @@ The API is described at <a href="../openapi.json">openapi.json</a>. <a href="../
 
 
 class _Assets(StaticFiles):
-    """Files with a hash in their names, which never change."""
+    """Files with a hash in their names, which never change; the build has packed each as `NAME.gz`, too."""
 
-    def file_response(self, *args: object, **kwargs: object) -> Response:
-        response = super().file_response(*args, **kwargs)  # type: ignore[arg-type]
-        response.headers.update(SECURITY_HEADERS | {"Cache-Control": "public, max-age=31536000, immutable"})
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return the packed file to a browser that takes it."""
+        try:
+            is_packed = (await run_sync(self.lookup_path, f"{path}.gz"))[1] is not None
+        except (OSError, ValueError):  # no file has such a name
+            raise HTTPException(404) from None
+        takes_packed = is_packed and "gzip" in Headers(scope=scope).get("accept-encoding", "")
+        response = await super().get_response(f"{path}.gz" if takes_packed else path, scope)
+        if takes_packed:
+            response.headers["Content-Encoding"] = "gzip"
+            response.headers["Content-Type"] = guess_type(path)[0] or "application/octet-stream"
+        # The policy of the page is the page's; each file has the short one of all answers.
+        response.headers["Cache-Control"] = "public, max-age=31536000, immutable"
+        response.headers["Vary"] = "Accept-Encoding"
         return response
 
 
@@ -73,7 +88,11 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None
     def icon() -> Response:
         return FileResponse(bundle / "favicon.svg", headers=SECURITY_HEADERS)
 
+    def notices() -> Response:
+        return FileResponse(bundle / "notices.txt", headers=SECURITY_HEADERS)
+
     _add(app, "/", page)
+    _add(app, "/notices.txt", notices)
     _add(app, "/favicon.svg", icon)
     if (bundle / "assets").is_dir():
         app.mount("/assets", _Assets(directory=bundle / "assets"), name="assets")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final, Literal, cast
@@ -30,6 +31,7 @@ from jointstiff.service.reports.run import RunSubject, run_document
 from jointstiff.service.reports.state import draft as drafted
 from jointstiff.service.reports.state import state_of
 from jointstiff.service.resources.stored_jobs import stored_job
+from jointstiff.service.store.journal import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.solver.errors import RequestError
 
@@ -172,28 +174,30 @@ def authorise_run(
         changed = settings.laboratory.model_copy(update={"customer": body.customer})
         subject = replace(subject, settings=replace(settings, laboratory=changed))
     subject = replace(subject, received_on=body.received_on)
-    own = parts.store.authorisations.of(run_id=run_id)
-    issued = Authorisation(
-        run_id=run_id,
-        supersedes=body.supersedes,
-        authorised_at=datetime.now(UTC),
-        key_id=key.id,
-        key_name=key.name,
-        content_hash=subject.content_hash(),
-        note=body.note,
-        number=len(own) + 1,
-        pdf_sha256="",
-    )
-    document = run_document(subject, state_of([*_authorisations(own), issued], None))
-    pdf = report_pdf(document)
-    record = AuthorisationRecord(
-        **issued.model_dump(exclude={"customer", "received_on", "pdf_sha256"}),
-        stated=json.dumps(subject.stated()),
-        pdf_sha256=hashlib.sha256(pdf).hexdigest(),
-        pdf=pdf,
-        page=report_page(document),
-    )
-    return _authorisations([parts.store.authorisations.add(record)])[0]
+    while True:
+        own = parts.store.authorisations.of(run_id=run_id)
+        issued = Authorisation(
+            run_id=run_id,
+            supersedes=body.supersedes,
+            authorised_at=datetime.now(UTC),
+            key_id=key.id,
+            key_name=key.name,
+            content_hash=subject.content_hash(),
+            note=body.note,
+            number=len(own) + 1,
+            pdf_sha256="",
+        )
+        document = run_document(subject, state_of([*_authorisations(own), issued], None))
+        pdf = report_pdf(document)
+        record = AuthorisationRecord(
+            **issued.model_dump(exclude={"customer", "received_on", "pdf_sha256"}),
+            stated=json.dumps(subject.stated()),
+            pdf_sha256=hashlib.sha256(pdf).hexdigest(),
+            pdf=pdf,
+            page=report_page(document),
+        )
+        with suppress(NumberTakenError):  # by another admin, meanwhile: the next one is stated then
+            return _authorisations([parts.store.authorisations.add(record)])[0]
 
 
 @router.get(
@@ -223,7 +227,9 @@ def _file(content: bytes, number: str, name: ReportFormat) -> Response:
 
 def _subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
     model = exported_model(parts, run_id)
-    return RunSubject(model, parts.sets.document(model.run.request.measurement_set_id), settings)
+    readings = parts.sets.document(model.run.request.measurement_set_id)
+    alarms = parts.trends.alarms_of(readings.robot_id, readings.serial_number)
+    return RunSubject(model, readings, settings, alarms=[alarm.message for alarm in alarms])
 
 
 def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:

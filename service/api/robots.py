@@ -50,14 +50,22 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
         deleted=query.deleted,
         archived=query.archived,
     )
-    items = [RobotSummary.model_validate(described(record), from_attributes=True) for record in page.records]
+    alarms = parts.trends.alarms([record.id for record in page.records])
+    items = [
+        RobotSummary.model_validate(
+            described(record).model_copy(update={"alarms": alarms.get(record.id, [])}), from_attributes=True
+        )
+        for record in page.records
+    ]
     return Page(items=items, next=page.next)
 
 
 @router.get("/robots/{robot_id}", dependencies=[VIEWER], response_model=Robot, responses=problems(404, 422))
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """Get a robot, with its kinematics as they were understood."""
-    return json_response(described(parts.store.robots.get(robot_id)).model_dump_json())
+    """Get a robot, with its kinematics as they were understood, and the alarms of its trend."""
+    robot = described(parts.store.robots.get(robot_id))
+    alarms = parts.trends.alarms([robot_id]).get(robot_id, [])
+    return json_response(robot.model_copy(update={"alarms": alarms}).model_dump_json())
 
 
 @router.patch(

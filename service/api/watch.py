@@ -19,6 +19,10 @@ LOOK_SECONDS: Final = 0.5
 """Pause between two looks at the database."""
 STALE_SECONDS: Final = 10.0
 """A look that takes longer counts as a database that does not answer."""
+PROOF_SECONDS: Final = 2.0
+"""Pause between two proofs that the database can be written."""
+STALE_PROOF_SECONDS: Final = 30.0
+"""A proof that takes longer counts as a database that cannot be written."""
 
 _logger = logging.getLogger(__name__)
 
@@ -49,6 +53,8 @@ class Watch:
         self._store = store
         self._keyring = keyring
         self._seen: Seen | None = None
+        self._unwritable: StoreError | None = None
+        self._proved = 0.0
         self._ended = threading.Event()
 
     @property
@@ -59,7 +65,9 @@ class Watch:
     def __enter__(self) -> Watch:
         self._ended.clear()
         self._seen = self._look()
+        self._proved = time.monotonic()
         threading.Thread(target=self._renew, name="health", daemon=True).start()
+        threading.Thread(target=self._prove_again, name="proof", daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -84,6 +92,38 @@ class Watch:
         if time.monotonic() - seen.at > STALE_SECONDS:
             raise StoreUnavailableError("the database is slow to answer", "try again; look at its server")
         return seen
+
+    async def writable(self) -> Seen:
+        """Return the outcome of the last look, if the database could be written of late.
+
+        Raises:
+            StoreError: the database did not answer the last look, or could not be written.
+        """
+        seen = await self.latest()
+        if self._seen is None:
+            await run_sync(self._prove)
+        if self._unwritable is not None:
+            raise self._unwritable.with_traceback(None)
+        if self._seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
+            raise StoreUnavailableError("a write to the database does not end", "look for what locks it")
+        return seen
+
+    def _prove_again(self) -> None:
+        while not self._ended.wait(PROOF_SECONDS):
+            self._prove()
+
+    def _prove(self) -> None:
+        """Write: a file that can be read only, or a standby server, answers every look."""
+        try:
+            self._store.heartbeats.prove()
+        except StoreError as error:
+            self._unwritable = error
+        except Exception:
+            _logger.exception("unexpected failure of a write to the database")
+            self._unwritable = StoreUnavailableError("a write to the database failed", "see the log")
+        else:
+            self._unwritable = None
+        self._proved = time.monotonic()
 
     def _renew(self) -> None:
         while not self._ended.wait(LOOK_SECONDS):

@@ -18,6 +18,7 @@ from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
 from jointstiff.service.cli.watch import watch
+from jointstiff.service.cli.webhooks import webhooks
 from jointstiff.service.kinds.rooms import ROOMS
 
 
@@ -89,6 +90,7 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(keys, name="keys")
+app.add_typer(webhooks, name="webhooks")
 
 
 def _version(value: bool) -> None:

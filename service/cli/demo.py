@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import signal
-from collections.abc import Iterator
 from typing import Any, Final
 
-from jointstiff.schemas.comparison import ComparisonSummary
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetSummary
-from jointstiff.schemas.run.run import RunSummary
 from jointstiff.service.kinds.comparison import COMPARISON
+from jointstiff.service.kinds.kind import AnyJob, AnySummary
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.client import Client
+from jointstiff.service.library.collections import Jobs
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.server import run_server
 from jointstiff.service.tables.terminal import console, problem_text
@@ -62,21 +62,23 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
 
 
 def _tour(address: str, *, once: bool) -> int:
-    """Post the example if it is not there, print what comes back, and the page's address if it stays."""
+    """Post the example, print what comes back, and the page's address if it stays.
+
+    The content of each post is its idempotency key: of two demonstrations, one after the other or at the same
+    time, both show what the first stored.
+    """
     out = console()
     try:
         with Client(address) as client:
             client.ping()
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
-            request = {"measurement_set_id": _posted_set(client, campaign)}
-            runs: Iterator[RunSummary] = client.runs.list(**request)
-            found = next(runs, None)
-            run = client.runs.create(request) if found is None else client.runs.get(found.id)
-            comparisons: Iterator[ComparisonSummary] = client.comparisons.list(**request)
-            other = next(comparisons, None)
-            comparison = (
-                client.comparisons.create(request) if other is None else client.comparisons.get(other.id)
-            )
+            robot = client.robots.create(campaign["robot"], key=_key(campaign["robot"]))
+            readings = campaign["measurement_set"] | {"robot_id": robot.id}
+            stored = client.measurement_sets.create(readings, key=_key(readings))
+            counted = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
+            out.print(f"robot {robot.id} and measurement set {stored.id} ({counted})\n", soft_wrap=True)
+            request = {"measurement_set_id": stored.id}
+            run, comparison = _shown(client.runs, request), _shown(client.comparisons, request)
             run, comparison = client.runs.wait(run), client.comparisons.wait(comparison)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
@@ -90,17 +92,15 @@ def _tour(address: str, *, once: bool) -> int:
     return 0
 
 
-def _posted_set(client: Client, campaign: dict[str, Any]) -> str:
-    """Return the id of the example's measurement set."""
-    name = campaign["measurement_set"]["name"]
-    sets: Iterator[MeasurementSetSummary] = client.measurement_sets.list()
-    found = next((each for each in sets if each.name == name), None)
-    if found is not None:
-        console().print(f"found measurement set {found.id} of an earlier demonstration\n")
-        return found.id
-    robot, stored = client.post_campaign(campaign)
-    console().print(
-        f"posted robot {robot.id} and measurement set {stored.id} "
-        f"({len(stored.observations)} observations, {len(stored.warnings)} warnings)\n"
-    )
-    return stored.id
+def _shown(jobs: Jobs[AnyJob, AnySummary], request: dict[str, Any]) -> AnyJob:
+    """Return the job that an earlier demonstration left, or a new one where it was deleted."""
+    created = jobs.create(request, key=_key(request))
+    try:
+        return jobs.get(created.id)
+    except RefusedError:
+        return jobs.create(request)
+
+
+def _key(document: dict[str, Any]) -> str:
+    content = json.dumps(document, sort_keys=True).encode()
+    return f"demonstration {hashlib.sha256(content).hexdigest()}"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 LINK_TIME: Final = timedelta(minutes=10)
 """Time in which a link can be used."""
 
-keys = typer.Typer(help="Make, list and revoke the keys that open a service.", no_args_is_help=True)
+keys = typer.Typer(help="Create, list and revoke the keys that open a service.", no_args_is_help=True)
 
 
 class RoleChoice(StrEnum):
@@ -55,7 +55,7 @@ def create(
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     keys_file: KeysFilePath = None,
 ) -> None:
-    """Make a key. It is printed once, and nowhere kept."""
+    """Create a key. It is printed once, and nowhere kept."""
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest

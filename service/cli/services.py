@@ -18,8 +18,8 @@ from jointstiff.service.cli.options import (
 from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.run.run import Run
     from jointstiff.service.library.client import Client
+    from jointstiff.service.library.results import TabledRun
 
 LogLines = Annotated[
     LogFormat,
@@ -154,7 +154,7 @@ def post(
         raise typer.Exit(1)
 
 
-def _ended(client: "Client", run: "Run", address: str) -> "Run":
+def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":
     """Wait for the end of a run; who waits no longer is told that it goes on."""
     from jointstiff.service.tables.terminal import progress_bar
 

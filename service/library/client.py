@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 from uuid import uuid4
 
 import httpx2
@@ -29,9 +29,8 @@ from jointstiff.service.kinds.map import MAP
 from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.kinds.program import PROGRAM
-from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.answers import alien, no_address, problem_in, resource_in, silence
-from jointstiff.service.library.collections import Collection, Document, Jobs, Programs, plain
+from jointstiff.service.library.collections import Collection, Document, Jobs, Programs, Runs, plain
 from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.in_process import AnyCampaign, campaign_of
 from jointstiff.service.library.results import TabledRun
@@ -89,7 +88,7 @@ class Client:
         self.measurement_sets = Collection(
             self.send, "measurement-sets", MeasurementSet, MeasurementSetSummary
         )
-        self.runs = Jobs(self.send, RUN)
+        self.runs = Runs(self.send)
         self.comparisons = Jobs(self.send, COMPARISON)
         self.pairs = Jobs(self.send, PAIR)
         self.geometries = Jobs(self.send, GEOMETRY)
@@ -125,7 +124,7 @@ class Client:
         document = plain(campaign_of(campaign))
         _, stored = self.post_campaign(document)
         request = document.get("run", {}) | options | {"measurement_set_id": stored.id}
-        return cast("TabledRun", self.runs.done(request))
+        return self.runs.done(request)
 
     def compare(self, run: Run, **options: Any) -> Comparison:  # noqa: ANN401 - of ComparisonOptions
         """Compare the methods on the measurement set of a run."""

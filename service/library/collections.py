@@ -6,17 +6,20 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar, cast
 from urllib.parse import quote
 
 import httpx2
 
+from jointstiff.schemas.assessment import Action
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.program import Program, ProgramSummary
+from jointstiff.schemas.run.run import RunSummary
 from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
+from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.answers import resource_in
-from jointstiff.service.library.results import shown
+from jointstiff.service.library.results import TabledRun, shown
 
 _LOOK_SECONDS: Final = 0.2
 
@@ -49,11 +52,14 @@ class Collection(Generic[Resource, Summary]):
             key: idempotency key; one of its own if absent.
         """
         answer = self._send("POST", self._path, self._posted_with, document, key=key)
-        return resource_in(answer, self._kind)
+        return self._in(answer)
 
     def get(self, identifier: str) -> Resource:
         """Return a resource."""
-        return resource_in(self._send("GET", self._address(identifier)), self._kind)
+        return self._in(self._send("GET", self._address(identifier)))
+
+    def _in(self, answer: httpx2.Response) -> Resource:
+        return resource_in(answer, self._kind)
 
     def list(self, **filters: str) -> Iterator[Summary]:
         """Yield summaries of the resources, newest first; filters are those of the API."""
@@ -100,6 +106,26 @@ class Jobs(Collection[AnyJob, AnySummary]):
             time.sleep(_LOOK_SECONDS)
             job = self.get(job.id)
         return job
+
+
+class Runs(Jobs[TabledRun, RunSummary]):
+    """Runs: what they `apply`, `export` and `report` goes over the service."""
+
+    def __init__(self, send: Send) -> None:
+        super().__init__(send, cast("Kind[TabledRun, Any, RunSummary]", RUN))
+
+    def apply(self, run: TabledRun, action: Action) -> TabledRun:
+        """Post an action of the assessment of a run; return the run of what it changes once it has ended."""
+        address = f"{self._address(run.id)}/apply"
+        return self.wait(self._in(self._send("POST", address, self._posted_with, action)))
+
+    def file(self, run: TabledRun, name: str, query: Mapping[str, str]) -> bytes:
+        """Return a file of a run, such as `model.urdf` or `report.pdf`."""
+        content: bytes = self._send("GET", f"{self._address(run.id)}/{name}", query).content
+        return content
+
+    def _in(self, answer: httpx2.Response) -> TabledRun:
+        return super()._in(answer).over(self)
 
 
 Files = Iterable[str | Path] | Mapping[str, bytes]

@@ -61,7 +61,7 @@ class Delivery:
         return frozenset({".json"}) | (TABLES if self._template is not None else frozenset())
 
     def post(self, file: FinishedFile) -> str:
-        """Post a file; return the address of its run.
+        """Post a file; return the address of its run, and the alarms of its robot.
 
         Raises:
             CampaignError: its content cannot be understood.
@@ -79,7 +79,12 @@ class Delivery:
                 return _TAKEN_BEFORE
             raise
         made = self._client.runs.create(run | {"measurement_set_id": stored.id}, key=key)
-        return f"/v1/runs/{made.id}"
+        alarms = [
+            f"this robot is in alarm: {alarm.line}"
+            for alarm in self._client.robots.get(robot.id).alarms
+            if alarm.serial_number == stored.serial_number
+        ]
+        return "; ".join([f"/v1/runs/{made.id}", *alarms])
 
     def _read(self, file: FinishedFile, robot: Robot) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the measurement set and the options of its run, as they are posted."""

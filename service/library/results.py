@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from io import StringIO
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from pydantic import PrivateAttr
 from rich.console import Console
@@ -22,6 +22,9 @@ from jointstiff.service.kinds.report import job_report, job_sheet
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.service.library.collections import Runs
 
 _WIDTH = 100
 
@@ -101,6 +104,7 @@ class TabledRun(_Shown, Run):
     declared: ClassVar[AnyKind] = RUN
     _inputs: Any = PrivateAttr(default=None)
     _campaign: Campaign | None = PrivateAttr(default=None)  # that was identified in this process
+    _service: Runs | None = PrivateAttr(default=None)  # that the run comes from, of a client
 
     @property
     def joints(self) -> Joints:
@@ -147,23 +151,28 @@ class TabledRun(_Shown, Run):
         return self._campaign
 
     def apply(self, action: str) -> TabledRun:
-        """Apply an action that a reason advises, and identify; the answer's `campaign` is the mended one.
+        """Apply an action that a reason advises, and identify what it changes, here or in the run's service.
 
         Args:
             action: kind of the action, such as `exchange_columns` or `convert_units`.
 
         Returns:
-            The run of the mended campaign, by the options of this one.
+            The run of the mended campaign, by the options of this one; in this process its `campaign`.
 
         Raises:
             RequestError: the run has no result, or comes from elsewhere.
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
+            RefusedError: the service refuses it.
         """
         from jointstiff.service.conversion.mending import advised, mended
         from jointstiff.service.library.campaigns import as_campaign_error
         from jointstiff.service.library.in_process import identify
 
         assessment = self._found().assessment
+        if self._service is not None:
+            with as_campaign_error(""):
+                chosen = advised(assessment, action)
+            return self._service.apply(self, chosen)
         options = self.request.model_dump(exclude={"measurement_set_id", "leave_out", "variant_of"})
         campaign = self.campaign.model_copy(update={"run": RunOptions.model_validate(options)})
         with as_campaign_error(""):
@@ -188,7 +197,7 @@ class TabledRun(_Shown, Run):
 
         Args:
             path: file to write, ending in `.pdf` or `.html`.
-            laboratory: TOML file of the laboratory that issues it.
+            laboratory: TOML file of the laboratory that issues it; a service has its own.
 
         Raises:
             CampaignError: the report cannot be made, or Typst is not installed.
@@ -196,6 +205,10 @@ class TabledRun(_Shown, Run):
         from jointstiff.service.library.models import reported_run
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
 
+        if self._service is not None and laboratory is None:
+            name = f"report.{_suffix(path, {'pdf', 'html'})}"
+            Path(path).write_bytes(self._service.file(self, name, {}))
+            return
         settings = LaboratorySettings() if laboratory is None else read_laboratory(Path(laboratory))
         as_pdf = _suffix(path, {"pdf", "html"}) == "pdf"
         Path(path).write_bytes(reported_run(self.campaign, as_pdf, settings, self))
@@ -209,13 +222,23 @@ class TabledRun(_Shown, Run):
 
         Raises:
             CampaignError: the run has no model for this format, or is not to be used.
+            RefusedError: the service refuses it.
         """
         from jointstiff.service.exporting.formats import FORMATS
         from jointstiff.service.library.models import exported
 
         suffix = _suffix(path, {*FORMATS, "xml"})
         name = cast("Any", suffix.replace("xml", "mjcf"))
+        if self._service is not None:
+            query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
+            Path(path).write_bytes(self._service.file(self, f"model.{name}", query))
+            return
         Path(path).write_bytes(exported(self.campaign, name, self, accept_verdict))
+
+    def over(self, service: Runs) -> TabledRun:
+        """Return the run, which goes over a service from now on."""
+        self._service = service
+        return self
 
 
 @cache

@@ -29,3 +29,18 @@ def test_docstrings_begin_with_a_verb_or_a_noun(folder):
     riddles = [text for text in texts if text.split(": ", 1)[1].split()[0].rstrip(",") in REFUSED]
     assert len(texts) > 20
     assert not riddles, "\n".join(riddles)
+
+
+def test_descriptions_of_fields_begin_with_a_noun():
+    """They are the help of commands and the reference of the API, where they stand beside a bare name."""
+    described, riddles = 0, []
+    for path in sorted((ROOT / "schemas").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.keyword) and node.arg == "description":
+                texts = [each.value for each in ast.walk(node.value) if isinstance(each, ast.Constant)]
+                first = str(texts[0]).split()[0].rstrip(",.;") if texts else ""
+                described += 1
+                if first in {*REFUSED, "In", "By", "Its", "Likewise", "Who", "When"}:
+                    riddles.append(f"{path.relative_to(ROOT)}:{node.value.lineno}: {texts[0]}")
+    assert described > 800
+    assert not riddles, "\n".join(riddles)

@@ -38,6 +38,7 @@ GUIDES = (
     "docs/plan.md",
     "docs/compensate.md",
     "docs/python.md",
+    "docs/webhooks.md",
 )
 BEFORE = {
     "README.md": "rm secondary.json",
@@ -52,6 +53,7 @@ PLACEHOLDER = '"measurement_set_id": "…"'
 NOT_RUN = {
     "scripts/run ": "sets an environment up; test_demo.py runs its program, jointstiff demo",
     "scripts/test ": "would run this test again",
+    "jointstiff webhooks ": "needs an admin's key; test_webhooks.py runs them",
     "jointstiff serve": "does not end; the service of this test is one",
 }
 """Beginnings of lines that are left out, with the reason."""

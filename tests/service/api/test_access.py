@@ -46,7 +46,11 @@ OPERATIONS = [
 ]
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
-ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable", "authoriseRun"}
+ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable", "authoriseRun"} | {
+    "createWebhook",
+    "listWebhooks",
+    "deleteWebhook",
+}
 
 
 def bearer(role):

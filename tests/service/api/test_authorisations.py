@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -16,16 +17,20 @@ from support.records import RUN, job_record
 
 from jointstiff.schemas.report import Laboratory
 from jointstiff.service.access.key_text import mint
+from jointstiff.service.api import reports
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.pdf import report_pdf
 from jointstiff.service.store.backups import back_up, restore
+from jointstiff.service.store.journal import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
 KEYS = {role: mint(f"{role} Smith", role, datetime.now(UTC), None) for role in ("operator", "admin")}
+KEYS["deputy"] = mint("deputy Jones", "admin", datetime.now(UTC), None)
 SETTINGS = LaboratorySettings(Laboratory(name="Metrology Lab"))
 
 
@@ -193,13 +198,43 @@ def test_the_same_at_the_same_time_is_one(database_url):
     now = datetime.now(UTC)
     key = ("0123456789", "admin Smith")
     same = AuthorisationRecord(run.id, None, now, *key, "hash", None, 1, "{}", "hash", b"pdf", b"page")
-    again = replace(same, note="again")
+    again = replace(same, note="again", number=2)
     with Store.open(database_url) as store, ThreadPoolExecutor(8) as threads:
         store.jobs(RUN).add(run)
         assert list(threads.map(store.authorisations.add, [same] * 8)) == [same] * 8
         assert store.authorisations.of(run_id=run.id) == [same]
         assert store.authorisations.add(again) == again
         assert store.authorisations.of(run_id=run.id) == [same, again]
+        with pytest.raises(NumberTakenError):
+            store.authorisations.add(replace(same, key_id="9876543210", number=2))
+
+
+def test_two_admins_at_the_same_instant_get_two_numbers(ask, runs, monkeypatch):
+    """Both have stated number 1 when the first of them is stored: the other states number 2."""
+    run = ask("POST", "/v1/runs", json={"measurement_set_id": runs[0]}).json()["id"]
+    both, made = threading.Barrier(2), []
+
+    def meet(document):
+        made.append(document.number)
+        if len(made) <= 2:
+            both.wait(60)
+        return report_pdf(document)
+
+    monkeypatch.setattr(reports, "report_pdf", meet)
+    with ThreadPoolExecutor(2) as threads:
+        answers = list(
+            threads.map(
+                lambda who: ask("POST", f"/v1/runs/{run}/authorisations", who, json={}), ["admin", "deputy"]
+            )
+        )
+    assert [answer.status_code for answer in answers] == [201, 201]
+    assert sorted(made) == [f"{run}-1", f"{run}-1", f"{run}-2"]
+    assert sorted(answer.json()["number"] for answer in answers) == [1, 2]
+    for answer in answers:
+        issued = ask("GET", f"/v1/runs/{run}/issued/{answer.json()['number']}.pdf").content
+        text = " ".join(one.extract_text() for one in pypdf.PdfReader(io.BytesIO(issued)).pages)
+        assert f"{run}-{answer.json()['number']}" in text
+        assert f"Authorised by {answer.json()['key_name']}" in " ".join(text.split())
 
 
 def test_an_authorised_run_is_not_deleted(ask, runs):

@@ -7,7 +7,7 @@ import select
 import socket
 import sqlite3
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from urllib.parse import urlsplit
 
 import httpx2
@@ -45,9 +45,14 @@ def serve():
 def connect():
     with ExitStack() as stack:
 
-        def to(url: str) -> socket.socket:
+        def to(url: str, window: int | None = None) -> socket.socket:
             address = urlsplit(url)
-            return stack.enter_context(socket.create_connection((address.hostname, address.port), timeout=60))
+            connection = stack.enter_context(socket.socket())
+            connection.settimeout(60)
+            if window is not None:  # of what is not read, the kernel keeps so much only
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, window)
+            connection.connect((address.hostname, address.port))
+            return connection
 
         yield to
 
@@ -118,6 +123,44 @@ def test_an_answer_that_is_not_read_is_given_up(serve, connect):
     with pytest.raises(OSError):  # the service stops reading, then ends the connection
         connection.sendall(asked * 1000)
     assert httpx2.get(f"{url}/live").status_code == 204
+
+
+LARGE = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def test_an_answer_that_is_read_too_slowly_is_given_up(serve, connect):
+    """A few bytes now and then are no reading: the rate holds on average."""
+    connection = connect(serve(WRITE_SECONDS=0.5, ANSWER_RATE=1e7), window=16384)
+    connection.sendall(LARGE * 100)
+    began, received = time.monotonic(), 0
+    with suppress(ConnectionError):
+        while part := connection.recv(16384):
+            received += len(part)
+            assert time.monotonic() < began + 60
+            time.sleep(0.01)
+    assert time.monotonic() > began + 0.5
+    assert received > 10_000  # it did read all the time
+
+
+def test_large_answers_are_bounded_together(serve, connect):
+    whole = httpx2.get(f"{serve()}/openapi.json", timeout=60)
+    size = len(whole.content)
+    url = serve(ANSWER_BYTES=3 * size, PIECE_BYTES=4096)
+    readers = [connect(url, window=4096) for _ in range(3)]
+    for reader in readers:  # of answers that the kernel cannot take, one after the other
+        reader.sendall(LARGE * 20)
+        assert reader.recv(12) == b"HTTP/1.1 200"
+    deadline = time.monotonic() + 60
+    while (refused := httpx2.get(f"{url}/openapi.json", timeout=60)).status_code == 200:
+        assert time.monotonic() < deadline
+    assert refused.status_code == 503
+    assert refused.json()["remedy"] == "ask again later"
+    assert int(refused.headers["Retry-After"]) > 0
+    assert httpx2.get(f"{url}/live").status_code == 204  # small ones are answered
+    for reader in readers:
+        reader.close()
+    while httpx2.get(f"{url}/openapi.json").status_code == 503:  # until it is seen that they have left
+        assert time.monotonic() < deadline
 
 
 def test_the_oldest_silent_connection_makes_room(serve, connect):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import threading
 import time
@@ -12,6 +13,7 @@ import anyio
 import httpx2
 import pytest
 from support.in_process import Client, served
+from support.processes import Service, until
 
 from jointstiff.schemas.health import Health
 from jointstiff.service.api.examples import ROBOTS
@@ -65,6 +67,29 @@ def test_a_database_that_does_not_answer_is_said(tmp_path):
             assert int(answer.headers["retry-after"]) > 0
             assert answer.headers["content-type"] == "application/problem+json"
         assert client.get("/live").status_code == 204
+
+
+@pytest.mark.process
+@pytest.mark.skipif(shutil.which("setpriv") is None, reason="needs setpriv, as root writes what it may not")
+def test_a_file_that_can_only_be_read_is_not_ready_until_it_can_be_written(tmp_path):
+    """Reads are answered meanwhile, and posts come back without a restart."""
+    path = tmp_path / "jointstiff.db"
+    Service(f"sqlite:///{path}", "--workers", "0").stop()
+    path.chmod(0o444)
+    bounded = ("setpriv", "--bounding-set=-dac_override")
+    service = Service(f"sqlite:///{path}", "--workers", "0", prefix=bounded)
+    try:
+        until(lambda: httpx2.get(f"{service.url}/ready").status_code == 503)
+        assert httpx2.get(f"{service.url}/health").status_code == 200
+        refused = httpx2.post(f"{service.url}/v1/robots", json=ROBOT)
+        assert refused.status_code == 503
+        assert "writable" in refused.json()["remedy"]
+        for each in tmp_path.iterdir():  # its journal has the mode of the file
+            each.chmod(0o644)
+        until(lambda: httpx2.get(f"{service.url}/ready").status_code == 200)
+        assert httpx2.post(f"{service.url}/v1/robots", json=ROBOT).status_code == 201
+    finally:
+        service.stop()
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx2
@@ -54,3 +55,27 @@ def test_a_page_and_documentation_that_were_not_built_say_so(tmp_path):
     assert docs.status_code == 404
     assert "scripts/docs" in docs.text
     assert 'href="../openapi.json"' in docs.text
+
+
+def test_files_of_the_page_are_packed_for_browsers_that_take_it(client):
+    file = re.findall(r"src=\"\./(assets/[^\"]+)\"", client.get("/").text)[0]
+    with client.stream("GET", f"/{file}", headers={"Accept-Encoding": "gzip"}) as answer:
+        assert answer.headers["content-encoding"] == "gzip"
+        assert "javascript" in answer.headers["content-type"]
+        assert answer.headers["vary"] == "Accept-Encoding"
+        packed = b"".join(answer.iter_raw())
+    plain = client.get(f"/{file}", headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert zlib.decompress(packed, 31) == plain.content
+    assert len(packed) < len(plain.content) / 2
+
+
+def test_long_answers_are_compressed_and_short_ones_are_not(client):
+    takes = {"Accept-Encoding": "gzip"}
+    assert client.get("/openapi.json", headers=takes).headers["content-encoding"] == "gzip"
+    plain = client.get("/openapi.json", headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert "content-encoding" not in client.get("/live", headers=takes).headers
+    head = client.head("/openapi.json", headers=takes)
+    assert head.headers["content-encoding"] == "gzip"
+    assert head.content == b""

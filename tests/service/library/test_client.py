@@ -11,6 +11,7 @@ import uuid
 import httpx2
 import pytest
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.measurement.metadata import SetChange
 from jointstiff.schemas.problem import Problem
@@ -236,3 +237,29 @@ def test_a_key_is_sent_as_a_bearer_token(key, sent):
 def test_an_address_needs_its_scheme(address):
     with pytest.raises(RefusedError, match=r"no address of a service; remedy: .*http://"):
         Client(address)
+
+
+def test_a_run_of_a_service_applies_and_exports_as_one_in_process(service, campaign, tmp_path):
+    """The same names over both doors give the same numbers and the same file."""
+    for observation in campaign["measurement_set"]["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+    with Client(service.url) as client:
+        runs = [client.identify(campaign), jointstiff.identify(campaign)]
+        mended = [run.apply("exchange_columns") for run in runs]
+        contents = []
+        for run in mended:
+            run.export(tmp_path / "model.csv")
+            contents.append((tmp_path / "model.csv").read_text().replace(run.id, "run"))
+        with pytest.raises(RefusedError, match="do not use"):
+            runs[0].export(tmp_path / "model.urdf")
+        runs[0].export(tmp_path / "model.urdf", accept_verdict="do_not_use")
+        mended[0].report(tmp_path / "report.html")
+        with pytest.raises(jointstiff.CampaignError, match="does not advise"):
+            mended[0].apply("exchange_columns")
+    assert contents[0] == contents[1]
+    assert "<robot" in (tmp_path / "model.urdf").read_text()
+    assert "Report on joint stiffness" in (tmp_path / "report.html").read_text()
+    assert mended[0].request.variant_of == runs[0].id
+    for one, other in zip(mended[0].joints.values(), mended[1].joints.values(), strict=True):
+        assert one == other

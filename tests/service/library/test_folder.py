@@ -44,7 +44,8 @@ class InProcess(httpx2.BaseTransport):
             body = request.read()
             again = httpx2.Request(request.method, request.url, headers=request.headers, content=body)
             answer = await httpx2.ASGITransport(self._app).handle_async_request(again)
-            return httpx2.Response(answer.status_code, headers=answer.headers, content=await answer.aread())
+            headers = {name: value for name, value in answer.headers.items() if name != "content-encoding"}
+            return httpx2.Response(answer.status_code, headers=headers, content=await answer.aread())
 
         return anyio.run(send)
 
