@@ -1,11 +1,28 @@
-import { defineConfig } from "vite";
+/// <reference types="node" />
+import { readdirSync, readFileSync, writeFileSync } from "node:fs";
+import { gzipSync } from "node:zlib";
+import { defineConfig, type Plugin } from "vite";
 
 // The page is served by the service itself, under a content security policy without inline code: no
 // inlined assets, no module preload polyfill, which would be inline.
 const SERVICE = "http://127.0.0.1:8000";
 
+/** Each asset is packed once, beside it, so that the service has nothing to compress. */
+const packed: Plugin = {
+  name: "packed-assets",
+  apply: "build",
+  closeBundle() {
+    const folder = new URL("../service/static/assets/", import.meta.url);
+    for (const name of readdirSync(folder)) {
+      const content = readFileSync(new URL(name, folder));
+      if (content.length > 1024) writeFileSync(new URL(`${name}.gz`, folder), gzipSync(content, { level: 9 }));
+    }
+  },
+};
+
 export default defineConfig({
   base: "./",
+  plugins: [packed],
   oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
   build: {
     outDir: "../service/static",

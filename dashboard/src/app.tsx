@@ -24,14 +24,16 @@ import { SetView } from "./views/set";
 import { SideBySideView } from "./views/side_by_side";
 import { SignInView } from "./views/sign_in";
 
-const StartView = lazy(() => import("./views/start").then((module) => module.StartView));
-const GeometriesView = lazy(() => import("./views/geometries").then((module) => module.GeometriesView));
-const GeometryView = lazy(() => import("./views/geometry").then((module) => module.GeometryView));
-const PlansView = lazy(() => import("./views/plans").then((module) => module.PlansView));
-const PlanView = lazy(() => import("./views/plan").then((module) => module.PlanView));
-const FleetView = lazy(() => import("./views/fleet").then((module) => module.FleetView));
-const TrendView = lazy(() => import("./views/trend").then((module) => module.TrendView));
-const RobotNewView = lazy(() => import("./views/robot_new").then((module) => module.RobotNewView));
+const StartView = lazy(text.app.measure, () => import("./views/start").then((module) => module.StartView));
+const GeometriesView = lazy(text.geometry.title, () =>
+  import("./views/geometries").then((module) => module.GeometriesView),
+);
+const GeometryView = lazy(text.geometry.title, () => import("./views/geometry").then((module) => module.GeometryView));
+const PlansView = lazy(text.plan.begin, () => import("./views/plans").then((module) => module.PlansView));
+const PlanView = lazy(text.plan.kind, () => import("./views/plan").then((module) => module.PlanView));
+const FleetView = lazy(text.fleet.title, () => import("./views/fleet").then((module) => module.FleetView));
+const TrendView = lazy(text.fleet.title, () => import("./views/trend").then((module) => module.TrendView));
+const RobotNewView = lazy(text.robots.add, () => import("./views/robot_new").then((module) => module.RobotNewView));
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },

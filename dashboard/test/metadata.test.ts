@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { matches, notedIn, typedOf } from "../src/lib/metadata";
+import { notedIn, typedOf, wasMeasured } from "../src/lib/metadata";
 
 const NOTED = {
   measured_at: "2026-11-20T13:30:00Z",
@@ -24,19 +24,14 @@ describe("what is noted about a set", () => {
   it("is not sent while its time is none", () => expect(notedIn({ ...typedOf({}), measured_at: "soon" })).toBeNull());
 });
 
-describe("a filter of sets", () => {
-  const set = { name: "Cell 3, dead weight", ...NOTED };
-  const all = { words: "", from: "", to: "" };
-  it("finds all words, wherever they stand", () => {
-    expect(matches(set, { ...all, words: "keller cell f-211" })).toBe(true);
-    expect(matches(set, { ...all, words: "keller roux" })).toBe(false);
-    expect(matches({ name: "bare" }, all)).toBe(true);
-  });
-  it("finds days, both included", () => {
+describe("days of a filter", () => {
+  const all = { from: "", to: "" };
+  it("are both included", () => {
     const day = typedOf(NOTED).measured_at.slice(0, 10);
-    expect(matches(set, { ...all, from: day, to: day })).toBe(true);
-    expect(matches(set, { ...all, from: "2026-11-22" })).toBe(false);
-    expect(matches(set, { ...all, to: "2026-11-18" })).toBe(false);
-    expect(matches({ name: "bare" }, { ...all, from: "2020-01-01" })).toBe(false);
+    expect(wasMeasured(NOTED, { from: day, to: day })).toBe(true);
+    expect(wasMeasured(NOTED, { ...all, from: "2026-11-22" })).toBe(false);
+    expect(wasMeasured(NOTED, { ...all, to: "2026-11-18" })).toBe(false);
+    expect(wasMeasured({}, { ...all, from: "2020-01-01" })).toBe(false);
+    expect(wasMeasured({}, all)).toBe(true);
   });
 });

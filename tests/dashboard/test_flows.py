@@ -241,11 +241,11 @@ def test_runs_are_searched_by_link(visit, api, stored):
     visited = visit("tablet")
     visited.go("#/runs?q=secondary")
     page = visited.page
-    expect(page.get_by_label("Search runs")).to_have_value("secondary")
+    expect(page.get_by_label("Search")).to_have_value("secondary")
     shown = page.locator("ul.rows li")
     expect(shown.first).to_be_visible()
     assert all("secondary" in text for text in shown.all_inner_texts())
-    page.get_by_label("Search runs").fill("nothing is called like this")
+    page.get_by_label("Search").fill("nothing is called like this")
     expect(page.get_by_role("button", name="Clear search")).to_be_visible()
 
 
@@ -258,7 +258,7 @@ def test_a_run_is_deleted_and_brought_back(visit, api, stored):
     link.locator("..").get_by_role("button", name="Delete").click()
     expect(link).to_have_count(0)
     page.get_by_role("button", name="Undo").click()
-    expect(page.get_by_text("Run restored")).to_be_visible()
+    expect(page.get_by_text("Restored", exact=True)).to_be_visible()
     expect(link).to_be_visible()
     assert api.get(f"/v1/runs/{run}").json()["state"] == "succeeded"
     link.locator("..").get_by_role("button", name="Delete").click()
@@ -368,7 +368,7 @@ def test_deleted_comparisons_and_pairs_are_found_and_restored(visit, api, stored
     visited = visit("phone")
     visited.go(f"#/compare/{kind}")
     page = visited.page
-    page.get_by_role("radio", name="Deleted").check(force=True)
+    page.get_by_label("State").select_option("deleted")
     restore = page.get_by_role("button", name="Restore")
     expect(restore).to_have_count(1)
     restore.click()

@@ -55,7 +55,7 @@ def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):
     assert (noted["serial_number"], noted["notes"]) == ("F-211034", "before\nthe repair")
     assert noted["measured_at"] is not None
     visited.go("#/sets")
-    page.get_by_label("Filter", exact=True).fill("noted 211034")
+    page.get_by_label("Search").fill("noted 211034")
     expect(page.locator(".rows .item")).to_have_count(1)
     page.get_by_label("Measured from").fill("2026-11-22")
-    expect(page.get_by_text("No measurement set matches")).to_be_visible()
+    expect(page.get_by_text("Nothing matches")).to_be_visible()

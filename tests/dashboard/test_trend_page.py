@@ -28,10 +28,20 @@ def test_from_the_fleet_to_an_acknowledged_alarm(visit, api):
         post(api, "/v1/runs", {"measurement_set_id": stored["id"]})
 
     visited = visit("phone")
-    visited.go("#/fleet")
     page = visited.page
+    last = api.get("/v1/runs").json()["items"][0]["id"]
+    alarmed = ["", f"#/robots/{robot}", f"#/runs/{last}", f"#/runs/{last}/report"]
+    words = re.compile(r"in alarm:.*joint_3 −1\d.* since 10 Apr 2026")
+    for address in alarmed:
+        visited.go(address)
+        expect(page.locator(".alarms")).to_contain_text(words)
+    for address in ("#/robots", "#/runs"):
+        visited.go(address)
+        expect(page.locator(".item .alarm").first).to_have_text("Alarm")
+    visited.go("#/fleet")
     row = page.get_by_role("link", name="worn robot")
     expect(row).to_contain_text("Alarm")
+    expect(row.locator(".badge")).to_have_text("Use")
     row.tap()
     alarm = page.get_by_role("region", name="Alarm of joint_3")
     expect(alarm).to_contain_text("softer than its baseline")
@@ -40,6 +50,8 @@ def test_from_the_fleet_to_an_acknowledged_alarm(visit, api):
     alarm.get_by_role("button", name="Acknowledge").tap()
     expect(alarm).to_contain_text("gearbox ordered")
 
+    page.get_by_text("4 campaigns", exact=True).tap()
+    expect(page.locator("details .badge")).to_have_text(["Use"] * 4)
     points = page.get_by_role("group", name="Stiffness of joint_3 over its campaigns").get_by_role("link")
     expect(points).to_have_count(4)
     points.last.focus()
@@ -47,3 +59,7 @@ def test_from_the_fleet_to_an_acknowledged_alarm(visit, api):
     expect(page).to_have_url(re.compile("#/runs/"))
     visited.go("#/fleet")
     expect(page.get_by_role("link", name="worn robot")).to_contain_text("Acknowledged")
+    for address in alarmed:
+        visited.go(address)
+        expect(page.locator("h1")).to_be_visible()
+        expect(page.locator(".alarms")).to_have_count(0)

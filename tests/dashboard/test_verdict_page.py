@@ -45,7 +45,7 @@ def test_the_page_asks_before_it_maps(visit, unusable, tmp_path):
     expect(page.get_by_text("Made despite this verdict.")).to_be_visible()
     page.screenshot(path=tmp_path / "map.png")
     visited.go(f"#/runs/{unusable}/map")
-    listed = page.locator(".earlier")
+    listed = page.locator(".list")
     expect(listed.locator(".badge.do_not_use")).to_have_count(1)
     listed.get_by_label("Verdict").select_option("use")
     expect(listed.locator(".item")).to_have_count(0)

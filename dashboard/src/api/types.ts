@@ -67,6 +67,7 @@ export type SetChange = Schemas["SetChange"];
 export type Fleet = Schemas["Fleet"];
 export type FleetRow = Schemas["FleetRow"];
 export type Trend = Schemas["Trend"];
+export type OpenAlarm = Schemas["OpenAlarm"];
 export type TrendAlarm = Schemas["TrendAlarm"];
 export type TrendChange = Schemas["TrendChange"];
 export type TrendJoint = Schemas["TrendJoint"];

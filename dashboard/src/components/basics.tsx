@@ -31,7 +31,7 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
   return (
     <div class="title">
       {kind !== undefined && <p class="kind">{kind}</p>}
-      <h1 ref={heading} tabIndex={-1}>
+      <h1 ref={heading} tabIndex={-1} title={plain}>
         {children}
       </h1>
     </div>

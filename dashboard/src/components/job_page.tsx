@@ -143,12 +143,12 @@ function Actions({
   const download = () => save(JSON.stringify(job, null, 2), "application/json", fileName(`${kind}-${job.id}`, "json"));
   return (
     <div class="actions">
+      {children}
       {REPORTED.includes(collection) && job.result && (
         <LinkButton href={api[collection].file(job.id, "report.pdf")} download>
           {text.run.report}
         </LinkButton>
       )}
-      {children}
       <Button onClick={share}>{text.run.share}</Button>
       <Button title={text.run.downloadHint} onClick={download}>
         {text.run.download}

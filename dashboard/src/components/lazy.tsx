@@ -1,22 +1,45 @@
 /** Views whose code is loaded when they are first shown, so that a result opens without it. */
 import type { ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { Busy } from "./basics";
+import { text } from "../i18n";
+import { Busy, Button, Title } from "./basics";
 
-/** A view in a module of its own. Code that cannot be loaded is an error of the view, as any other. */
-export function lazy<Props extends object>(load: () => Promise<ComponentType<Props>>): ComponentType<Props> {
+/** A view in a module of its own. After an update of the service its file is another: the page has to be loaded again. */
+export function lazy<Props extends object>(
+  title: string,
+  load: () => Promise<ComponentType<Props>>,
+): ComponentType<Props> {
   let loaded: ComponentType<Props> | null = null;
   return function Lazy(props: Props) {
     const [View, setView] = useState<ComponentType<Props> | null>(() => loaded);
-    const [failed, setFailed] = useState<unknown>(null);
+    const [failed, setFailed] = useState(false);
     useEffect(() => {
       if (loaded) return;
-      load().then((view) => {
-        loaded = view;
-        setView(() => view);
-      }, setFailed);
+      load().then(
+        (view) => {
+          loaded = view;
+          setView(() => view);
+        },
+        () => setFailed(true),
+      );
     }, []);
-    if (failed !== null) throw failed;
+    if (failed) return <Outdated title={title} />;
     return View ? <View {...props} /> : <Busy />;
   };
+}
+
+function Outdated({ title }: { title: string }) {
+  const words = text.errors.outdated;
+  return (
+    <>
+      <Title plain={title}>{title}</Title>
+      <div class="note bad" role="alert">
+        <h3>{words.title}</h3>
+        <p>{words.detail}</p>
+        <Button look="primary" onClick={() => location.reload()}>
+          {words.reload}
+        </Button>
+      </div>
+    </>
+  );
 }

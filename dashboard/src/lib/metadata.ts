@@ -26,24 +26,13 @@ function localTime(time: string): string {
   return `${day}T${two(at.getHours())}:${two(at.getMinutes())}`;
 }
 
-export interface SetFilter {
-  words: string;
-  from: string;
-  to: string;
-}
-
-/** Whether a set has all the words somewhere, and was measured on or between the days. */
-export function matches(set: { name: string } & Partial<Metadata>, { words, from, to }: SetFilter): boolean {
-  const said = [set.name, set.serial_number, set.operator, set.instrument].join("\n").toLowerCase();
-  if (
-    !words
-      .toLowerCase()
-      .split(/\s+/)
-      .every((word) => said.includes(word))
-  )
-    return false;
+/** Whether a set was measured on or between the days. */
+export function wasMeasured(
+  { measured_at: at }: Partial<Metadata>,
+  { from, to }: { from: string; to: string },
+): boolean {
   if (from === "" && to === "") return true;
-  if (!set.measured_at) return false;
-  const day = localTime(set.measured_at).slice(0, 10);
+  if (!at) return false;
+  const day = localTime(at).slice(0, 10);
   return (from === "" || day >= from) && (to === "" || day <= to);
 }

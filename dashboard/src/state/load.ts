@@ -30,3 +30,14 @@ export function useLoad<Value>(load: (signal: AbortSignal) => Promise<Value>, in
 
 /** The value once it is there. */
 export const valueOf = <Value>(loaded: Loaded<Value>): Value | null => (loaded.state === "ready" ? loaded.value : null);
+
+/** Call `look` whenever one comes back to this tab, and now and then while it is seen. Answers with how to stop. */
+export function whenSeen(look: () => void, every = 20_000): () => void {
+  const seen = () => document.visibilityState === "visible" && look();
+  const timer = setInterval(seen, every);
+  document.addEventListener("visibilitychange", seen);
+  return () => {
+    clearInterval(timer);
+    document.removeEventListener("visibilitychange", seen);
+  };
+}

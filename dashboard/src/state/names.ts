@@ -1,6 +1,6 @@
 /** Names of robots and sets by their identifiers, for lists that only have those. */
 import { api, every } from "../api/client";
-import type { MeasurementSetSummary, RobotSummary } from "../api/types";
+import type { MeasurementSetSummary, OpenAlarm, RobotSummary } from "../api/types";
 import { forget, useCached } from "./cache";
 import type { Loading } from "./load";
 import { text } from "../i18n";
@@ -13,6 +13,8 @@ export interface Names {
   /** Of robots of one name with serial number, date and number of sets. */
   robot: (id: string) => string;
   set: (id: string) => string;
+  /** Alarms of the arm that a set is of, that nobody has acknowledged. */
+  alarms: (robot: string, set: string) => OpenAlarm[];
 }
 
 const KEY = "names";
@@ -35,12 +37,16 @@ async function loadNames(): Promise<Names> {
   ]);
   const robotNames = toldApart([...robots, ...oldRobots], [...sets, ...oldSets]);
   const setNames = new Map([...sets, ...oldSets].map((set) => [set.id, set.name]));
+  const alarms = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.alarms]));
+  const serials = new Map([...sets, ...oldSets].map((set) => [set.id, set.serial_number]));
   return {
     robots,
     sets,
     archived: { robots: oldRobots, sets: oldSets },
     robot: (id) => robotNames.get(id) ?? id.slice(0, 8),
     set: (id) => setNames.get(id) ?? id.slice(0, 8),
+    alarms: (robot, set) =>
+      (alarms.get(robot) ?? []).filter((alarm) => alarm.serial_number === (serials.get(set) ?? null)),
   };
 }
 

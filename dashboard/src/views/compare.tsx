@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RunSummary } from "../api/types";
-import { ActionButton, Empty, LinkButton, Name, Show, Tabs, timeText, Title, Toggle } from "../components/basics";
+import { ActionButton, Empty, LinkButton, Show, Tabs, timeText, Title, Toggle } from "../components/basics";
 import { Select } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -10,7 +10,7 @@ import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { go, link, parse } from "../state/router";
 import { text } from "../i18n";
-import { Earlier } from "./earlier";
+import { JobList } from "./job_list";
 
 const words = text.compare;
 const KINDS = ["methods", "pairs"] as const;
@@ -66,10 +66,11 @@ function StartMethods({ names }: { names: Names }) {
           {words.go}
         </ActionButton>
       </section>
-      <Earlier
+      <JobList
         collection="comparisons"
+        title={text.earlier.comparisons}
         names={names}
-        title={(item) => <Name>{names.set(item.measurement_set_id)}</Name>}
+        row={(item) => ({ name: names.set(item.measurement_set_id) })}
       />
     </>
   );
@@ -127,14 +128,11 @@ function StartPair({ names }: { names: Names }) {
           {words.go}
         </ActionButton>
       </section>
-      <Earlier
+      <JobList
         collection="pairs"
+        title={text.earlier.pairs}
         names={names}
-        title={(item) => (
-          <>
-            <Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name>
-          </>
-        )}
+        row={(item) => ({ name: text.pair.title(names.set(item.first_set_id), names.set(item.second_set_id)) })}
       />
     </>
   );

@@ -1,8 +1,9 @@
 /** All robots at a glance: one row a robot and serial number, its worst joint, those in alarm first. */
 import { api } from "../api/client";
 import type { FleetRow } from "../api/types";
-import { Name, Show, Title, When } from "../components/basics";
-import { Item } from "../components/item";
+import { Badge } from "../components/badge";
+import { Name, Show, Title } from "../components/basics";
+import { type Row, Rows } from "../components/list";
 import { RobotTabs } from "../components/robot_tabs";
 import { changeText } from "../lib/trend";
 import { useLoad } from "../state/load";
@@ -25,11 +26,9 @@ export function FleetView() {
           ) : (
             <>
               {!whole && <p class="note">{words.some}</p>}
-              <ul class="rows fleet">
-                {items.map((row) => (
-                  <Row key={`${row.robot_id}/${row.serial_number}`} row={row} />
-                ))}
-              </ul>
+              <div class="fleet">
+                <Rows rows={items.map(rowOf)} />
+              </div>
             </>
           )
         }
@@ -38,26 +37,28 @@ export function FleetView() {
   );
 }
 
-export function Row({ row }: { row: FleetRow }) {
+export function rowOf(row: FleetRow): Row {
   const query = row.serial_number === null ? {} : { serial: row.serial_number };
-  return (
-    <Item
-      href={link(["compare", "trend", row.robot_id], query)}
-      what={<Name>{row.name}</Name>}
-      note={row.serial_number === null ? words.noSerial : <Name>{row.serial_number}</Name>}
-      how={
-        <>
-          {row.joint && row.change ? words.latest(row.joint, changeText(row.change)) : (row.missing ?? "")}
-          {row.alarm !== null ? <small>{row.alarm}</small> : row.change && row.missing && <small>{row.missing}</small>}
-        </>
-      }
-      when={
-        <>
-          {row.measured_at === null ? words.never : <When time={row.measured_at} />}
-          <small>{words.campaigns(row.campaigns)}</small>
-        </>
-      }
-      standing={<span class={`state ${row.state}`}>{words.states[row.state]}</span>}
-    />
-  );
+  const note = row.alarm ?? (row.change && row.missing);
+  return {
+    id: `${row.robot_id}/${row.serial_number}`,
+    href: link(["compare", "trend", row.robot_id], query),
+    name: row.name,
+    what: <Name>{row.name}</Name>,
+    note: row.serial_number === null ? words.noSerial : <Name>{row.serial_number}</Name>,
+    how: (
+      <>
+        {row.joint && row.change ? words.latest(row.joint, changeText(row.change)) : (row.missing ?? "")}
+        {note && <small>{note}</small>}
+      </>
+    ),
+    at: row.measured_at,
+    since: words.campaigns(row.campaigns),
+    standing: (
+      <>
+        <span class={`state ${row.state}`}>{words.states[row.state]}</span>
+        {row.verdict && <Badge verdict={row.verdict} />}
+      </>
+    ),
+  };
 }

@@ -17,7 +17,7 @@ import { valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
-import { Earlier } from "./earlier";
+import { JobList } from "./job_list";
 
 const words = text.geometry;
 const FROM_FILE = "file";
@@ -53,7 +53,7 @@ export function GeometriesView() {
         </section>
         {opened?.readings && <Start key={opened.name} readings={opened.readings} />}
       </div>
-      <Earlier collection="geometries" names={names} title={({ name }) => <Name>{name}</Name>} />
+      <JobList collection="geometries" title={text.earlier.geometries} names={names} row={({ name }) => ({ name })} />
     </>
   );
 }

@@ -1,10 +1,12 @@
 /** One robot: drawn, as it was understood, with its sets, runs and trend. */
 import type { Robot } from "../api/types";
 import { api } from "../api/client";
+import { AlarmNote } from "../components/alarm";
 import { Arm } from "../components/arm";
 import { Changes } from "../components/changes";
 import { Empty, Facts, LinkButton, Name, Show, Title } from "../components/basics";
 import { DeleteButton } from "../components/delete_button";
+import { chosen, FilterBar, Rows, useFilter } from "../components/list";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { degrees } from "../lib/units";
@@ -15,8 +17,8 @@ import { link } from "../state/router";
 import { text } from "../i18n";
 import { JointMapTable, RowsTable } from "./robot_tables";
 import { Twins } from "./robot_twins";
-import { SetList, useRunsOf } from "./robots";
-import { RunList } from "./run_list";
+import { setRow, useRunsOf } from "./robots";
+import { runRows } from "./runs";
 
 export function RobotView({ id }: { id: string }) {
   const loaded = useLoad(() => storedRobot(id), [id]);
@@ -31,6 +33,8 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
   const names = valueOf(useNames());
   const runs = valueOf(useRunsOf({ robot_id: robot.id }));
   const sets = names?.sets.filter((set) => set.robot_id === robot.id) ?? [];
+  const [filter, change] = useFilter();
+  const rows = [...sets.map((set) => setRow(set, names)), ...runRows(runs ?? [], names)];
   return (
     <>
       <div class="head">
@@ -58,6 +62,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           />
         </div>
       </div>
+      <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />
       <div class="flow">
         <section class="card">
           <Arm source={{ robot_id: robot.id }} start={null} />
@@ -67,21 +72,18 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <Kinematics robot={robot} />
         </section>
       </div>
-      <section>
-        <h2>{text.robots.setsOf}</h2>
-        {sets.length > 0 ? (
-          <SetList names={names} sets={sets} />
+      <Twins robot={robot} />
+      <section class="list">
+        <h2>{text.robots.listOf}</h2>
+        {rows.length > 0 ? (
+          <>
+            <FilterBar filter={filter} change={change} judged />
+            <Rows rows={chosen(rows, filter)} />
+          </>
         ) : (
           <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint} />
         )}
       </section>
-      <Twins robot={robot} />
-      {runs && runs.length > 0 && (
-        <section>
-          <h2>{text.robots.runsOf}</h2>
-          <RunList runs={runs.slice(0, 20)} names={names} />
-        </section>
-      )}
     </>
   );
 }

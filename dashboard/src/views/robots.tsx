@@ -1,19 +1,22 @@
 /** Lists of robots and of measurement sets. */
-import type { ComponentChild } from "preact";
 import { useState } from "preact/hooks";
+import type { MeasurementSetSummary } from "../api/types";
 import { api, every } from "../api/client";
-import { Empty, LinkButton, Name, Show, Title, Toggle, When } from "../components/basics";
+import { AlarmState } from "../components/alarm";
+import { Empty, LinkButton, Name, Show, Title, Toggle } from "../components/basics";
 import { TextField } from "../components/fields";
-import { Item } from "../components/item";
+import { chosen, FilterBar, type Row, Rows, useFilter } from "../components/list";
 import { RobotTabs } from "../components/robot_tabs";
-import { matches, type SetFilter } from "../lib/metadata";
+import { wasMeasured } from "../lib/metadata";
 import { type Names, useNames } from "../state/names";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
 
+const words = text.robots;
+
 export function RobotsView({ list }: { list: "robots" | "sets" }) {
-  const title = list === "robots" ? text.robots.title : text.robots.sets;
+  const title = list === "robots" ? words.title : words.sets;
   const names = useNames();
   return (
     <>
@@ -21,139 +24,110 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
         <Title plain={title}>{title}</Title>
         <div class="actions">
           <LinkButton look="primary" href="#/robots/new">
-            {text.robots.add}
+            {words.add}
           </LinkButton>
         </div>
       </div>
       <RobotTabs current={list} />
-      <Show of={names}>{(known) => (list === "robots" ? <Robots names={known} /> : <Sets names={known} />)}</Show>
+      <Show of={names}>{(known) => <Stored key={list} list={list} names={known} />}</Show>
     </>
   );
 }
 
-/** What lists leave out, on demand. */
-function useArchived(kept: unknown[]): [boolean, ComponentChild] {
-  const [archived, set] = useState(false);
-  const words = text.changes;
-  const toggle = (kept.length > 0 || archived) && <Toggle label={words.showArchived} checked={archived} change={set} />;
-  return [archived, toggle];
-}
-
-const NothingArchived = () => <Empty title={text.changes.noneArchived} hint={text.changes.archiveHint} />;
-
-function Robots({ names }: { names: Names }) {
-  const [archived, toggle] = useArchived(names.archived.robots);
-  const robots = archived ? names.archived.robots : names.robots;
-  const sets = [...names.sets, ...names.archived.sets];
+/** All robots or all sets; what lists leave out, on demand. */
+function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
+  const [filter, change] = useFilter();
+  const [archived, setArchived] = useState(false);
+  const [days, setDays] = useState({ from: "", to: "" });
+  const from = archived ? names.archived : names;
+  const rows =
+    list === "robots"
+      ? from.robots.map((robot) => robotRow(robot, names))
+      : from.sets.filter((set) => wasMeasured(set, days)).map((set) => setRow(set, names));
+  if (names[list].length + names.archived[list].length === 0) return list === "robots" ? <NoRobots /> : <NoSets />;
+  const found = chosen(rows, filter);
+  const day = (end: "from" | "to") => (
+    <TextField
+      type="date"
+      label={text.metadata[end]}
+      value={days[end]}
+      change={(typed) => setDays({ ...days, [end]: typed })}
+    />
+  );
   return (
-    <>
-      {toggle}
-      {robots.length > 0 ? (
-        <ul class="rows">
-          {robots.map((robot) => (
-            <Item
-              href={link(["robots", robot.id])}
-              what={<Name>{robot.name}</Name>}
-              note={text.robots.joints(robot.joints.length) + (robot.nominal_arm ? `, ${text.robots.nominal}` : "")}
-              how={`${text.robots.sets}: ${sets.filter((set) => set.robot_id === robot.id).length}`}
-              when={<When time={robot.created_at} />}
-            />
-          ))}
-        </ul>
-      ) : archived ? (
-        <NothingArchived />
+    <section class="list">
+      <FilterBar filter={filter} change={change} names={list === "sets" ? names : null}>
+        {list === "sets" && day("from")}
+        {list === "sets" && day("to")}
+        {(names.archived[list].length > 0 || archived) && (
+          <Toggle label={text.changes.showArchived} checked={archived} change={setArchived} />
+        )}
+      </FilterBar>
+      {found.length > 0 ? (
+        <Rows rows={found} />
+      ) : archived && from[list].length === 0 ? (
+        <Empty title={text.changes.noneArchived} hint={text.changes.archiveHint} />
       ) : (
-        <NoRobots />
+        <Empty title={text.list.noMatch} hint={text.list.noMatchHint} />
       )}
-    </>
+    </section>
   );
+}
+
+function robotRow(robot: Names["robots"][number], names: Names): Row {
+  const sets = [...names.sets, ...names.archived.sets].filter((set) => set.robot_id === robot.id);
+  const toldApart = names.robot(robot.id).slice(robot.name.length); // serial number and date, where another has its name
+  const joints = words.joints(robot.joints.length) + (robot.nominal_arm ? `, ${words.nominal}` : "");
+  return {
+    id: robot.id,
+    href: link(["robots", robot.id]),
+    name: robot.name,
+    what: <Name>{robot.name}</Name>,
+    note: <Name>{joints + toldApart}</Name>,
+    how: `${words.sets}: ${sets.length}`,
+    at: robot.created_at,
+    standing: robot.alarms.length > 0 && <AlarmState alarms={robot.alarms} />,
+    words: sets.map(({ serial_number: serial }) => serial),
+  };
+}
+
+export function setRow(set: MeasurementSetSummary, names: Names | null): Row {
+  const robot = names?.robot(set.robot_id) ?? "";
+  return {
+    id: set.id,
+    href: link(["sets", set.id]),
+    name: set.name,
+    what: <Name>{set.name}</Name>,
+    note: <Name>{[robot, set.serial_number].filter(Boolean).join(", ")}</Name>,
+    how: (
+      <>
+        {text.sets.observations(set.observation_count)}
+        <small>{text.files.encoders[set.encoders]}</small>
+      </>
+    ),
+    at: set.measured_at ?? set.created_at,
+    standing: set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>,
+    robot: set.robot_id,
+    words: [robot, set.serial_number, set.operator, set.instrument],
+  };
 }
 
 /** There is no robot yet, and how to add one. */
 export const NoRobots = () => (
-  <Empty title={text.robots.none} hint={text.robots.noneHint}>
+  <Empty title={words.none} hint={words.noneHint}>
     <LinkButton look="primary" href="#/robots/new">
-      {text.robots.add}
+      {words.add}
     </LinkButton>
   </Empty>
 );
 
-function Sets({ names }: { names: Names }) {
-  const [archived, toggle] = useArchived(names.archived.sets);
-  const [filter, setFilter] = useState<SetFilter>({ words: "", from: "", to: "" });
-  const sets = archived ? names.archived.sets : names.sets;
-  if (names.sets.length === 0 && names.archived.sets.length === 0) {
-    return (
-      <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint}>
-        <LinkButton look="primary" href="#/">
-          {text.app.measure}
-        </LinkButton>
-      </Empty>
-    );
-  }
-  const found = sets.filter((set) => matches(set, filter));
-  return (
-    <>
-      <FilterRow filter={filter} change={setFilter} />
-      {toggle}
-      {found.length > 0 ? (
-        <SetList names={names} sets={found} />
-      ) : archived && sets.length === 0 ? (
-        <NothingArchived />
-      ) : (
-        <Empty title={text.metadata.noMatch} hint={text.metadata.noMatchHint} />
-      )}
-    </>
-  );
-}
-
-function FilterRow({ filter, change }: { filter: SetFilter; change: (filter: SetFilter) => void }) {
-  const words = text.metadata;
-  const field = (name: keyof SetFilter, label: string, type: "search" | "date") => (
-    <TextField
-      label={label}
-      type={type}
-      value={filter[name]}
-      placeholder={name === "words" ? words.filterPlaceholder : ""}
-      change={(typed) => change({ ...filter, [name]: typed })}
-    />
-  );
-  return (
-    <div class="row">
-      {field("words", words.filter, "search")}
-      {field("from", words.from, "date")}
-      {field("to", words.to, "date")}
-    </div>
-  );
-}
-
-export function SetList({ names, sets }: { names: Names | null; sets: Names["sets"] }) {
-  return (
-    <ul class="rows">
-      {sets.map((set) => (
-        <Item
-          href={link(["sets", set.id])}
-          what={<Name>{set.name}</Name>}
-          note={
-            <>
-              <Name>{names?.robot(set.robot_id) ?? ""}</Name>
-              {set.serial_number && ", "}
-              {set.serial_number && <Name>{set.serial_number}</Name>}
-            </>
-          }
-          how={
-            <>
-              {text.sets.observations(set.observation_count)}
-              <small>{text.files.encoders[set.encoders]}</small>
-            </>
-          }
-          when={<When time={set.measured_at ?? set.created_at} />}
-          standing={set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>}
-        />
-      ))}
-    </ul>
-  );
-}
+const NoSets = () => (
+  <Empty title={words.setsNone} hint={words.setsNoneHint}>
+    <LinkButton look="primary" href="#/">
+      {text.app.measure}
+    </LinkButton>
+  </Empty>
+);
 
 export function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
   return useLoad((signal) => every(api.runs.list, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);

@@ -1,6 +1,7 @@
 /** One run: its result in parts. */
 import { api } from "../api/client";
 import type { Run } from "../api/types";
+import { AlarmNote } from "../components/alarm";
 import { ActionButton, Name, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
@@ -9,7 +10,7 @@ import { valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
-import { Earlier } from "./earlier";
+import { JobList } from "./job_list";
 import { contextOf, elasticityOf, isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { MapForm } from "./map_form";
@@ -82,6 +83,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
   }));
   return (
     <>
+      <AlarmNote robot={context.robot.id} alarms={names?.alarms(context.robot.id, context.set.id) ?? []} />
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
       {part === "deflection" ? (
         <DeflectionPart context={context} result={result} at={query.get("at")} />
@@ -92,21 +94,23 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
       ) : part === "map" ? (
         <>
           <MapForm context={context} />
-          <Earlier
+          <JobList
             collection="maps"
-            filters={{ robot_id: context.robot.id }}
+            title={text.earlier.maps}
+            about={{ robot_id: context.robot.id }}
             names={names}
-            title={({ name }) => <Name>{name ?? text.map.kind}</Name>}
+            row={({ name }) => ({ name: name ?? text.map.kind })}
           />
         </>
       ) : part === "program" ? (
         <>
           <ProgramForm context={context} />
-          <Earlier
+          <JobList
             collection="programs"
-            filters={{ robot_id: context.robot.id }}
+            title={text.earlier.programs}
+            about={{ robot_id: context.robot.id }}
             names={names}
-            title={({ file_name: name }) => <Name>{name ?? text.program.kind}</Name>}
+            row={({ file_name: name }) => ({ name: name ?? text.program.kind })}
           />
         </>
       ) : part === "report" ? (

@@ -12,7 +12,7 @@ import { storedSet } from "../state/stored";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { useRunsOf } from "./robots";
-import { RunList } from "./run_list";
+import { RunList } from "./runs";
 import { SetMetadata } from "./set_metadata";
 
 export function SetView({ id }: { id: string }) {

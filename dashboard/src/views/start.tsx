@@ -1,6 +1,7 @@
 /** The start: files, or a stored set, to their result. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
+import { AlarmNote } from "../components/alarm";
 import { Busy, Empty, ProblemNote, Title } from "../components/basics";
 import { handOver } from "../state/handed";
 import { useLoad, valueOf } from "../state/load";
@@ -10,7 +11,7 @@ import { go } from "../state/router";
 import { text } from "../i18n";
 import { CampaignFlow } from "./campaign_flow";
 import { ImportFlow } from "./import_flow";
-import { RunList } from "./run_list";
+import { RunList } from "./runs";
 
 export function StartView({ query }: { query: URLSearchParams }) {
   const asked = query.get("set") ?? "";
@@ -27,9 +28,13 @@ export function StartView({ query }: { query: URLSearchParams }) {
     setCount((before) => before + 1);
   };
   const robot = query.get("robot") ?? "";
+  const names = valueOf(useNames());
   return (
     <>
       <Title plain={text.app.measure}>{text.start.title}</Title>
+      {names?.robots.map(({ id, alarms }) => (
+        <AlarmNote key={id} robot={id} name={names.robot(id)} alarms={alarms} />
+      ))}
       {opened?.kind === "tables" ? (
         <ImportFlow key={count} opened={opened} robot={robot} take={(...files) => void take(...files)} />
       ) : (

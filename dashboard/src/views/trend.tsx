@@ -4,9 +4,10 @@ import { api } from "../api/client";
 import type { Method, Robot, Trend as Found, TrendJoint } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Trend } from "../charts/trend";
+import { Badge } from "../components/badge";
 import { Choice, dayText, Empty, LinkButton, Name, Show, Title } from "../components/basics";
 import { Select } from "../components/fields";
-import { Item } from "../components/item";
+import { Rows } from "../components/list";
 import { pValue } from "../lib/format";
 import { bandsOf, changeText, pointsOf, worstFirst } from "../lib/trend";
 import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
@@ -106,9 +107,29 @@ function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; re
           <JointTrend key={joint.name} joint={joint} trend={trend} />
         ))}
       </div>
+      <Campaigns trend={trend} />
       <NewBaseline trend={trend} reload={reload} />
       <LeftOut trend={trend} />
     </>
+  );
+}
+
+/** The campaigns of the trend, with the verdict on each one's run. */
+function Campaigns({ trend: { campaigns } }: { trend: Found }) {
+  return (
+    <details open={campaigns.some(({ assessment }) => assessment.verdict !== "use")}>
+      <summary>{words.takes(campaigns.length)}</summary>
+      <Rows
+        rows={campaigns.map(({ run_id: id, name, at, assessment }) => ({
+          id,
+          href: link(["runs", id]),
+          name,
+          what: <Name>{name}</Name>,
+          at,
+          standing: <Badge verdict={assessment.verdict} />,
+        }))}
+      />
+    </details>
   );
 }
 
@@ -140,8 +161,9 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
           { title: words.lower, unit: column },
           { title: words.upper, unit: column },
           { title: words.changed },
+          { title: text.run.verdict },
         ],
-        rows: trend.campaigns.map(({ name, at }, i) => {
+        rows: trend.campaigns.map(({ name, at, assessment }, i) => {
           const point = joint.points[i];
           return [
             name,
@@ -152,6 +174,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
             maybeInUnit(point?.smoothed, unit),
             ...(points[i]?.limits ?? [null, null]),
             point?.change ? changeText(point.change) : (point?.reason ?? ""),
+            text.usability[assessment.verdict],
           ];
         }),
       }}
@@ -184,6 +207,7 @@ const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
     campaign.name,
     campaign.time_source === "measured_at" ? day : words.stored(day),
     said,
+    ...(campaign.assessment.verdict === "use" ? [] : [words.verdict(text.usability[campaign.assessment.verdict])]),
     ...(alarm ? [alarm] : []),
   ].join("\n");
 };
@@ -200,11 +224,15 @@ function LeftOut({ trend }: { trend: Found }) {
   return (
     <details>
       <summary>{words.leftOut(trend.left_out.length)}</summary>
-      <ul class="rows">
-        {trend.left_out.map(({ measurement_set_id: set, name, reason }) => (
-          <Item href={link(["sets", set])} what={<Name>{name}</Name>} note={reason} />
-        ))}
-      </ul>
+      <Rows
+        rows={trend.left_out.map(({ measurement_set_id: id, name, reason }) => ({
+          id,
+          href: link(["sets", id]),
+          name,
+          what: <Name>{name}</Name>,
+          how: reason,
+        }))}
+      />
     </details>
   );
 }

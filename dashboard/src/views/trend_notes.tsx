@@ -6,6 +6,7 @@ import { dayText, Name, ProblemNote, When } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
+import { namesChanged } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../i18n";
 
@@ -76,6 +77,7 @@ function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: stri
   const [note, setNote] = useState("");
   const send = useAction(async () => {
     await api.acknowledge(robot, { run_id: run, joint, note: note.trim() });
+    namesChanged();
     reload();
   });
   return (

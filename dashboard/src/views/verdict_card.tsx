@@ -21,7 +21,7 @@ export function VerdictCard({
   /** What each verdict means, where it is not about stiffnesses. */
   sentences?: Record<Usability, string>;
 }) {
-  const { verdict, reasons } = assessment;
+  const { verdict, reasons, notes } = assessment;
   return (
     <section class={`verdict-card ${verdict}`} aria-label={words.title}>
       <h2>
@@ -35,6 +35,11 @@ export function VerdictCard({
           ))}
         </ul>
       )}
+      {notes.map((note) => (
+        <p class="note">
+          <Prose text={note} />
+        </p>
+      ))}
     </section>
   );
 }

@@ -1,6 +1,5 @@
 // @vitest-environment happy-dom
-import { describe, expect, it } from "vitest";
-import { Boundary } from "../../src/components/boundary";
+import { describe, expect, it, vi } from "vitest";
 import { lazy } from "../../src/components/lazy";
 import { drawn, settled } from "./drawn";
 
@@ -9,7 +8,7 @@ const Hello = ({ name }: { name: string }) => <p>hello {name}</p>;
 describe("a view that is loaded when it is shown", () => {
   it("waits for its code once", async () => {
     let loads = 0;
-    const View = lazy(async () => {
+    const View = lazy("Hello", async () => {
       loads += 1;
       return Hello;
     });
@@ -20,14 +19,13 @@ describe("a view that is loaded when it is shown", () => {
     expect(loads).toBe(1);
   });
 
-  it("fails as any other view where its code does not come", async () => {
-    const View = lazy<{ name: string }>(() => Promise.reject(new Error("no code")));
-    const root = await drawn(
-      <Boundary>
-        <View name="x" />
-      </Boundary>,
-    );
+  it("keeps its title and offers to reload where its code does not come", async () => {
+    const reload = vi.spyOn(location, "reload").mockImplementation(() => undefined);
+    const View = lazy<{ name: string }>("Plans", () => Promise.reject(new Error("no code")));
+    const root = await drawn(<View name="x" />);
     await settled(() => undefined);
-    expect(root.textContent).toContain("no code");
+    expect(root.querySelector("h1")?.textContent).toBe("Plans");
+    root.querySelector<HTMLElement>(".note .button")?.click();
+    expect(reload).toHaveBeenCalledOnce();
   });
 });

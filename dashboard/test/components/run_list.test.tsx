@@ -1,7 +1,8 @@
 // @vitest-environment happy-dom
 import { describe, expect, it } from "vitest";
 import type { RunSummary } from "../../src/api/types";
-import { families, RunList } from "../../src/views/run_list";
+import { chosen } from "../../src/components/list";
+import { RunList, runRows } from "../../src/views/runs";
 import { drawn } from "./drawn";
 
 const run = (id: string, part: Partial<RunSummary> = {}): RunSummary => ({
@@ -32,9 +33,9 @@ describe("a list of runs", () => {
       run("a"),
       run("lost", { variant_of: "gone" }),
     ];
-    const { roots, variants } = families(runs);
-    expect(roots.map(({ id }) => id)).toEqual(["a", "lost"]);
-    expect(variants.get("a")?.map(({ id }) => id)).toEqual(["c", "b"]);
+    const rows = runRows(runs, null);
+    expect(rows.map(({ id }) => id)).toEqual(["a", "lost"]);
+    expect(rows[0]?.under?.map(({ id }) => id)).toEqual(["c", "b"]);
   });
 
   it("says what came of a run and whether it may be used", async () => {
@@ -46,5 +47,46 @@ describe("a list of runs", () => {
     const row = first?.querySelector(".item")?.textContent ?? "";
     for (const part of ["Do not use", "98\u00a0%", "5/6", "2 warnings"]) expect(row).toContain(part);
     expect(first?.querySelector("details")?.textContent).toContain("1 variant");
+  });
+
+  it("walks its rows by arrow keys", async () => {
+    const root = await drawn(<RunList runs={[run("a"), run("b")]} names={null} />);
+    document.body.append(root);
+    const [first, second] = root.querySelectorAll<HTMLElement>("a.main");
+    first?.focus();
+    first?.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowDown", bubbles: true }));
+    expect(document.activeElement).toBe(second);
+    second?.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowUp", bubbles: true }));
+    expect(document.activeElement).toBe(first);
+  });
+});
+
+describe("what a list shows", () => {
+  const row = (id: string, part: object = {}) => ({
+    id,
+    name: id,
+    what: id,
+    at: `2026-11-2${id.length}T12:00:00Z`,
+    ...part,
+  });
+  const rows = [
+    row("cell 10", { robot: "r", verdict: "use" as const, words: ["F-211034", "M. Keller"] }),
+    row("cell 9", { robot: "s", verdict: "do_not_use" as const }),
+    row("bench"),
+  ];
+  const none = { q: "", robot: "", verdict: "" as const, sort: "name" as const };
+  const shown = (part: object) => chosen(rows, { ...none, ...part }).map(({ id }) => id);
+  it("has all words somewhere", () => {
+    expect(shown({ q: "keller CELL f-211" })).toEqual(["cell 10"]);
+    expect(shown({ q: "keller roux" })).toEqual([]);
+  });
+  it("is of the robot and has the verdict", () => {
+    expect(shown({ robot: "s" })).toEqual(["cell 9"]);
+    expect(shown({ verdict: "use" })).toEqual(["cell 10"]);
+  });
+  it("stands in the order that is wanted", () => {
+    expect(shown({})).toEqual(["bench", "cell 9", "cell 10"]);
+    expect(shown({ sort: "newest" })).toEqual(["cell 10", "cell 9", "bench"]);
+    expect(shown({ sort: "oldest" })).toEqual(["bench", "cell 9", "cell 10"]);
   });
 });

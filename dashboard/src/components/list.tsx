@@ -1,0 +1,196 @@
+/** A list of whatever is stored: filtered by words, robot and verdict, sorted, its rows walked by arrow keys. */
+import type { ComponentChildren } from "preact";
+import { useState } from "preact/hooks";
+import type { Usability } from "../api/types";
+import type { Names } from "../state/names";
+import { text } from "../i18n";
+import { When } from "./basics";
+import { Select, TextField } from "./fields";
+
+const words = text.list;
+
+/** A row: what, how, when, and how it stands. */
+export interface Row {
+  id: string;
+  /** Address that the row leads to, if any. */
+  href?: string | undefined;
+  what: ComponentChildren;
+  /** Beneath what. */
+  note?: ComponentChildren;
+  how?: ComponentChildren;
+  figures?: ComponentChildren;
+  /** When it was measured or made; null for never. */
+  at?: string | null;
+  /** Beneath when. */
+  since?: ComponentChildren;
+  standing?: ComponentChildren;
+  /** Plain name to sort by, and what else a search finds the row by. */
+  name: string;
+  words?: (string | null | undefined)[];
+  robot?: string | null;
+  verdict?: Usability | null;
+  /** Beside the link: before it what picks the row, after it what can be done with it. */
+  pick?: ComponentChildren;
+  actions?: ComponentChildren;
+  /** Folded beneath the row. */
+  under?: Row[];
+}
+
+export interface Filter {
+  q: string;
+  robot: string;
+  verdict: Usability | "";
+  sort: keyof typeof words.sorts;
+}
+
+const NONE: Filter = { q: "", robot: "", verdict: "", sort: "newest" };
+
+/** A filter, as an address may begin it. */
+export function useFilter(query?: URLSearchParams): [Filter, (part: Partial<Filter>) => void] {
+  const [filter, set] = useState<Filter>(() => ({
+    ...NONE,
+    ...Object.fromEntries(Object.keys(NONE).flatMap((name) => (query?.get(name) ? [[name, query.get(name)]] : []))),
+  }));
+  return [filter, (part) => set((before) => ({ ...before, ...part }))];
+}
+
+/** Rows with all words somewhere, of the robot, with the verdict; in the order that is wanted. */
+export function chosen(rows: Row[], { q, robot, verdict, sort }: Filter): Row[] {
+  const wanted = q.toLowerCase().split(/\s+/);
+  const kept = rows.filter((row) => {
+    const said = [row.name, row.id, row.at, ...(row.words ?? [])].join("\n").toLowerCase();
+    return (
+      wanted.every((word) => said.includes(word)) &&
+      (robot === "" || row.robot === robot) &&
+      (verdict === "" || row.verdict === verdict)
+    );
+  });
+  const time = (row: Row) => row.at ?? "";
+  return kept.sort((a, b) =>
+    sort === "name"
+      ? a.name.localeCompare(b.name, text.dates, { numeric: true })
+      : time(a).localeCompare(time(b)) * (sort === "newest" ? -1 : 1),
+  );
+}
+
+/** What a list shows: words, and robot and verdict where `names` and `judged` give a choice. */
+export function FilterBar({
+  filter,
+  change,
+  names = null,
+  judged = false,
+  label = words.search,
+  children,
+}: {
+  filter: Filter;
+  change: (part: Partial<Filter>) => void;
+  names?: Names | null;
+  judged?: boolean;
+  label?: string;
+  children?: ComponentChildren;
+}) {
+  const robots = names?.robots ?? [];
+  return (
+    <div class="filters">
+      <TextField
+        type="search"
+        label={label}
+        placeholder={words.searchHint}
+        value={filter.q}
+        change={(q) => change({ q })}
+      />
+      {robots.length > 1 && (
+        <Select
+          label={text.lists.robot}
+          value={filter.robot}
+          change={(robot) => change({ robot })}
+          options={[
+            { value: "", label: text.app.all },
+            ...robots.map(({ id }) => ({ value: id, label: names?.robot(id) ?? id })),
+          ]}
+        />
+      )}
+      {judged && (
+        <Select
+          label={text.run.verdict}
+          value={filter.verdict}
+          change={(verdict) => change({ verdict: verdict as Usability | "" })}
+          options={[
+            { value: "", label: text.assessment.any },
+            ...Object.entries(text.usability).map(([value, label]) => ({ value, label })),
+          ]}
+        />
+      )}
+      {children}
+      <Select
+        label={words.sort}
+        value={filter.sort}
+        change={(sort) => change({ sort: sort as Filter["sort"] })}
+        options={Object.entries(words.sorts).map(([value, label]) => ({ value, label }))}
+      />
+    </div>
+  );
+}
+
+/** Arrow keys go from row to row. */
+function walk(event: KeyboardEvent): void {
+  const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+  const links = [...(event.currentTarget as HTMLElement).querySelectorAll<HTMLElement>("a.main")];
+  const at = links.findIndex((link) => link === document.activeElement);
+  if (step === undefined || at < 0) return;
+  event.preventDefault();
+  links[at + step]?.focus();
+}
+
+export function Rows({ rows }: { rows: Row[] }) {
+  return (
+    <ul class="rows" onKeyDown={walk}>
+      {rows.map((row) => (
+        <li key={row.id}>
+          <Item row={row} />
+          {row.under && row.under.length > 0 && (
+            <details class="variants">
+              <summary>{text.assessment.variants(row.under.length)}</summary>
+              {row.under.map((each) => (
+                <Item key={each.id} row={each} />
+              ))}
+            </details>
+          )}
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+function Item({ row }: { row: Row }) {
+  const cells = (
+    <>
+      <span class="what" title={row.name}>
+        {row.what}
+        {row.note && <small>{row.note}</small>}
+      </span>
+      {row.how && <span class="how">{row.how}</span>}
+      {row.figures}
+      {row.at !== undefined && (
+        <span class="when">
+          {row.at === null ? text.fleet.never : <When time={row.at} />}
+          {row.since && <small>{row.since}</small>}
+        </span>
+      )}
+      {row.standing && <span class="standing">{row.standing}</span>}
+    </>
+  );
+  return (
+    <div class="item">
+      {row.pick}
+      {row.href === undefined ? (
+        <div class="main">{cells}</div>
+      ) : (
+        <a class="main" href={row.href}>
+          {cells}
+        </a>
+      )}
+      {row.actions}
+    </div>
+  );
+}
