@@ -38,6 +38,8 @@ _SPARE_BYTES: Final = 64 * 1024 * 1024
 """Memory that must be left to a worker; a step takes more at times."""
 _LOOK_SECONDS: Final = 1.0
 """Between two looks at whether it can go on."""
+_BEGIN_SECONDS: Final = 20.0
+"""Time for its threads to begin."""
 
 _logger = logging.getLogger(__name__)
 
@@ -72,15 +74,18 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     with engine:
         keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
         gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
-        console().print(f"worker {executor} ready", markup=False)
         try:
+            # A thread that ends for want of memory before it has begun leaves who starts it waiting for ever.
+            faulthandler.dump_traceback_later(_BEGIN_SECONDS, exit=True)
             keeper.start()
             threading.Thread(target=_send, args=(sender, stop), daemon=True).start()
-        except RuntimeError:  # for want of memory
+            faulthandler.cancel_dump_traceback_later()
+            console().print(f"worker {executor} ready", markup=False)
+            while not stop.wait(_LOOK_SECONDS):
+                if not _is_fit(parent):
+                    _end()
+        except (MemoryError, RuntimeError):  # leaving the engine would wait for its threads for ever
             _end()
-        while not stop.wait(_LOOK_SECONDS):
-            if not _is_fit(parent):
-                _end()
         keeper.join(_GOODBYE_SECONDS)  # with a database that does not answer it could take any time
         # A step under way would keep the process alive to its end; it belongs to someone else by now.
         sys.stdout.flush()
@@ -115,8 +120,10 @@ def _patiently(act: Callable[[], None]) -> None:
 
 def _end(*_: object) -> None:
     """End the process at once: without memory, or without one of its threads, it would only look alive."""
-    faulthandler.dump_traceback()  # takes no memory
-    os._exit(_FAULT)
+    try:
+        faulthandler.dump_traceback()
+    finally:  # it may fail, too, for want of memory
+        os._exit(_FAULT)
 
 
 def _is_fit(parent: int | None) -> bool:

@@ -87,8 +87,11 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         yield process
     finally:
         process.terminate()
-        process.wait(20)
-        process.stdout.close()
+        try:
+            process.wait(20)
+        finally:
+            process.kill()
+            process.stdout.close()
 
 
 def ready(process: subprocess.Popen[str]) -> subprocess.Popen[str]:
