@@ -16,7 +16,8 @@ class WebhookRequest(Message):
     """A webhook as it is asked for."""
 
     url: Annotated[str, Field(max_length=2_000, pattern=r"^https?://[!-~]+$")] = Field(
-        description="Address to post to; redirects are not followed.", examples=["https://mes.example/hooks"]
+        description="Address to post to, without user and password; redirects are not followed.",
+        examples=["https://mes.example/hooks"],
     )
     events: Events = Field(default=list(get_args(Event)), description="Events to tell it; all by default.")
 

@@ -11,7 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Final
 
@@ -121,7 +121,7 @@ def run_server(
         port = listener.getsockname()[1]
         prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"
         supervisor = stack.enter_context(
-            Supervisor(database, workers, prefix, _forgetting(store), _silence(store))
+            Supervisor(database, workers, prefix, forgetting(store), _silence(store))
         )
         address = f"http://{host}:{port}"
         console().print(
@@ -203,13 +203,14 @@ def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     return state
 
 
-def _forgetting(store: Store) -> Callable[[str], None]:
+def forgetting(store: Store) -> Callable[[str], None]:
     """Return what takes a worker from the living; a database that is away finds out by its silence."""
 
     def forget(worker: str) -> None:
         with suppress(StoreError):
-            store.heartbeats.forget(worker)
-            store.webhooks.worker_lost(worker, datetime.now(UTC))
+            last_beat = store.heartbeats.forget(worker)
+            if last_beat is not None:  # one that left by itself is not lost
+                store.webhooks.worker_lost(worker, last_beat)
 
     return forget
 

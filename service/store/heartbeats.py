@@ -57,10 +57,11 @@ class Heartbeats:
             rows = connection.execute(select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
         return {str(row.executor): row.beat_at for row in rows}
 
-    def forget(self, executor: str) -> None:
-        """An executor is about to end."""
+    def forget(self, executor: str) -> datetime | None:
+        """Remove an executor that ends or has ended; return its last beat, None if there is none."""
+        mine = delete(heartbeats).where(heartbeats.c.executor == executor)
         with self._database.writing() as connection:
-            connection.execute(delete(heartbeats).where(heartbeats.c.executor == executor))
+            return connection.execute(mine.returning(heartbeats.c.beat_at)).scalar()
 
     def prove(self) -> None:
         """Write a row that is no worker's.

@@ -10,6 +10,7 @@ from datetime import datetime, timedelta
 from typing import Any, Final
 
 from sqlalchemy import ColumnElement, Connection, and_, delete, exists, func, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database
@@ -22,6 +23,7 @@ MOST: Final = 20
 _KEPT: Final = timedelta(days=30)
 _AT_ONCE: Final = 50
 
+_INSERT: Final[dict[str, Any]] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 _HOOKS: Final = select(*(webhooks.c[field.name] for field in fields(WebhookRecord)))
 _MESSAGES: Final = select(*(deliveries.c[field.name] for field in fields(DeliveryRecord)))
 _pending: Final = deliveries.c.state == "pending"
@@ -84,7 +86,7 @@ class Webhooks:
             self._tell(connection, hooks, "alarm.raised", run_id, run_id, {}, now)
 
     def worker_lost(self, worker: str, at: datetime) -> None:
-        """Write the messages about a worker that died, once for each time at which it did."""
+        """Write the messages about a worker that died, once for its last sign of life, whoever tells."""
         with self._database.writing() as connection:
             hooks, key = self._all(connection), f"{worker} {at.isoformat()}"
             self._tell(connection, hooks, "worker.lost", worker, key, {"worker": worker}, at)
@@ -156,11 +158,9 @@ class Webhooks:
     ) -> None:
         """Write a message to each webhook that asks for the event, unless it was told of it before."""
         identifier = f"msg_{hashlib.sha256(f'{event} {key}'.encode()).hexdigest()[:32]}"
+        adding = _INSERT[connection.dialect.name](deliveries).on_conflict_do_nothing()
         for hook in hooks:
-            columns = deliveries.c
-            mine = and_(columns.webhook_id == hook.id, columns.message_id == identifier)
-            known = connection.execute(select(columns.sequence).where(mine)).first()
-            if known or event not in json.loads(hook.events):
+            if event not in json.loads(hook.events):
                 continue
             whole = {
                 "type": event,
@@ -179,4 +179,4 @@ class Webhooks:
                 due_at=now,
                 error=None,
             )
-            connection.execute(insert(deliveries).values(asdict(message)))
+            connection.execute(adding.values(asdict(message)))

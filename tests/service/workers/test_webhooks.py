@@ -9,15 +9,18 @@ import socket
 import threading
 import time
 from base64 import b64decode, b64encode
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import httpx2
 import pytest
 from support.guide_files import blocks_of
 from support.in_process import Client
 from support.jobs import QueueEngine, request, runs_of, stored_set
+from support.processes import Service, until
 from typer.testing import CliRunner
 
 from jointstiff.service.access.addresses import ALLOWED_VARIABLE
@@ -29,6 +32,7 @@ from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.library.answers import problem_in
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.server import forgetting
 from jointstiff.service.store.heartbeats import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import webhooks
@@ -301,6 +305,33 @@ def test_a_slow_receiver_and_a_sender_that_is_killed_repeat_the_same_id(store, r
     assert outcome(store)["delivered"] == 1
 
 
+@pytest.mark.process
+def test_a_service_killed_between_writing_and_sending_sends_it_when_it_is_back(tmp_path, receiver):
+    database = f"sqlite:///{tmp_path / 'store.db'}"
+    header = {"Authorization": f"Bearer {ADMIN.text}"}
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=10)
+    with Store.open(database) as store:
+        told_of(store, receiver, events=["run.succeeded"])
+        service = Service(database, "--workers", "0")  # nobody sends
+        with httpx2.Client(base_url=service.url, headers=header, timeout=30) as client:
+            robot = client.post("/v1/robots", json=campaign["robot"]).json()["id"]
+            body = campaign["measurement_set"] | {"robot_id": robot}
+            made = client.post("/v1/measurement-sets", json=body).json()["id"]
+            runs = [client.post("/v1/runs", json={"measurement_set_id": made}).json()["id"] for _ in range(2)]
+        service.process.kill()
+        service.stop()
+        written = [one["id"] for one in outcome(store)["undelivered"]]
+        assert receiver.came == []
+        with receiver.up():
+            service = Service(database, "--workers", "1")
+            try:
+                until(lambda: outcome(store)["delivered"] == 2)
+            finally:
+                service.stop()
+    assert receiver.ids == written[::-1]
+    assert [one["data"]["run_id"] for one in receiver.messages] == runs
+
+
 def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, monkeypatch):
     told_of(store, receiver, events=["run.succeeded"])
     run(store, stored_set(store))
@@ -363,6 +394,27 @@ def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
     assert lost["data"]["worker"] == "gone"
 
 
+def test_a_lost_worker_is_told_once_by_two_who_see_it_at_one_instant(database_url, receiver):
+    """Two workers of two processes, and the service that held the one that died."""
+    with Store.open(database_url) as first, Store.open(database_url) as second:
+        told_of(first, receiver, events=["worker.lost"])
+        for name in ("one", "two", "three"):
+            first.heartbeats.beat(name, timedelta(seconds=30))
+            (seen,) = {store.heartbeats.silent(timedelta(seconds=-9))[name] for store in (first, second)}
+            together = threading.Barrier(2)
+
+            def tell(store, name=name, seen=seen, together=together):
+                together.wait()
+                store.webhooks.worker_lost(name, seen)
+
+            with ThreadPoolExecutor(2) as threads:
+                list(threads.map(tell, (first, second)))
+            forgetting(second)(name)
+            forgetting(second)(name)  # it left before its process ended
+        told = outcome(first)["undelivered"]
+    assert len(told) == 3
+
+
 def test_an_alarm_is_told_once_after_the_run_that_raised_it(store, receiver, clock):
     client, arm = Client(store), default_arm()
     soft = replace(arm, stiffnesses=arm.stiffnesses * [1, 1, 0.85, 1, 1, 1])
@@ -423,6 +475,16 @@ def test_addresses_that_are_not_public_are_refused(store, monkeypatch):
     places = {url: answer.json().get("where") for url, answer in answers.items()}
     assert places == dict.fromkeys(answers, "url")
     assert {answer.status_code for answer in answers.values()} == {422}
+    assert store.webhooks.all() == []
+
+
+@pytest.mark.parametrize("user", ["anna:secret@", "anna@", ":secret@", "@"])
+def test_an_address_with_a_user_or_a_password_is_refused_unseen(store, receiver, user):
+    url = receiver.url.replace("http://", f"http://{user}")
+    answer = ask(store, "POST", "/v1/webhooks", json={"url": url})
+    assert (answer.status_code, answer.json()["where"]) == (422, "url")
+    assert "signature" in answer.json()["remedy"]
+    assert "secret" not in answer.text
     assert store.webhooks.all() == []
 
 
