@@ -116,7 +116,7 @@ def formats(robot: Robot, run: Run, count: int) -> Iterator[tuple[str, ...]]:
     for kind, name in PROGRAM_FILES.items():
         text = program_text(kind, goal, FULL_DIGITS)
         program = read_program([(name, text.encode())])
-        (notation,) = program.by_notation()
+        (notation,) = program.targets.notations
         numbers = program.numbers(range(count))
         parsed = np.abs(numbers[:, :3] * notation.length - goal[:, :3, 3]).max()
         if notation.has_pose:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from itertools import compress
-from typing import Final, NamedTuple, overload
+from typing import Final
 
 import numpy as np
 
@@ -92,25 +92,8 @@ class Literal:
     )  # values that are no numbers, by name
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Target:
-    """A target: numbers that the program states, of one notation."""
-
-    name: str  # as the program calls it, `P[3]` or `p10`; empty where it has no name
-    source: int  # index of its file
-    line: int  # line on which its numbers begin, from 1
-    notation: Notation  # what the numbers mean
-    values: tuple[float, ...]  # the numbers, as written
-    spans: tuple[int, ...]  # first and last + 1 character of each number, one after the other
-    base: FrameName  # frame of the numbers
-    tool: FrameName  # frame that is brought there
-    # what is said of the arm's configuration: a name, first and last + 1 character of its number
-    words: tuple[tuple[str, int, int], ...] = ()
-    letters: str = ""  # what is said of it in letters: FANUC's `NUT`
-
-
 @dataclass(frozen=True, eq=False)
-class Targets(Sequence[Target]):
+class Targets:
     """The t targets of a program as columns, each once, in the order of their first moves."""
 
     names: Sequence[str]  # as the program calls them; empty for those without a name
@@ -127,18 +110,19 @@ class Targets(Sequence[Target]):
     @cached_property
     def notations(self) -> tuple[Notation, ...]:
         """Notations of the targets, each once."""
-        return tuple(dict.fromkeys(self._notation(literal) for literal in self.literals))
+        return tuple(dict.fromkeys(each.notation for each in self.literals if each.notation))
 
     @cached_property
     def notation(self) -> IndexArray:
         """(t,) indices of the targets' notations."""
-        place = {notation: i for i, notation in enumerate(self.notations)}
-        of_literal = [place[self._notation(literal)] for literal in self.literals]
+        of_literal = [self.notations.index(each.notation) for each in self.literals]
         return np.array(of_literal, dtype=np.intp)[self.literal]
 
-    def by_notation(self) -> Mapping[Notation, IndexArray]:
-        """Return indices of targets by how they are written."""
-        return {each: np.flatnonzero(self.notation == i) for i, each in enumerate(self.notations)}
+    def by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
+        """Yield notations, and the places of their targets among some."""
+        of_target = self.notation[rows]
+        for i, notation in enumerate(self.notations):
+            yield notation, np.flatnonzero(of_target == i)
 
     @cached_property
     def by_joints(self) -> BoolArray:
@@ -155,53 +139,12 @@ class Targets(Sequence[Target]):
         angles: FloatArray = self.values[rows, :6] * self.angle_unit[rows, None]
         return angles
 
-    @staticmethod
-    def _notation(literal: Literal) -> Notation:
-        if literal.notation is None:
-            raise ValueError("the literal is no target")
-        return literal.notation
-
     def __len__(self) -> int:
         return len(self.line)
 
-    @overload
-    def __getitem__(self, place: int) -> Target: ...
-    @overload
-    def __getitem__(self, place: slice) -> list[Target]: ...
-    def __getitem__(self, place: int | slice) -> Target | list[Target]:
-        """Return a target as an object."""
-        if isinstance(place, slice):
-            return [self[i] for i in range(len(self))[place]]
-        i = range(len(self))[place]
-        literal = self.literals[self.literal[i]]
-        notation = self._notation(literal)
-        spans = self.spans[i].tolist()
-        count = 3 + notation.count
-        return Target(
-            self.names[i],
-            int(self.source[i]),
-            int(self.line[i]),
-            notation,
-            tuple(self.values[i, :count].tolist()),
-            tuple(end for span in spans[:count] for end in span),
-            self.frames[self.base[i]],
-            self.frames[self.tool[i]],
-            tuple((name, *span) for (name, _), span in zip(literal.words, spans[NUMBERS:], strict=False)),
-            literal.letters,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Move:
-    """An instruction that moves the robot."""
-
-    line: int  # its line in the first file, from 1
-    motion: Motion  # how
-    targets: tuple[int, ...]  # indices of its targets, the last one where it ends
-
 
 @dataclass(frozen=True, eq=False)
-class Moves(Sequence[Move]):
+class Moves:
     """The k moves of a program as columns, in the order of its text, and the v targets that they visit."""
 
     line: IndexArray  # (k,) lines in the first file
@@ -222,20 +165,6 @@ class Moves(Sequence[Move]):
     def __len__(self) -> int:
         return len(self.line)
 
-    @overload
-    def __getitem__(self, place: int) -> Move: ...
-    @overload
-    def __getitem__(self, place: slice) -> list[Move]: ...
-    def __getitem__(self, place: int | slice) -> Move | list[Move]:
-        """Return a move as an object."""
-        if isinstance(place, slice):
-            return [self[i] for i in range(len(self))[place]]
-        i = range(len(self))[place]
-        begin = int(self.ends[i - 1]) if i else 0
-        return Move(
-            int(self.line[i]), _MOTIONS[self.motion[i]], tuple(self.visits[begin : self.ends[i]].tolist())
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Remark:
@@ -255,34 +184,16 @@ class Program:
     moves: Moves
     left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in
 
-    def by_notation(self) -> Mapping[Notation, IndexArray]:
-        """Return indices of targets by how they are written."""
-        return self.targets.by_notation()
-
     def numbers(self, indices: Sequence[int] | IndexArray) -> FloatArray:
         """Return the numbers (m, k) of targets of one notation, as written."""
         rows = np.asarray(indices, dtype=np.intp)
         count = 3 + self.targets.notations[self.targets.notation[rows[0]]].count if len(rows) else 0
         return self.targets.values[rows, :count]
 
-    def rewritten(self, indices: Sequence[int] | IndexArray, values: FloatArray) -> Rewritten:
-        """Return the files with other numbers (m, 7) in m targets; every other byte is as it was."""
-        text, rows, found = Rewriting(self), np.asarray(indices, dtype=np.intp), values.copy()
-        for block in text.blocks(rows):
-            found[block] = text.replace(rows[block], values[block])
-        return Rewritten(text.files(), found)
-
     @property
     def files(self) -> tuple[bytes, ...]:
         """Bytes of its files."""
         return tuple(source.text.encode("latin-1") for source in self.sources)
-
-
-class Rewritten(NamedTuple):
-    """The files of a program with other numbers in m targets."""
-
-    files: tuple[bytes, ...]
-    values: FloatArray  # (m, 7) the numbers as the files state them
 
 
 class Rewriting:

@@ -275,7 +275,7 @@ class Reader:
         )  # fmt: skip
         out = (numbers >= 0) & ~(np.abs(read[numbers]) <= MAX_VALUE)
         unlike = np.zeros(len(line), dtype=np.bool_)
-        for notation, rows in targets.by_notation().items():
+        for notation, rows in targets.by_notation(np.arange(len(line))):
             unlike[rows] = ~notation.states(targets.values[rows])
         axes = read[places((each.external for each in literals), _MAX_AXES)]
         axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)

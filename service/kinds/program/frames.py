@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -65,7 +65,7 @@ class ProgramFrames:
         """
         poses = np.full((len(indices), 4, 4), np.nan)
         values = program.targets.values[indices] if values is None else values
-        for notation, rows in _by_notation(program, indices):
+        for notation, rows in program.targets.by_notation(indices):
             numbers = values[rows, : 3 + notation.count]
             if notation.has_pose:
                 poses[rows] = notation.poses(numbers)
@@ -85,7 +85,7 @@ class ProgramFrames:
         """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
         poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
         found = np.full((len(indices), NUMBERS), np.nan)
-        for notation, rows in _by_notation(program, indices):
+        for notation, rows in program.targets.by_notation(indices):
             near = program.numbers(indices[rows])
             if notation.is_joints:
                 continue
@@ -181,13 +181,6 @@ def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName], chose
     if len(chosen) and (chosen == chosen[0]).all():
         return np.broadcast_to(poses[chosen[0]], (len(chosen), 4, 4))
     return poses[chosen]
-
-
-def _by_notation(program: Program, indices: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
-    """Yield notations, and the places of their targets among some."""
-    of_target = program.targets.notation[indices]
-    for i, notation in enumerate(program.targets.notations):
-        yield notation, np.flatnonzero(of_target == i)
 
 
 def _inverse(poses: FloatArray) -> FloatArray:

@@ -165,9 +165,11 @@ def _refuse(program: Program, targets: IndexArray, reason: str, remedy: str) -> 
 
 
 def _fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
-    found = program.targets[target]
-    name = f"{shown(found.name)}: " if found.name else ""
-    return Fault(program.sources[found.source].name, found.line, name + reason, remedy)
+    targets = program.targets
+    name = f"{shown(targets.names[target])}: " if targets.names[target] else ""
+    return Fault(
+        program.sources[targets.source[target]].name, int(targets.line[target]), name + reason, remedy
+    )
 
 
 def _postures(

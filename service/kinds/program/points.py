@@ -92,15 +92,15 @@ class WrittenPoints:
 
     def _point(self, k: int) -> ProgramPoint:
         found, point = self.corrections, int(self.corrections.points[k])
-        target = self.path.program.targets[int(self.path.targets[point])]
+        targets, target = self.path.program.targets, int(self.path.targets[point])
         u = float(found.uncertainty[k])
         readings, with_error = (
             (low, high) if np.isfinite(high) else None for low, high in self._intervals[:, k].tolist()
         )
         return ProgramPoint(
             number=point + 1,
-            name=_printable(target.name),
-            line=target.line,
+            name=_printable(targets.names[target]),
+            line=int(targets.line[target]),
             place=tuple(self.place[point].tolist()),
             deflection=float(_size(found.uncorrected[k, :3])),
             deflection_rotation=float(_size(found.uncorrected[k, 3:])),

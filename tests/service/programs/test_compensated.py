@@ -37,7 +37,7 @@ def commanded_poses(kind, result):
     """Poses of the tool that the corrected file states, and the posture before rounding."""
     file = result.files[0]
     program = read_program([(file.name, unpacked(file))])
-    (notation,) = program.by_notation()
+    (notation,) = program.targets.notations
     return notation.poses(program.numbers(range(len(program.targets))))
 
 

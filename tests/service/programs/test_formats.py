@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from support.written_programs import moves_of, rewritten, targets_of
 
 from jointstiff.service.programs import reader
 from jointstiff.service.programs.configuration import StatedConfigurations
@@ -54,8 +55,8 @@ def test_every_format_has_a_sample():
 @pytest.mark.parametrize("kind", PROGRAMS)
 def test_identity_gives_identical_bytes(kind):
     program = read(kind)
-    rewritten = program.rewritten(np.arange(len(program.targets)), program.targets.values[:, :7]).files
-    assert dict(zip([s.name for s in program.sources], rewritten, strict=True)) == dict(files_of(kind))
+    files = rewritten(program, np.arange(len(program.targets)), program.targets.values[:, :7])[0]
+    assert dict(zip([s.name for s in program.sources], files, strict=True)) == dict(files_of(kind))
 
 
 @pytest.mark.parametrize("kind", PROGRAMS)
@@ -63,12 +64,12 @@ def test_nothing_but_numbers_of_targets_changes(kind):
     program = read(kind)
     step = 0.125 * (np.arange(7) < 3)  # a quaternion has to stay a unit one
     moved = program.targets.values[:, :7] + step
-    rewritten, values = program.rewritten(np.arange(len(moved)), moved)
+    files, values = rewritten(program, np.arange(len(moved)), moved)
     again = read_program(
-        list(zip([s.name for s in program.sources], rewritten, strict=True)), leave_alone=PROGRAMS[kind][1]
+        list(zip([s.name for s in program.sources], files, strict=True)), leave_alone=PROGRAMS[kind][1]
     )
     np.testing.assert_array_equal(again.targets.values[:, :7], values)
-    for i, new in enumerate(again.targets):
+    for i, new in enumerate(targets_of(again)):
         np.testing.assert_allclose(new.values, moved[i, : len(new.values)], rtol=0, atol=1e-9)
     for source, other in zip(program.sources, again.sources, strict=True):
         assert without_numbers(program, source) == without_numbers(again, other)
@@ -78,7 +79,7 @@ def without_numbers(program, source):
     index = program.sources.index(source)
     spans = sorted(
         span
-        for target in program.targets
+        for target in targets_of(program)
         if target.source == index
         for span in zip(target.spans[::2], target.spans[1::2], strict=True)
     )
@@ -90,7 +91,7 @@ def without_numbers(program, source):
 
 def test_krl_targets_frames_and_places_that_the_controller_keeps():
     program = read("krl")
-    assert [(m.line, m.motion) for m in program.moves] == [
+    assert [(m.line, m.motion) for m in moves_of(program)] == [
         (27, Motion.JOINT),
         (28, Motion.LINEAR),
         (29, Motion.LINEAR),
@@ -98,20 +99,20 @@ def test_krl_targets_frames_and_places_that_the_controller_keeps():
         (37, Motion.LINEAR),
         (40, Motion.SPLINE),
     ]
-    declared = program.targets[program.moves[4].targets[0]]
+    declared = targets_of(program)[moves_of(program)[4].targets[0]]
     assert (declared.name, configuration(program, declared)) == ("XP7", [("S", "2"), ("T", "35")])
     assert program.sources[declared.source].name == "cell.dat"
     assert (declared.base.name, declared.tool.name) == ("BASE_DATA[2]", "TOOL_DATA[3]")
-    np.testing.assert_allclose(program.targets[1].tool.pose[:3, 3], [0, 0, 0.2155])
+    np.testing.assert_allclose(targets_of(program)[1].tool.pose[:3, 3], [0, 0, 0.2155])
     assert [remark.line for remark in program.left_alone] == [20, 30, 46]
 
 
 def test_fanuc_targets_have_their_frames_and_configuration():
     program = read("fanuc")
-    assert program.moves[-1].motion is Motion.CIRCULAR
-    assert len(program.moves[-1].targets) == 2
-    assert {(t.base.name, t.tool.name) for t in program.targets} == {("UF 2", "UT 3")}
-    target = program.targets[1]
+    assert moves_of(program)[-1].motion is Motion.CIRCULAR
+    assert len(moves_of(program)[-1].targets) == 2
+    assert {(t.base.name, t.tool.name) for t in targets_of(program)} == {("UF 2", "UT 3")}
+    target = targets_of(program)[1]
     assert target.letters == "NUT"
     assert configuration(program, target) == [("turn1", "0"), ("turn4", "0"), ("turn6", "0")]
 
@@ -119,22 +120,22 @@ def test_fanuc_targets_have_their_frames_and_configuration():
 def test_fanuc_columns_stay_where_they_are():
     program = read("fanuc")
     values = program.targets.values[[1], :7] + [-9000.1, 0.1, 0, 0, 0, 0, 0]
-    lines = program.rewritten([1], values).files[0].decode().splitlines()
+    lines = rewritten(program, [1], values)[0][0].decode().splitlines()
     assert lines[32] == "\tX = -7385.358  mm,\tY =   -12.400  mm,\tZ =   507.201  mm,"
 
 
 def test_rapid_frames_are_composed():
     program = read("rapid")
-    target = program.targets[program.moves[1].targets[0]]
+    target = targets_of(program)[moves_of(program)[1].targets[0]]
     np.testing.assert_allclose(target.base.pose[:3, 3], [1.2, -0.3, 0.8])
     np.testing.assert_allclose(target.tool.pose[:3, 3], [0, 0, 0.2155])
     assert [value for _, value in configuration(program, target)] == ["0", "-1", "0", "1"]
-    assert program.moves[-1].targets == program.moves[1].targets  # used twice, corrected once
+    assert moves_of(program)[-1].targets == moves_of(program)[1].targets  # used twice, corrected once
 
 
 def test_ur_frames_of_pose_trans():
     program = read("ur")
-    target = program.targets[program.moves[3].targets[0]]
+    target = targets_of(program)[moves_of(program)[3].targets[0]]
     np.testing.assert_allclose(target.base.pose[:3, 3], [0.4, -0.3, 0.1])
 
 
@@ -240,9 +241,9 @@ def test_any_bytes_in_comments_survive(name, line, comment, targets, end):
     program = read_program([(name, text.encode("latin-1"))])
     assert len(program.targets) == len(targets)
     values, every = program.targets.values[:, :7], np.arange(len(targets))
-    assert program.rewritten(every, values).files[0] == text.encode("latin-1")
+    assert rewritten(program, every, values)[0][0] == text.encode("latin-1")
     moved = values + (np.arange(7) < 3)
-    assert program.rewritten(every, moved).files[0].count(comment.encode()) == text.encode("latin-1").count(
+    assert rewritten(program, every, moved)[0][0].count(comment.encode()) == text.encode("latin-1").count(
         comment.encode()
     )
 
@@ -251,7 +252,7 @@ def test_any_bytes_in_comments_survive(name, line, comment, targets, end):
 @pytest.mark.parametrize("middle", [0.0, 37.0, 90.0, -90.0, 89.9999])
 def test_angles_are_rewritten_near_what_was_written(kind, sequence, middle):
     """A small rotation of a target changes its angles little, away from the lock, and is exact everywhere."""
-    notation = next(n for n in read(kind).by_notation() if n.has_pose)
+    notation = next(n for n in read(kind).targets.notations if n.has_pose)
     near = np.array([[100.0, 0, 0, 175.0, middle, -178.0]])
     poses = notation.poses(near)
     np.testing.assert_allclose(
@@ -265,7 +266,7 @@ def test_angles_are_rewritten_near_what_was_written(kind, sequence, middle):
 
 
 def test_the_lock_keeps_the_angles_of_an_unchanged_target():
-    notation = next(n for n in read("krl").by_notation() if n.has_pose)
+    notation = next(n for n in read("krl").targets.notations if n.has_pose)
     near = np.array([[0.0, 0, 0, 20.0, 90.0, -70.0], [0, 0, 0, 20.0, -90.0, -70.0]])
     np.testing.assert_allclose(notation.values(notation.poses(near), near), near, atol=1e-6)
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from support.programs import request
+from support.written_programs import moves_of, targets_of
 
 from jointstiff.service.kinds.program.frames import ProgramFrames
 from jointstiff.service.programs.configuration import StatedConfigurations
@@ -26,7 +27,7 @@ def frames(program):
     """Base and tool of each move's last target."""
     return [
         (target.base.name, target.tool.name)
-        for target in (program.targets[move.targets[-1]] for move in program.moves)
+        for target in (targets_of(program)[move.targets[-1]] for move in moves_of(program))
     ]
 
 
@@ -65,10 +66,10 @@ END
 def test_krl_of_a_post_processor():
     program = read("a.src", POSTED)
     assert frames(program) == [("$BASE of line 13", "$TOOL of line 14")] * 4
-    target = program.targets[1]
+    target = targets_of(program)[1]
     text = program.sources[0].text
     assert [(name, text[start:end]) for name, start, end in target.words] == [("S", "'B010'"), ("T", "35")]
-    assert program.targets[3].values == (110.0, 20.0, 0.0, 0.0, 90.0, 0.0)
+    assert targets_of(program)[3].values == (110.0, 20.0, 0.0, 0.0, 90.0, 0.0)
 
 
 INLINE = """DEF a()
@@ -120,7 +121,7 @@ def test_fanuc_with_tabs_and_a_second_group_that_stands_still():
     assert len(read("a.LS", fanuc(FANUC_MOVES)).moves) == 2
     program = read("a.LS", fanuc(FANUC_MOVES, GROUP))
     assert len(program.moves) == 2
-    assert program.targets[1].values == (1602.081761, -315.778136, 423.04837, 180.0, -0.384, 0.0)
+    assert targets_of(program)[1].values == (1602.081761, -315.778136, 423.04837, 180.0, -0.384, 0.0)
 
 
 def test_fanuc_second_group_that_moves_is_refused():
@@ -139,7 +140,7 @@ TOOL = "PERS tooldata t1:=[TRUE,[[0,0,100],[1,0,0,0]],[2,[0,0,15],[1,0,0,0],0,0,
 def test_rapid_tool_set_in_numbers_before_the_moves():
     body = f"t1 := [TRUE,[[0,0,200],[1,0,0,0]],[2,[0,0,15],[1,0,0,0],0,0,0.005]];\nMoveL {POSE},v100,z1,t1;"
     program = read("a.mod", rapid(body, TOOL))
-    assert program.targets[0].tool.pose[2, 3] == 0.2
+    assert targets_of(program)[0].tool.pose[2, 3] == 0.2
 
 
 @pytest.mark.parametrize(
@@ -182,7 +183,11 @@ Milling()
 
 def test_ur_frames_that_are_set_one_after_the_other():
     program = read("a.script", POSTED_UR)
-    assert [program.targets[move.targets[0]].base.pose[0, 3] for move in program.moves] == [0.0, 0.5, 0.7]
+    assert [targets_of(program)[move.targets[0]].base.pose[0, 3] for move in moves_of(program)] == [
+        0.0,
+        0.5,
+        0.7,
+    ]
 
 
 def test_ur_frames_that_a_loop_sets_are_refused():
