@@ -36,6 +36,7 @@ _MOVES: Final = {
     "SCIRC": (Motion.CIRCULAR, 2),
 }
 _BLENDS: Final = ("C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL")
+_NULL: Final = words("$NULLFRAME BASE_DATA[0] TOOL_DATA[0]")
 _HOME: Final = words("$AXIS_ACT $POS_ACT $H_POS HOME XHOME XHOME1 XHOME2 XHOME3 XHOME4 XHOME5")
 """Places that a controller keeps: nothing of a move there stands in the program."""
 _FIELDS: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
@@ -85,138 +86,127 @@ _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or T
 class _Program(Script):
     """The state of a program while it is read."""
 
-    base: FrameName = field(default_factory=lambda: FrameName("active $BASE"))
-    tool: FrameName = field(default_factory=lambda: FrameName("active $TOOL"))
+    # active tool and base; the name of a declaration, which is not sent, is no matter until a move needs it
+    active: dict[str, FrameName | str] = field(
+        default_factory=lambda: {which: FrameName(f"active ${which}") for which in ("TOOL", "BASE")}
+    )
     frames: dict[str, tuple[Place, Literal]] = field(default_factory=dict)  # BASE_DATA[i], TOOL_DATA[i]
     used: set[str] = field(default_factory=set)  # names of frames that were active
     interrupts: set[float] = field(default_factory=set)  # numbers of those that are declared
-    # declaration, which is not sent, of the active base or tool: no matter until a move needs it
-    unknown: dict[str, str] = field(default_factory=dict)
 
     def move(self, place: Place, motion: Motion, targets: Sequence[Literal | str], own: str) -> None:
         """Take a move; `own` declares frames of its own."""
-        home = [
-            name
-            for name in targets
-            if isinstance(name, str)
-            and name in _HOME
-            and (name not in self.given or _is_config(self.reader, self.given[name][0].source))
-        ]
+        names = {name: self.given.get(name) for name in targets if isinstance(name, str)}
+        shared = {name for name, given in names.items() if given and self.is_config(given[0].source)}
+        home = [name for name, given in names.items() if name in _HOME and (given is None or name in shared)]
         if home and len(targets) > 1:
-            self.reader.refuse(place.line, "an arc through a place that the controller keeps", _REMEDY)
+            self.refuse(place, "an arc through a place that the controller keeps")
         elif home:
             self.moved = True
             self.reader.leave(place.line, f"a move to {home[0]}, which the controller keeps")
         else:
-            held = self.base, self.tool, dict(self.unknown)
+            held = dict(self.active)
             if own:
                 self.declared(place, own, move=True)
-            if self.unknown:
-                reason = f"the frames {shown(next(iter(self.unknown.values())))} are not in the program"
-                self.reader.refuse(place.line, reason, "send the .dat, and $config.dat, with the .src")
+            tool, base = self.active.values()
+            if isinstance(tool, str) or isinstance(base, str):
+                missing = tool if isinstance(tool, str) else base
+                reason = f"the frames {shown(str(missing))} are not in the program"
+                self.refuse(place, reason, "send the .dat, and $config.dat, with the .src")
+            elif shared:
+                reason = "the target stands in $config.dat, which other programs use"
+                self.refuse(place, reason, "declare it in the program's own .dat")
             else:
-                stated = [self.given.get(name) if isinstance(name, str) else None for name in targets]
-                if any(each and _is_config(self.reader, each[0].source) for each in stated):
-                    reason = "the target stands in $config.dat, which other programs use"
-                    self.reader.refuse(place.line, reason, "declare it in the program's own .dat")
-                else:
-                    self.targeted(place, motion, targets, [(self.base, self.tool)] * len(targets))
-            self.base, self.tool, self.unknown = held
+                self.targeted(place, motion, targets, [(base, tool)] * len(targets))
+            self.active = held
 
-    def chosen(self, place: Place, which: str, name: str, *, move: bool = False) -> None:
-        """Take $BASE or $TOOL by a name that has numbers."""
-        if name in self.changed:
-            self.reader.refuse(
-                place.line, f"{name} changes while the program runs", "give it once, in numbers", place.source
-            )
-            return
-        known = self.frames.get(name)
-        pose = pose_of(*known) if known else None
-        if name in {"$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]"}:
-            pose = np.eye(4)
-        self._set(place, which, FrameName(name, pose), move=move)
+    def is_config(self, source: int) -> bool:
+        """Return whether a file holds what all programs of a controller use."""
+        return self.reader.sources[source].name.lower().endswith("config.dat")
 
-    def _set(self, place: Place, which: str, frame: FrameName, *, move: bool = False) -> None:
+    def choose(self, place: Place, which: str, frame: FrameName, *, move: bool = False) -> None:
         """Make a frame the active one, if it is not; for one move only, it may be any."""
-        active = self.tool if which == "TOOL" else self.base
+        active = self.active[which]
         self.used.add(frame.name)
-        same = which not in self.unknown and active.same(frame)
-        if not move and not same and not self.settable(place, f"${which}"):
-            return
-        self.unknown.pop(which, None)
-        if which == "TOOL":
-            self.tool = frame
-        else:
-            self.base = frame
+        same = isinstance(active, FrameName) and active.same(frame)
+        if move or same or self.settable(place, f"${which}"):
+            self.active[which] = frame
 
     def stated(self, place: Place, which: str, literal: Literal) -> None:
-        """Take $BASE or $TOOL in numbers."""
-        pose = pose_of(place, literal)
-        if pose is None:
-            self.reader.refuse(place.line, f"${which} is computed", _FRAME_REMEDY, place.source)
+        """Take $BASE, $TOOL or FDAT_ACT in numbers."""
+        if which == "FDAT_ACT":
+            self.inline(place, place, literal)
+        elif (pose := pose_of(place, literal)) is None:
+            self.refuse(place, f"${which} is computed", _FRAME_REMEDY)
         else:
-            self._set(place, which, FrameName(f"${which} of line {place.line}", pose))
+            self.choose(place, which, FrameName(f"${which} of line {place.line}", pose))
 
-    def interrupted(self, place: Place, ordinal: int, *, declares: bool) -> None:
-        """Take the declaration of an interrupt, or its number where it is switched on."""
-        number = place.value(ordinal)
-        if declares:
-            self.interrupts.add(number)
-        elif number not in self.interrupts:
-            reason = (
-                f"interrupt {number:g} is declared elsewhere, and may move the robot or change its frames"
-            )
-            self.reader.refuse(place.line, reason, "declare it in the program")
+    def variable(self, place: Place, which: str, name: str) -> None:
+        """Take $BASE, $TOOL or FDAT_ACT by the name of a variable."""
+        if which == "FDAT_ACT":
+            self.declared(place, name)
+            return
+        if (known := self.constant(name, place)) and name not in _NULL:
+            self.frames[name] = known
+        self.named(place, which, name)
 
-    def numbered(self, place: Place, which: str, ordinal: int) -> None:
-        """Take $BASE or $TOOL by the number of its data."""
-        number = place.value(ordinal)
-        if number.is_integer():
-            self.chosen(place, which, f"{which}_DATA[{int(number)}]")
+    def numbered(
+        self, place: Place, which: str, ordinal: int, where: Place | None = None, *, move: bool = False
+    ) -> None:
+        """Take $BASE or $TOOL by the number of its data, which may stand elsewhere."""
+        number = (where or place).value(ordinal)
+        if number.is_integer():  # infinity is none
+            self.named(place, which.lstrip("#"), f"{which.lstrip('#')}_DATA[{int(number)}]", move=move)
         else:
-            self.reader.refuse(place.line, "the number of a frame is no whole number", _FRAME_REMEDY)
+            self.refuse(place, "the number of a frame is no whole number", _FRAME_REMEDY)
+
+    def named(self, place: Place, which: str, name: str, *, move: bool = False) -> None:
+        """Take $BASE or $TOOL by a name that has numbers."""
+        if name in self.changed:
+            self.refuse(place, f"{name} changes while the program runs", "give it once, in numbers")
+            return
+        known = self.frames.get(name)
+        pose = np.eye(4) if name in _NULL else pose_of(*known) if known else None
+        self.choose(place, which, FrameName(name, pose), move=move)
 
     def declared(self, place: Place, name: str, *, move: bool = False) -> None:
         """Take tool and base of an inline form, by the name of their declaration."""
         known = self.constant(name, place)
-        if known is None:
-            if move or self.settable(place, "FDAT_ACT"):
-                self.unknown = {"TOOL": name, "BASE": name}
-        else:
+        if known is not None:
             self.inline(place, *known, move=move)
+        elif move or self.settable(place, "FDAT_ACT"):
+            self.active = {"TOOL": name, "BASE": name}
 
     def inline(self, place: Place, where: Place, literal: Literal, *, move: bool = False) -> None:
         """Take tool and base of an inline form: `FDAT_ACT={TOOL_NO 1,BASE_NO 2}`."""
-        numbers = [
-            where.value(literal.fields[name]) for name in ("TOOL_NO", "BASE_NO") if name in literal.fields
-        ]
-        fault = ""
-        if len(numbers) < 2 or not all(number.is_integer() for number in numbers):  # nor is infinity
-            fault = "the number of a frame is no whole number"
-        elif literal.texts.get("IPO_FRAME", "#BASE").upper() != "#BASE":
-            fault = "the tool is fixed in the cell (IPO_FRAME)"
-        if fault:
-            self.reader.refuse(
-                place.line, fault, "only tools on the flange, by TOOL_NO and BASE_NO, are known"
-            )
-        else:
-            self.chosen(place, "TOOL", f"TOOL_DATA[{int(numbers[0])}]", move=move)
-            self.chosen(place, "BASE", f"BASE_DATA[{int(numbers[1])}]", move=move)
+        fixed = literal.texts.get("IPO_FRAME", "#BASE").upper() != "#BASE"
+        if fixed or not literal.fields.keys() >= {"TOOL_NO", "BASE_NO"}:
+            reason = "TOOL_NO or BASE_NO is no number, or the tool is fixed in the cell (IPO_FRAME)"
+            self.refuse(place, reason, "only tools on the flange, by TOOL_NO and BASE_NO, are known")
+            return
+        for which in ("TOOL", "BASE"):
+            self.numbered(place, which, literal.fields[f"{which}_NO"], where, move=move)
 
     def data(self, place: Place, which: str, ordinal: int, literal: Literal | None) -> None:
         """Take BASE_DATA[i] or TOOL_DATA[i]."""
         name = f"{which}[{place.value(ordinal):g}]"
         if name in self.used:
-            reason = f"{name} changes while the program runs"
-            self.reader.refuse(place.line, reason, _FRAME_REMEDY, place.source)
+            self.refuse(place, f"{name} changes while the program runs", _FRAME_REMEDY)
         elif literal is None or literal.notation is not POSE or self.depth or self.jumped or self.routine > 1:
             self.changed.add(name)
         else:
             self.frames[name] = place, literal
 
+    def interrupt(self, place: Place, ordinal: int) -> None:
+        """Take the declaration of an interrupt."""
+        self.interrupts.add(place.value(ordinal))
 
-def _is_config(reader: Reader, source: int) -> bool:
-    return reader.sources[source].name.lower().endswith("config.dat")
+    def interruptible(self, place: Place, ordinal: int) -> None:
+        """Switch an interrupt on, which has to be declared."""
+        number = place.value(ordinal)
+        if number not in self.interrupts:
+            reason = f"interrupt {number:g} is declared elsewhere: it may move the robot or change its frames"
+            self.refuse(place, reason, "declare it in the program")
 
 
 def _statement(c: Cursor) -> Statement:
@@ -227,7 +217,7 @@ def _statement(c: Cursor) -> Statement:
         return _move(c, name)
     if name in _RULES:
         return _RULES[name](c, name)
-    if name in _FORMS and c.peek(1).text not in {"#TOOL", "#BASE"}:
+    if name in _FORMS:
         c.attempt(c.place - 1)
         return _FORMS.take(c)
     if name.endswith("_REL"):
@@ -236,7 +226,7 @@ def _statement(c: Cursor) -> Statement:
         c.take()
         return Statement(jumps=True)
     if c.at("("):
-        return _active(c) if name == "BAS" else _call(c, name)
+        return _call(c, name)
     if (name in _TYPES or is_global) and c.peek().kind == "word":
         return _declared(c)
     return _assigned(c, name)
@@ -248,8 +238,8 @@ def _call(c: Cursor, name: str) -> Statement:
     c.finish()
     if name in _LEXICON.reserved:
         raise Misread(f"{name} is no routine")
-    calls = used.calls if name in _FUNCTIONS else used.calls | {name}
-    return Statement(calls=frozenset(calls), changes=frozenset(used.passed))
+    used.calls |= set() if name in _FUNCTIONS else {name}
+    return used_in(used)
 
 
 # values
@@ -346,17 +336,15 @@ def _declared(c: Cursor) -> Statement:
             break
         name = c.name()
     c.finish()
-    return Statement(gives=gives, calls=frozenset(used.calls), changes=frozenset(changed | used.passed))
+    return replace(used_in(used, *changed), gives=gives)
 
 
 def _assigned(c: Cursor, name: str) -> Statement:
     """Take what follows the first word of an assignment."""
     used = Used()
     index, whole = _index(c, used)
-    if name in {"$BASE", "$TOOL"}:
-        return _frame(c, name[1:], whole=whole and index is None)
-    if name in {"FDAT_ACT", "$IPO_MODE"}:
-        return _mode(c, name, whole=whole and index is None)
+    if name in {"$BASE", "$TOOL", "FDAT_ACT"}:
+        return _frame(c, name, whole=whole and index is None)
     if name.startswith("$") and name not in _SETTINGS:
         raise Misread(f"the controller's variable {name} is not known here", "leave it out")
     literal = _value(c, used)
@@ -368,7 +356,7 @@ def _assigned(c: Cursor, name: str) -> Statement:
         return used_in(used, act=partial(_Program.data, which=name, ordinal=index, literal=given))
     if literal is not None and whole and index is None and (literal.notation or "TOOL_NO" in literal.fields):
         return Statement(gives=(name, literal))
-    return replace(used_in(used), changes=frozenset(used.passed | {name}))
+    return used_in(used, name)
 
 
 def _index(c: Cursor, used: Used) -> tuple[int | None, bool]:
@@ -394,62 +382,19 @@ def _index(c: Cursor, used: Used) -> tuple[int | None, bool]:
     return index, whole
 
 
-def _mode(c: Cursor, name: str, *, whole: bool) -> Statement:
-    """Take the value of FDAT_ACT or $IPO_MODE."""
-    if not whole:
-        raise Misread(f"{name} is set in part", "send the .dat, with TOOL_NO and BASE_NO in numbers")
-    if name == "$IPO_MODE":
-        if c.take().text.upper() != "#BASE" or not c.ended:
-            raise Misread("the tool is fixed in the cell ($IPO_MODE)", "only tools on the flange are known")
-        return Statement()
-    literal, declared = (_aggregate(c), "") if c.at("{") else (None, c.name())
-    c.finish()
-    if declared:
-        return Statement(act=partial(_Program.declared, name=declared))
-    if literal is None:
-        raise Misread("FDAT_ACT is computed", "give TOOL_NO and BASE_NO in numbers")
-    return Statement(act=lambda program, place: program.inline(place, place, literal))
-
-
-def _frame(c: Cursor, which: str, *, whole: bool) -> Statement:
-    """Take the value of $BASE or $TOOL."""
-    computed = Misread(f"${which} is computed, or set in part", _FRAME_REMEDY)
-    if not whole:
-        raise computed
-    if c.at("{"):
+def _frame(c: Cursor, name: str, *, whole: bool) -> Statement:
+    """Take the value of $BASE, $TOOL or FDAT_ACT."""
+    which, act = name.removeprefix("$"), None
+    if whole and c.at("{"):
         literal = _aggregate(c)
-        c.finish()
-        if literal is None:
-            raise computed
-        return Statement(act=partial(_Program.stated, which=which, literal=literal))
-    name = c.name()
-    if name == f"{which}_DATA" and c.accept("["):
-        ordinal = c.number()
-        c.expect("]")
-        c.finish()
-        return Statement(act=partial(_Program.numbered, which=which, ordinal=ordinal))
-    if not c.ended:
-        raise computed
-    return Statement(act=partial(_named, which=which, name=name))
-
-
-def _active(c: Cursor) -> Statement:
-    """Take the rest of `BAS(#TOOL, 3)`."""
-    c.expect("(")
-    which = c.take().text[1:]
-    c.expect(",")
-    ordinal = c.number()
-    c.expect(")")
-    c.finish()
-    return Statement(act=partial(_Program.numbered, which=which, ordinal=ordinal))
-
-
-def _named(program: _Program, place: Place, which: str, name: str) -> None:
-    """Take $BASE or $TOOL by the name of a variable."""
-    known = program.constant(name, place)
-    if known is not None and name != "$NULLFRAME":
-        program.frames[name] = known
-    program.chosen(place, which, name)
+        act = None if literal is None else partial(_Program.stated, which=which, literal=literal)
+    elif whole and (found := c.taken(f"{which}_DATA[n]")):
+        act = partial(_Program.numbered, which=which, ordinal=found[0])
+    elif whole:
+        act = partial(_Program.variable, which=which, name=c.name())
+    if act is None or not c.ended:
+        raise Misread(f"{name} is computed, or set in part", _FRAME_REMEDY)
+    return Statement(act=act)
 
 
 # moves
@@ -542,15 +487,6 @@ def _header(c: Cursor, _: str) -> Statement:
     return Statement()
 
 
-def _interrupt(c: Cursor, _: str) -> Statement:
-    declares, number = c.at("DECL"), c.peek(1)
-    c.attempt(c.place - 1)
-    statement = _FORMS.take(c)
-    if number.kind != "number" or c.text[: number.start].split()[-1].upper() == "OFF":
-        return statement
-    return replace(statement, act=partial(_Program.interrupted, ordinal=number.ordinal, declares=declares))
-
-
 def _spline(c: Cursor, _: str) -> Statement:
     _with(c)
     while c.accept(*_BLENDS):
@@ -586,26 +522,31 @@ _FORMS: Final = Forms(
     close  ENDIF|ENDFOR|ENDWHILE|ENDLOOP|ENDSWITCH
     close  UNTIL e
     jump   GOTO w
-    plain  INTERRUPT ON|OFF n
+    on     INTERRUPT ON n
+    plain  INTERRUPT OFF n
     plain  INTERRUPT ON|OFF
-    plain  INTERRUPT DECL n WHEN e DO IR_STOPM ( )
-    plain  INTERRUPT DECL n WHEN e DO c
+    decl   INTERRUPT DECL n WHEN e DO IR_STOPM ( )
+    decl   INTERRUPT DECL n WHEN e DO c
     plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO $OUT [ e ] = e
     plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO PULSE ( e* )
     plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO c
     plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO c PRIO = e
+    frame  BAS ( #TOOL|#BASE , n )
     plain  BAS ( #INITMOV|#ACC_CP|#ACC_PTP|#VEL_CP|#VEL_PTP|#PTP_PARAMS|#CP_PARAMS , e )
     plain  BAS ( #PTP_DAT|#CP_DAT )
     plain  ANOUT ON e = e
     plain  ANOUT OFF e
-    """
+    plain  $IPO_MODE = #BASE
+    """,
+    on=_Program.interruptible,
+    decl=_Program.interrupt,
+    frame=_Program.numbered,
 )
 _RULES: Final[Mapping[str, Callable[[Cursor, str], Statement]]] = {
     **dict.fromkeys(("DEF", "DEFFCT", "DEFDAT"), _routine),
     **dict.fromkeys(("EXT", "EXTFCT", "EXTP", "EXTFCTP", "SIGNAL", "ENUM", "STRUC", "IMPORT"), _header),
     **dict.fromkeys(("SPLINE", "PTP_SPLINE", "ENDSPLINE"), _spline),
     **dict.fromkeys(("DECL", "CONST"), _type),
-    "INTERRUPT": _interrupt,
 }
 
 
@@ -616,10 +557,8 @@ def _parse(c: Cursor) -> Iterable[Statement]:
 def read_krl(reader: Reader) -> None:
     """Read a .src, and the .dat files beside it."""
     program = _Program(reader, _LEXICON, _parse, _REMEDY)
-    order = sorted(
-        range(len(reader.sources)),
-        key=lambda i: (not _is_config(reader, i), not reader.sources[i].name.lower().endswith(".dat")),
-    )
+    names = [source.name.lower() for source in reader.sources]
+    order = sorted(range(len(names)), key=lambda i: (not program.is_config(i), not names[i].endswith(".dat")))
     for index in order:  # what is declared comes first
         source = reader.sources[index]
         program.add(index, source.starts, source.ends)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
@@ -77,65 +78,61 @@ _REFUSED: Final = (
 class _Module(Script):
     """The state of a module while it is read."""
 
-    tools: dict[str, FrameName] = field(default_factory=lambda: {"TOOL0": FrameName("tool0", np.eye(4))})
-    bases: dict[str, FrameName] = field(default_factory=lambda: {"WOBJ0": FrameName("wobj0", np.eye(4))})
+    # tools and work objects in numbers
+    frames: dict[str, FrameName] = field(
+        default_factory=lambda: {name.upper(): FrameName(name, np.eye(4)) for name in ("tool0", "wobj0")}
+    )
     computed: set[str] = field(default_factory=set)  # tools and work objects whose numbers are not known
     used: set[str] = field(default_factory=set)  # tools and work objects of moves, as they were declared
 
-    def frame(self, place: Place, kind: str, written: str, pose: Literal | None) -> None:
+    def frame(self, place: Place, written: str, pose: Literal | None) -> None:
         """Declare a tool or a work object."""
-        name = written.upper()
-        known = self.tools if kind == "TOOLDATA" else self.bases
-        found = _pose(place, pose)
-        if found is None or name in known:
-            known.pop(name, None)
+        name, found = written.upper(), _pose(place, pose)
+        if found is None or name in self.frames:
+            self.frames.pop(name, None)
             self.computed.add(name)
         else:
-            known[name] = FrameName(written, found)
+            self.frames[name] = FrameName(written, found)
 
     def set(self, place: Place, name: str, pose: Literal | None) -> None:
         """Assign a variable: a tool or a work object takes other numbers from here on."""
-        known = self.tools if name in self.tools else self.bases
-        if name not in known:
+        if name not in self.frames:
             return
         found = _pose(place, pose)
         if found is None or name in self.used:  # a move before would have another frame in the next cycle
-            self.reader.refuse(place.line, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
+            self.altered(place, (name,))
         elif self.settable(place, shown(name)):
-            known[name] = FrameName(f"{known[name].name.partition(' ')[0]} of line {place.line}", found)
+            known = self.frames[name].name.partition(" ")[0]
+            self.frames[name] = FrameName(f"{known} of line {place.line}", found)
 
     def altered(self, place: Place, names: Iterable[str]) -> None:
         """Refuse that a part of a tool or a work object changes, or may as a routine is given it."""
         for name in names:
-            if name in self.tools or name in self.bases or name in self.computed:
-                self.reader.refuse(place.line, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
+            if name in self.frames or name in self.computed:
+                self.refuse(place, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
 
     def move(
         self,
         place: Place,
         motion: Motion,
         targets: Sequence[Literal | str],
-        base: str,
-        tool: str,
+        names: Sequence[str],
         process: str,
     ) -> None:
-        """Take a move with its work object and tool."""
-        for name, known in ((base.upper(), self.bases), (tool.upper(), self.tools)):
-            passed = name in self.parameters
-            if passed or name in self.computed or (name not in known and name in self.changed):
-                self.reader.refuse(
-                    place.line,
-                    f"{shown(name)} is no fixed frame in numbers, or changes while the program runs",
-                    _FRAME_REMEDY,
-                )
+        """Take a move with the names of its work object and its tool."""
+        for name in map(str.upper, names):
+            known = self.frames.get(name)
+            changes = name in self.changed and known is None
+            if changes or name in self.parameters or name in self.computed:
+                reason = f"{shown(name)} is no fixed frame in numbers, or changes while the program runs"
+                self.refuse(place, reason, _FRAME_REMEDY)
                 return
-            frame = known.get(name)
-            if frame is not None and " of line " not in frame.name:
+            if known is not None and " of line " not in known.name:
                 self.used.add(name)
         if process and process not in self.routines:
             self.reader.call(place.line, process)
-        frames = self.bases.get(base.upper(), FrameName(base)), self.tools.get(tool.upper(), FrameName(tool))
-        self.targeted(place, motion, targets, [frames] * len(targets))
+        base, tool = (self.frames.get(name.upper(), FrameName(name)) for name in names)
+        self.targeted(place, motion, targets, [(base, tool)] * len(targets))
 
 
 def _pose(place: Place, literal: Literal | None) -> FloatArray | None:
@@ -265,67 +262,26 @@ def _record(c: Cursor) -> Iterable[Statement]:
 
 def _target(c: Cursor) -> Literal | None:
     """Take a robtarget or a jointtarget in numbers; None, and nothing taken, if there is none."""
-    begin = c.place
-    try:
-        c.expect("[")
-        if (
-            c.peek(1).kind == "number"
-            and c.peek(12).text == "]"
-            and c.peek(2).text == ","
-            and c.peek(8).text == ","
-        ):
-            numbers = c.numbers("[", 6, "]")
-            c.expect(",")
-            literal = Literal(JOINTS, numbers, c.numbers("[", 6, "]"))
-        else:
-            place = c.numbers("[", 3, "]")
-            c.expect(",")
-            turn = c.numbers("[", 4, "]")
-            c.expect(",")
-            said = c.numbers("[", 4, "]")
-            c.expect(",")
-            axes = c.numbers("[", 6, "]")
-            stated = tuple(zip(("cf1", "cf4", "cf6", "cfx"), said, strict=True))
-            literal = Literal(POSE, place + turn, axes, stated)
-        c.expect("]")
-    except Misread:
-        c.attempt(begin)
-        return None
-    return literal
+    if found := c.taken("[[n,n,n],[n,n,n,n],[n,n,n,n],[n,n,n,n,n,n]]"):
+        stated = tuple(zip(("cf1", "cf4", "cf6", "cfx"), found[7:], strict=False))
+        return Literal(POSE, found[:7], found[11:], stated)
+    found = c.taken("[[n,n,n,n,n,n],[n,n,n,n,n,n]]")
+    return None if found is None else Literal(JOINTS, found[:6], found[6:])
 
 
-def _frame(c: Cursor, kind: str) -> Literal | None:
+def _frame(c: Cursor) -> Literal | None:
     """Take a tool or a work object in numbers; None, and nothing taken, if there is none that is fixed."""
     begin = c.place
-    numbers: tuple[int, ...] = ()
-    try:
-        c.expect("[")
-        if kind == "TOOLDATA":
-            c.expect("TRUE")
-        else:
-            c.expect("FALSE")
-            c.expect(",")
-            c.expect("TRUE")
-            c.expect(",")
-            if c.take().kind != "text":
-                raise c.misread()
-        for _ in range(1 if kind == "TOOLDATA" else 2):
-            c.expect(",")
-            c.expect("[")
-            numbers += c.numbers("[", 3, "]")
-            c.expect(",")
-            numbers += c.numbers("[", 4, "]")
-            c.expect("]")
-        if kind == "TOOLDATA":
-            c.expect(",")
+    if found := c.taken("[FALSE,TRUE,t,[[n,n,n],[n,n,n,n]],[[n,n,n],[n,n,n,n]]]"):
+        return Literal(POSE, found)
+    if found := c.taken("[TRUE,[[n,n,n],[n,n,n,n]],"):
+        with suppress(Misread):
             c.expression("]", used=(used := Used()))  # the tool's load
-            if used.calls:
-                raise c.misread()
-        c.expect("]")
-    except Misread:
-        c.attempt(begin)
-        return None
-    return Literal(POSE, numbers)
+            c.expect("]")
+            if not used.calls:
+                return Literal(POSE, found)
+    c.attempt(begin)
+    return None
 
 
 def _declared(c: Cursor) -> Statement:
@@ -335,14 +291,14 @@ def _declared(c: Cursor) -> Statement:
     literal: Literal | None = None
     if c.accept(":="):
         if not array:
-            literal = _frame(c, kind) if kind in _FRAMES else _target(c) if kind in _TARGETS else None
+            literal = _frame(c) if kind in _FRAMES else _target(c) if kind in _TARGETS else None
         if literal is None:
             c.expression(";", used=used)
     if kind in _FRAMES:
-        return used_in(used, act=partial(_Module.frame, kind=kind, written=written, pose=literal))
+        return used_in(used, act=partial(_Module.frame, written=written, pose=literal))
     if literal is not None:
         return Statement(gives=(name, literal))
-    return replace(used_in(used), changes=frozenset(used.passed | {name}))
+    return used_in(used, name)
 
 
 def _indices(c: Cursor, used: Used) -> bool:
@@ -368,16 +324,15 @@ def _instruction(c: Cursor, name: str) -> Statement:
     if name in _CHANGING:
         first = c.peek().text
         instruction_arguments(c, used)
-        statement = used_in(used, act=partial(_Module.altered, names=(first,)))
-        return replace(statement, changes=frozenset(used.passed | {first}))
+        return used_in(used, first, act=partial(_Module.altered, names=(first,)))
     for pattern, reason, remedy in _REFUSED:
         if pattern.match(name):
             raise Misread(reason, remedy)
     begin = c.place
     instruction_arguments(c, used)
     given = {c.peek(i).text for i in range(begin - c.place, 0) if c.peek(i).kind == "word"}
-    act = partial(_Module.altered, names=sorted(used.passed | given))
-    return Statement(act, calls=frozenset(used.calls | {name}), changes=frozenset(used.passed | given))
+    used.calls.add(name)
+    return used_in(used, *given, act=partial(_Module.altered, names=sorted(used.passed | given)))
 
 
 def _assigned(c: Cursor, name: str) -> Statement:
@@ -387,11 +342,11 @@ def _assigned(c: Cursor, name: str) -> Statement:
         if not _indices(c, used):
             c.expect(".")
             c.name()
-    literal = (_frame(c, "TOOLDATA") or _frame(c, "WOBJDATA")) if whole else None
+    literal = _frame(c) if whole else None
     if literal is None:
         c.expression(";", used=used)
     act = partial(_Module.set, name=name, pose=literal) if whole else partial(_Module.altered, names=(name,))
-    return replace(used_in(used, act=act), changes=frozenset(used.passed | {name}))
+    return used_in(used, name, act=act)
 
 
 def _move(c: Cursor, name: str) -> Statement:
@@ -430,8 +385,7 @@ def _move(c: Cursor, name: str) -> Statement:
         _Module.move,
         motion=motion,
         targets=tuple(targets),
-        base=options.get("WOBJ", "wobj0"),
-        tool=c.written(tool),
+        names=(options.get("WOBJ", "wobj0"), c.written(tool)),
         process=process,
     )
     return Statement(act=act, repeats=not process and all(isinstance(each, Literal) for each in targets))

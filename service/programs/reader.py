@@ -80,9 +80,9 @@ class Statement:
     repeats: bool = False  # whether it is a move to numbers of its own, and says nothing else
 
 
-def used_in(used: Used, act: Callable[[Any, Place], object] | None = None) -> Statement:
-    """Return a statement that uses names in expressions."""
-    return Statement(act, calls=frozenset(used.calls), changes=frozenset(used.passed))
+def used_in(used: Used, *changed: str, act: Callable[[Any, Place], object] | None = None) -> Statement:
+    """Return a statement that uses names in expressions, and changes some."""
+    return Statement(act, calls=frozenset(used.calls), changes=frozenset(used.passed.union(changed)))
 
 
 @dataclass(slots=True)
@@ -433,16 +433,16 @@ class Script:
         if self.calls == 1 and last and last[-1].calls & self.routines:
             self.calls = 0  # the last line starts the program
 
+    def refuse(self, place: Place, reason: str, remedy: str = "") -> None:
+        """Note what was not understood."""
+        self.reader.refuse(place.line, reason, remedy or self.remedy, place.source)
+
     def settable(self, place: Place, what: str) -> bool:
         """Refuse a frame that depends on the way that the program takes."""
         again = self.moved or self.routine > 1
         if self.depth or (again and (self.jumps or self.calls or len(self.routines) > 1)) or self.jumped:
-            self.reader.refuse(
-                place.line,
-                f"{what} changes in a branch, a loop or another routine, or beside a jump or a call",
-                "set it once, in the first routine, before its moves, jumps and calls",
-                place.source,
-            )
+            reason = f"{what} changes in a branch, a loop or another routine, or beside a jump or a call"
+            self.refuse(place, reason, "set it once, in the first routine, before its moves, jumps and calls")
             return False
         return True
 
@@ -466,8 +466,7 @@ class Script:
             elif known := self.constant(target, place):
                 found.append(self.reader.target(target, *known, frame, place.line))
             else:
-                reason = f"the target {shown(target)} is not given by numbers that stay"
-                self.reader.refuse(place.line, reason, self.remedy)
+                self.refuse(place, f"the target {shown(target)} is not given by numbers that stay")
                 return
         self.reader.move(place.line, motion, found)
 

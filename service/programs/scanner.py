@@ -21,6 +21,8 @@ NUMBER: Final = (
 _SEPARATORS: Final = (",", "=", ":=", "\\", ":")
 _ARITHMETIC: Final = ("+", "-", "*", "/")
 _OPENING: Final = {"(": ")", "[": "]", "{": "}"}
+_PARTS: Final = re.compile(r"\w+|\S")
+_KINDS: Final = {"n": "number", "t": "text"}
 
 
 class Misread(Exception):  # noqa: N818  # it is no failure of ours
@@ -168,19 +170,19 @@ class Cursor:
             raise self.misread()
         return self.take().ordinal
 
-    def numbers(self, opening: str, count: int, closing: str) -> tuple[int, ...]:
-        """Take numbers in brackets, commas between.
+    def taken(self, template: str) -> tuple[int, ...] | None:
+        """Take numbers `n`, texts `t`, words and signs as a template has them.
 
-        Raises:
-            Misread: there are others, or not as many.
+        Returns:
+            Places of the numbers among those of the statement; None, and nothing taken, where others stand.
         """
-        self.expect(opening)
-        found = [self.number()]
-        while self.accept(","):
-            found.append(self.number())
-        self.expect(closing)
-        if len(found) != count:
-            raise self.misread()
+        parts, found = _PARTS.findall(template), list[int]()
+        for ahead, part in enumerate(parts):
+            token = self.peek(ahead)
+            if token.kind != _KINDS.get(part, token.kind) or (part not in _KINDS and token.text != part):
+                return None
+            found += [token.ordinal] if part == "n" else []
+        self._place += len(parts)
         return tuple(found)
 
     def written(self, token: Token) -> str:

@@ -233,15 +233,10 @@ _FORMS: Final = Forms(
 
 def _literal(c: Cursor) -> Literal | None:
     """Take p[...] or [...] in numbers; None, and nothing taken, if there is none."""
-    begin = c.place
-    notation = POSE if c.at("p") and c.peek(1).text == "[" else JOINTS
-    if notation is POSE:
-        c.take()
-    try:
-        return Literal(notation, c.numbers("[", 6, "]"))
-    except Misread:
-        c.attempt(begin)
-        return None
+    for notation, template in ((POSE, "p[n,n,n,n,n,n]"), (JOINTS, "[n,n,n,n,n,n]")):
+        if found := c.taken(template):
+            return Literal(notation, found)
+    return None
 
 
 def _assigned(c: Cursor, name: str) -> Statement:
