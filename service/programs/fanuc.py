@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import FrameName, Literal, Motion
 from jointstiff.service.programs.reader import Place, Reader, Script, Statement, words
-from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
+from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread
 
 POSE: Final = Notation(Orientation.FIXED_XYZ, length_decimals=3, angle_decimals=3)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=3, angle_decimals=3)
@@ -27,10 +27,9 @@ _MOTIONS: Final = {
     "S": Motion.SPLINE,
 }
 _FIELDS: Final = (
-    (POSE, ("X", "Y", "Z", "W", "P", "R"), ("mm", "mm", "mm", "deg", "deg", "deg")),
-    (JOINTS, ("J1", "J2", "J3", "J4", "J5", "J6"), ("deg",) * 6),
+    (POSE, ("X", "Y", "Z", "W", "P", "R"), "mm mm mm deg deg deg"),
+    (JOINTS, ("J1", "J2", "J3", "J4", "J5", "J6"), "deg deg deg deg deg deg"),
 )
-_FRAMES: Final = words("UFRAME_NUM UTOOL_NUM $MNUFRAMENUM $MNUTOOLNUM")
 _SPEEDS: Final = words("% mm cm inch deg sec msec max_speed WELD_SPEED")
 _LEXICON: Final = Lexicon(
     comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",  # what stands behind a number in brackets
@@ -49,11 +48,11 @@ _LEXICON: Final = Lexicon(
     ),
 )
 _REMEDY: Final = (
-    "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames on lines of their own"
+    "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames by numbers, on lines of their own"
 )
+_AGAIN: Final = "record the position again"
 _STANDS: Final = 2e-3
 """Difference of another group [mm, °] that is rounding."""
-_FRAME_REMEDY: Final = "set it once, by a number, before the moves, jumps and labels"
 
 
 @dataclass
@@ -63,30 +62,27 @@ class _Program(Script):
     frames: dict[tuple[str, str], FrameName] = field(default_factory=dict)  # by UF or UT, and number
     current: dict[str, str] = field(default_factory=dict)  # active UFRAME_NUM and UTOOL_NUM
     arc: tuple[Place, int] | None = None  # an arc whose end is still to come, and the number of its via point
-    others: tuple[float, ...] | None = None  # where the other groups stand
+    others: list[float] | None = None  # where the other groups stand
     recorded: set[str] = field(default_factory=set)  # names of positions, also of refused ones
 
     def position(self, place: Place, number: int, literal: Literal, others: tuple[int, ...]) -> None:
         """Take a position of /POS."""
-        name = f"P[{place.value(number):g}]"
-        again, values = name in self.recorded, [place.value(i) for i in others]
+        name, values = f"P[{place.value(number):g}]", [place.value(i) for i in others]
+        before = self.others = values if self.others is None else self.others
+        stand = len(values) == len(before) and all(
+            abs(a - b) <= _STANDS for a, b in zip(values, before, strict=True)
+        )
+        if name in self.recorded or not stand:
+            fault = "comes twice" if stand else "moves another group"
+            self.refuse(place, f"{name} {fault}", "keep GP2 ... where they are, and each position once")
+        else:
+            self.given[name] = place, literal
         self.recorded.add(name)
-        if self.others is None:
-            self.others = tuple(values)
-        fault = "comes twice" if again else ""
-        if not _stand(values, self.others):
-            fault = "moves another group"
-        if fault:
-            self.reader.refuse(
-                place.line, f"{name} {fault}", "keep GP2 ... where they are, and each position once"
-            )
-            return
-        self.given[name] = place, literal
 
-    def chosen(self, place: Place, which: str, ordinal: int) -> None:
+    def chosen(self, place: Place, which: str, *ordinals: int) -> None:
         """Take the active frame."""
         which = {"$MNUFRAMENUM": "UFRAME_NUM", "$MNUTOOLNUM": "UTOOL_NUM"}.get(which, which)
-        number = f"{place.value(ordinal):g}"
+        number = f"{place.value(ordinals[-1]):g}"
         if self.current.get(which) != number and self.settable(place, which):
             self.current[which] = number
 
@@ -102,17 +98,14 @@ class _Program(Script):
         """Take the second position of an arc, which has a line of its own."""
         via, self.arc = self.arc, None
         if via is None:
-            self.reader.refuse(
-                place.line, "a position stands without a motion", "write J, L, C, A or S before it"
-            )
+            self.refuse(place, "a position stands without a motion", "write J, L, C, A or S before it")
         else:
             self._moved(via[0], "C", [via, (place, point)])
 
     def closed(self) -> None:
         """Refuse an arc that has no end."""
         if self.arc is not None:
-            reason = "the arc has no end point"
-            self.reader.refuse(self.arc[0].line, reason, "give its second position on the next line")
+            self.refuse(self.arc[0], "the arc has no end point", "give its second position on the next line")
             self.arc = None
 
     def frame(self, kind: str, number: str) -> FrameName:
@@ -127,23 +120,17 @@ class _Program(Script):
             known = self.given.get(name)
             if known is None:
                 if name not in self.recorded:  # else refused already
-                    self.reader.refuse(where.line, f"the target {shown(name)} is not in /POS", _REMEDY)
+                    self.refuse(where, f"the target {shown(name)} is not in /POS")
                 return
-            used = tuple(f"{known[0].value(known[1].fields[kind]):g}" if kind in known[1].fields else
-                         known[1].texts[kind] for kind in ("UF", "UT"))  # fmt: skip
+            at, literal = known
+            used = [literal.texts.get(kind) or f"{at.value(literal.fields[kind]):g}" for kind in ("UF", "UT")]
             for which, number in zip(("UFRAME_NUM", "UTOOL_NUM"), used, strict=True):
                 if number.isdigit() and self.current.get(which, number) != number:
                     reason = f"{name} is recorded with another {which} than is active"
-                    self.reader.refuse(where.line, reason, "set the frame that it is recorded with")
+                    self.refuse(where, reason, "set the frame that it is recorded with")
             frames.append((self.frame("UF", used[0]), self.frame("UT", used[1])))
             names.append(name)
         self.targeted(place, _MOTIONS[letter], names, frames)
-
-
-def _stand(values: Sequence[float], others: Sequence[float]) -> bool:
-    """Tell whether other groups stand where they stood, within their rounding."""
-    pairs = zip(values, others, strict=False)
-    return len(values) == len(others) and all(abs(value - other) <= _STANDS for value, other in pairs)
 
 
 # /MN
@@ -164,34 +151,25 @@ def _parse(c: Cursor) -> Iterator[Statement]:
 
 def _instruction(c: Cursor) -> Statement:
     if c.at("P"):  # the end of an arc
-        point = _point(c)
-        calls = _tail(c)
-        return Statement(act=partial(_Program.end_of_arc, point=point), calls=calls)
-    if c.at("="):  # SELECT goes on
-        return _FORMS.take(c)
-    name = c.word()
-    if name in _MOTIONS and c.at("P", "PR"):
+        return Statement(act=partial(_Program.end_of_arc, point=_point(c)), calls=_tail(c))
+    if c.at(*_MOTIONS) and c.peek(1).text in {"P", "PR"}:
+        letter = c.word()
         points = [_point(c)]
-        if name == "C" and c.at("P", "PR"):
+        if letter == "C" and c.at("P", "PR"):
             points.append(_point(c))
-        calls = _tail(c)
-        return Statement(act=partial(_Program.move, letter=name, points=tuple(points)), calls=calls)
-    if name in _FRAMES:
-        return _chosen(c, name)
-    c.attempt(c.place - 1)
+        act = partial(_Program.move, letter=letter, points=tuple(points))
+        return Statement(act=act, calls=_tail(c))
     return _FORMS.take(c)
 
 
 def _point(c: Cursor) -> int:
     """Take P[n]."""
-    if not c.accept("P"):
-        raise c.misread("the target is a position register", _REMEDY)
-    c.expect("[")
-    number = c.number()
-    c.expect("]")
-    return number
+    if found := c.taken("P[n]"):
+        return found[0]
+    raise c.misread("the target is no position of /POS", _REMEDY)
 
 
+_SPEED: Final = Forms("plain R [ e* ]", whole=False)
 _TAIL: Final = Forms(
     """
     plain  FINE|Wjnt|PTH|BREAK|MROT
@@ -210,13 +188,13 @@ _TAIL: Final = Forms(
 
 def _tail(c: Cursor) -> frozenset[str]:
     """Take speed, termination and options of a move; return the routines that it calls."""
-    if c.accept("R"):
-        _index(c)
+    calls: frozenset[str] = frozenset()
+    if c.at("R"):
+        calls = _SPEED.take(c).calls
     elif c.peek().kind == "number":
         c.take()
     if c.accept(*_SPEEDS) and c.accept("/"):
         c.expect("sec", "min")
-    calls: frozenset[str] = frozenset()
     while not c.ended and not c.at(";"):
         if re.fullmatch(r"(?:CNT|CR|CD|ACC|AP_LD|RT_LD)\d++", c.peek().text):
             c.take()
@@ -225,26 +203,6 @@ def _tail(c: Cursor) -> frozenset[str]:
         else:
             raise c.misread("what follows the target moves it, or is not known", _REMEDY)
     return calls
-
-
-def _index(c: Cursor) -> None:
-    used = Used()
-    c.expect("[")
-    c.expression("]", ",", used=used)
-    while c.accept(","):
-        c.expression("]", ",", used=used)
-    c.expect("]")
-
-
-def _chosen(c: Cursor, name: str) -> Statement:
-    if name.startswith("$"):
-        c.expect("[")
-        c.number()
-        c.expect("]")
-    c.expect("=")
-    if c.peek().kind != "number" or c.peek(1).text not in {"", ";"}:
-        raise Misread(f"{name}, the active frame, is computed", _FRAME_REMEDY)
-    return Statement(act=partial(_Program.chosen, which=name, ordinal=c.number()))
 
 
 _LED: Final = "\n".join(  # what a condition leads to
@@ -282,29 +240,27 @@ _FORMS: Final = Forms(
     plain  Arc Start|End [ e* ]
     plain  COL DETECT ON|OFF
     plain  COL GUARD ADJUST e
+    frame  UFRAME_NUM|UTOOL_NUM = n
+    frame  $MNUFRAMENUM|$MNUTOOLNUM [ n ] = n
     """
-    + _LED
+    + _LED,
+    frame=_Program.chosen,
 )
 
 
 # /POS
 
+_GROUP: Final = re.compile(r"GP\d")
+
 
 def _position(c: Cursor) -> Statement:
     """Take P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };."""
-    c.take()
-    c.expect("[")
-    number = c.number()
-    c.expect("]")
+    number, literal, others = _point(c), None, tuple[int, ...]()
     c.expect("{")
-    literal: Literal | None = None
-    others: tuple[int, ...] = ()
     while not c.at("}"):
         group = "GP1"
-        if re.fullmatch(r"GP\d", c.peek().text) or c.at("GP"):
+        if _GROUP.fullmatch(c.peek().text):
             group = c.take().text
-            if group == "GP":
-                raise Misread("a group without a number", "record the position again")
             c.accept(":")
         fields = _group(c, own=group == "GP1")
         if group != "GP1":
@@ -312,7 +268,7 @@ def _position(c: Cursor) -> Statement:
         elif literal is None:
             literal = fields
         else:
-            raise Misread("a position has two groups GP1", "record the position again")
+            raise Misread("a position has two groups GP1", _AGAIN)
     c.expect("}")
     c.expect(";")
     c.finish()
@@ -327,10 +283,11 @@ def _group(c: Cursor, *, own: bool) -> Literal:
     texts: dict[str, str] = {}
     units: dict[str, str] = {}
     said: tuple[tuple[str, int], ...] = ()
-    while not c.at("}") and not re.fullmatch(r"GP\d?+", c.peek().text):
+    while not c.at("}") and not _GROUP.fullmatch(c.peek().text):
         name = c.name()
         c.expect(":", "=")
-        _once(name, numbers, texts)
+        if name in numbers or name in texts:
+            raise Misread(f"{name} stands twice in a position", _AGAIN)
         if name == "CONFIG":
             texts[name], said = _configuration(c)
         elif c.peek().kind == "number":
@@ -339,27 +296,14 @@ def _group(c: Cursor, *, own: bool) -> Literal:
         elif name in {"UF", "UT"} and c.at("F"):
             texts[name] = c.take().text
         else:
-            c.expect("*")
+            texts[name] = c.expect("*").text
             while c.accept("*"):
                 pass
             _unit(c)
-            if own and not name.startswith("E"):
-                raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
         c.accept(",")
     if own:
         return _whole(numbers, texts, units, said)
     return Literal(None, fields={name: i for name, i in numbers.items() if name not in {"UF", "UT"}})
-
-
-def _once(name: str, *known: dict[str, Any]) -> None:
-    if any(name in each for each in known):
-        raise Misread(f"{name} stands twice in a position", "record the position again")
-
-
-def _unit(c: Cursor) -> str:
-    """Take the unit behind a number, if there is one."""
-    stands = c.peek().kind == "word" and c.peek(1).text not in {"=", ":"}
-    return c.take().text.lower() if stands else ""
 
 
 def _whole(
@@ -370,18 +314,24 @@ def _whole(
     Raises:
         Misread: something of it is missing.
     """
-    if any(kind not in numbers and kind not in texts for kind in ("UF", "UT")):
-        raise Misread("the position has no UF and UT", "record the position again")
+    if any(text == "*" and not name.startswith("E") for name, text in texts.items()):
+        raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
+    if not numbers.keys() | texts.keys() >= {"UF", "UT"}:
+        raise Misread("the position has no UF and UT", _AGAIN)
     for notation, names, needed in _FIELDS:
         if all(name in numbers for name in names):
-            if tuple(units[name] for name in names) != needed:
+            if [units[name] for name in names] != needed.split():
                 raise Misread("the position is not in mm and deg", "write it with the controller set to mm")
             external = tuple(i for name, i in sorted(numbers.items()) if re.fullmatch(r"E\d", name))
-            letters = "".join(texts.get("CONFIG", "").split())
-            return Literal(
-                notation, tuple(numbers[name] for name in names), external, said, letters, numbers, texts
-            )
-    raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", "record the position again")
+            place, letters = tuple(numbers[name] for name in names), "".join(texts.get("CONFIG", "").split())
+            return Literal(notation, place, external, said, letters, numbers, texts)
+    raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _AGAIN)
+
+
+def _unit(c: Cursor) -> str:
+    """Take the unit behind a number, if there is one."""
+    stands = c.peek().kind == "word" and c.peek(1).text not in {"=", ":"}
+    return c.take().text.lower() if stands else ""
 
 
 _CONFIG: Final = re.compile(
@@ -393,7 +343,7 @@ def _configuration(c: Cursor) -> tuple[str, tuple[tuple[str, int], ...]]:
     """Take CONFIG: its letters, and the turn numbers of axes 1, 4 and 6."""
     token = c.take()
     if token.kind != "text":
-        raise Misread("the configuration is not known", "record the position again")
+        raise Misread("the configuration is not known", _AGAIN)
     found = _CONFIG.fullmatch(token.text)
     if not found:
         return token.text.strip("'").partition(",")[0], ()
@@ -455,7 +405,7 @@ def _positions(reader: Reader, place: int, end: int) -> list[tuple[int, int]]:
         between = source.text[place : first if first >= 0 else end]
         if between.strip():
             reason = f"what stands between positions, {shown(between)}, is not known"
-            reader.refuse(source.line(place), reason, "record the positions again")
+            reader.refuse(source.line(place), reason, _AGAIN)
             break
         if first < 0:
             break

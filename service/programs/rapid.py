@@ -17,7 +17,6 @@ from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import FrameName, Literal, Motion
 from jointstiff.service.programs.reader import Place, Reader, Script, Statement, pose_of, used_in, words
 from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
-from jointstiff.solver.arrays import FloatArray
 
 POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle_decimals=8)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
@@ -87,7 +86,7 @@ class _Module(Script):
 
     def frame(self, place: Place, written: str, pose: Literal | None) -> None:
         """Declare a tool or a work object."""
-        name, found = written.upper(), _pose(place, pose)
+        name, found = written.upper(), pose_of(place, pose)
         if found is None or name in self.frames:
             self.frames.pop(name, None)
             self.computed.add(name)
@@ -98,7 +97,7 @@ class _Module(Script):
         """Assign a variable: a tool or a work object takes other numbers from here on."""
         if name not in self.frames:
             return
-        found = _pose(place, pose)
+        found = pose_of(place, pose)
         if found is None or name in self.used:  # a move before would have another frame in the next cycle
             self.altered(place, (name,))
         elif self.settable(place, shown(name)):
@@ -133,18 +132,6 @@ class _Module(Script):
             self.reader.call(place.line, process)
         base, tool = (self.frames.get(name.upper(), FrameName(name)) for name in names)
         self.targeted(place, motion, targets, [(base, tool)] * len(targets))
-
-
-def _pose(place: Place, literal: Literal | None) -> FloatArray | None:
-    """Return the pose of a tool or a work object; None for what is none in numbers."""
-    if literal is None:
-        return None
-    parts = [pose_of(place, replace(literal, numbers=literal.numbers[i : i + 7]))
-             for i in range(0, len(literal.numbers), 7)]  # fmt: skip
-    if any(part is None for part in parts):
-        return None
-    whole: FloatArray = parts[0] if len(parts) == 1 else parts[0] @ parts[1]  # type: ignore[assignment, operator]
-    return whole
 
 
 def _parse(c: Cursor) -> Iterator[Statement]:
@@ -317,21 +304,17 @@ def _indices(c: Cursor, used: Used) -> bool:
 def _instruction(c: Cursor, name: str) -> Statement:
     if c.at(":=", ".", "{"):
         return _assigned(c, name)
-    used = Used()
     if name in _FORMS:
         c.attempt(c.place - 1)
         return _FORMS.take(c)
-    if name in _CHANGING:
-        first = c.peek().text
-        instruction_arguments(c, used)
-        return used_in(used, first, act=partial(_Module.altered, names=(first,)))
     for pattern, reason, remedy in _REFUSED:
         if pattern.match(name):
             raise Misread(reason, remedy)
-    begin = c.place
+    begin, used, given = c.place, Used(), {c.peek().text}
     instruction_arguments(c, used)
-    given = {c.peek(i).text for i in range(begin - c.place, 0) if c.peek(i).kind == "word"}
-    used.calls.add(name)
+    if name not in _CHANGING:
+        used.calls.add(name)
+        given = {c.peek(i).text for i in range(begin - c.place, 0) if c.peek(i).kind == "word"}
     return used_in(used, *given, act=partial(_Module.altered, names=sorted(used.passed | given)))
 
 

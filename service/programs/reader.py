@@ -6,6 +6,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from itertools import pairwise
 from typing import Any, Final
 
@@ -497,11 +498,12 @@ def runs(numbers: IndexArray) -> Iterator[tuple[int, int]]:
     return pairwise(np.flatnonzero(np.diff(numbers, prepend=np.nan, append=np.nan)).tolist())
 
 
-def pose_of(place: Place, literal: Literal) -> FloatArray | None:
-    """Return the pose (4, 4) [m] of a literal; None if it is none."""
-    if literal.notation is None or not literal.notation.has_pose:
+def pose_of(place: Place, literal: Literal | None) -> FloatArray | None:
+    """Return the pose (4, 4) [m] of a literal, the product of several; None if it is none in numbers."""
+    notation = None if literal is None else literal.notation
+    if literal is None or notation is None or not notation.has_pose:
         return None
-    values = place.values(literal)
-    if not (np.abs(values) <= MAX_VALUE).all() or not literal.notation.states(values):
+    values = place.values(literal).reshape(-1, 3 + notation.count)
+    if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values).all():
         return None
-    return literal.notation.pose(values)
+    return np.asarray(reduce(np.matmul, notation.poses(values)))

@@ -92,6 +92,7 @@ _LEXICON: Final = Lexicon(
 _REMEDY: Final = (
     "write p[x, y, z, rx, ry, rz] or [q1, ..., q6] in numbers, or a variable that is given such numbers once"
 )
+_TOOL_REMEDY: Final = "write set_tcp(p[x, y, z, rx, ry, rz])"
 _WORLD: Final = FrameName("robot base", np.eye(4))
 
 
@@ -119,7 +120,7 @@ class _Script(Script):
 
     def assigned(self, place: Place, name: str, literal: Literal | None) -> None:
         """Take a pose that a variable gets: a frame, where the program's way does not decide of it."""
-        pose = None if literal is None else pose_of(place, literal)
+        pose = pose_of(place, literal)
         several = self.jumps or self.calls or len(self.routines) > 1
         steady = name not in self.changed or not (several or name in self.branched | self.parameters)
         if pose is None or not steady:
@@ -144,28 +145,24 @@ class _Script(Script):
         """Take set_tcp."""
         pose = pose_of(place, literal)
         if pose is None:
-            self.reader.refuse(
-                place.line, "the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])"
-            )
+            self.refuse(place, "the tool is not given by numbers", _TOOL_REMEDY)
             return
         tool = FrameName("set_tcp", pose)
         if self.thread:
-            self.reader.refuse(place.line, "a thread changes the tool", "set it in the program")
+            self.refuse(place, "a thread changes the tool", "set it in the program")
         elif self.tool.same(tool) or self.settable(place, "the tool"):
             self.tool = tool
 
     def move(self, place: Place, motion: Motion, targets: Sequence[_Target]) -> None:
         """Take a move."""
         if self.thread:
-            self.reader.refuse(
-                place.line, "a thread moves the robot beside the program", "move it in the program"
-            )
+            self.refuse(place, "a thread moves the robot beside the program", "move it in the program")
             return
         bases = [self.frame(place, target.frame) for target in targets]
         frames = [(base, self.tool) for base in bases if base is not None]
         if len(frames) < len(targets):
             self.moved = True
-            self.reader.refuse(place.line, "the frame of a target is not given by numbers that stay", _REMEDY)
+            self.refuse(place, "the frame of a target is not given by numbers that stay")
         else:
             self.targeted(place, motion, [target.numbers for target in targets], frames)
 
@@ -270,7 +267,7 @@ def _set_tcp(c: Cursor, _: str) -> Statement:
     c.expect("(")
     literal = _literal(c)
     if literal is None or literal.notation is not POSE:
-        raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
+        raise Misread("the tool is not given by numbers", _TOOL_REMEDY)
     if c.accept(",") and c.take().kind != "text":
         raise Misread("the name of the tool is no text")
     c.expect(")")
