@@ -7,7 +7,7 @@ from pydantic import Field
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import CampaignRun
 
 
 class Campaign(Message):
@@ -15,4 +15,4 @@ class Campaign(Message):
 
     robot: RobotDocument
     measurement_set: MeasurementSetDocument
-    run: RunOptions = Field(default_factory=RunOptions)
+    run: CampaignRun = Field(default_factory=CampaignRun)

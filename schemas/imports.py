@@ -107,6 +107,10 @@ class ImportAnswer(Message):
         description="Unloaded poses, ready to be posted to /v1/geometries with `robot_id` added, if the "
         "files have joint angles and unloaded positions only.",
     )
+    leave_out: list[Name] = Field(
+        description="Labels of the observations that a column `validation` holds out from the fit, for the "
+        "run of this set."
+    )
     measurement_set: MeasurementSetDocument | None = Field(
         description="Measurement set, ready to be posted with `robot_id` added; null if something is missing."
     )

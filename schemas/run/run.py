@@ -31,15 +31,20 @@ from jointstiff.schemas.run.weight import WeightResult
 MAX_LEFT_OUT = 1_000
 
 
-class RunRequest(RunOptions):
-    """A run as it is posted."""
+class CampaignRun(RunOptions):
+    """A run as a campaign file states it."""
 
-    measurement_set_id: Identifier
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
         description="Labels of observations that are left out; the others are checked anew without them.",
         examples=[["c07"]],
     )
+
+
+class RunRequest(CampaignRun):
+    """A run as it is posted."""
+
+    measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
         description="Run that this one tries to improve, by other options or corrected readings; listings "

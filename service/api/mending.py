@@ -13,8 +13,7 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import Run, RunRequest
+from jointstiff.schemas.run.run import CampaignRun, Run, RunRequest
 from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.examples import shown
@@ -99,7 +98,7 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
         ),
         measurement_set=_named(MeasurementSetDocument, stored),
-        run=_named(RunOptions, request),
+        run=_named(CampaignRun, request),
     )
     after = mended(before, action)
     robot_id, set_id = stored.robot_id, stored.id

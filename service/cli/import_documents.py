@@ -115,6 +115,8 @@ def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None
         what, command = "unloaded poses", f"jointstiff geometry {path}{robots}"
     elif own:
         document = {**own, "measurement_set": document}
+        if answer.leave_out:
+            document["run"] = {"leave_out": answer.leave_out}
         what, command = "a campaign", f"jointstiff identify {path}"
     else:
         what, command = "a measurement set", "add a robot with --robot"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal
@@ -39,6 +39,7 @@ class Gathered:
     # joint angles, force, moment, load point, and where they stand
     values: dict[Kind, tuple[Vector, Place]] = field(default_factory=dict)
     points: dict[str, dict[State, Point]] = field(default_factory=dict)  # by target, then state
+    held_out: bool = False  # whether it is held out from the fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,11 @@ class Assembly:
     # what every reading states its own uncertainty by; None if the files have none
     uncertainty: Literal["coordinate", "point"] | None = None
     unusual: tuple[str, ...] = ()  # values far from all others of their column, in words
+
+    @property
+    def held_out(self) -> list[str]:
+        """Return the labels of the observations that are held out from the fit."""
+        return [one.label for one in self.observations if one.held_out]
 
     @property
     def one_state(self) -> bool:
@@ -113,6 +119,7 @@ def _twice(what: str, place: Place, before: Place) -> ImportFileError:
 
 
 def _add(gathered: Gathered, record: Record, faults: Faults) -> None:
+    gathered.held_out |= record.held_out
     for kind, vector in record.values.items():
         before, place = gathered.values.setdefault(kind, (vector, record.place))
         if before != vector:
@@ -243,7 +250,7 @@ def _complete(
                     place = next((point.place for point in states.values()), one.place)
                     lacks.append((not states, place, f"{one.label}: {lack}"))
         if points:
-            kept.append(Gathered(one.label, one.place, one.values, points))
+            kept.append(replace(one, points=points))
         else:
             notes.append(f"{one.label}: no reading is complete; the observation was skipped")
     if lacks and not allow_missing:

@@ -103,6 +103,8 @@ class _Reader:
             self.units["length"] = "mm"
         found = assemble(records, self._faults, allow_missing=self._options.allow_missing)
         notes = [*notes, *(found.assumptions if found else ()), *self.surroundings.notes]
+        if found and found.held_out:
+            notes.append(f"held out from the fit, to judge it: {', '.join(found.held_out)}")
         doubts = [layout.doubt for layout in self.layouts if layout.doubt]
         return found and replace(found, assumptions=tuple(notes), unusual=(*doubts, *found.unusual))
 

@@ -47,6 +47,7 @@ class Record:
     values: Mapping[Kind, Vector]  # joint angles, force, moment, load point, in the file's units
     points: tuple[Point, ...]  # readings
     whole: bool  # whether the row claims to be the only one of its observation in this file
+    held_out: bool  # whether a column says that the observation is held out from the fit
 
 
 class RowReader:
@@ -107,8 +108,13 @@ class RowReader:
         if temperature is not None:
             unit = self._columns.meanings[temperature].unit or ""
             self._surroundings.add_temperature(row.cells[temperature], unit, self._mark)
+        validation = self._columns.texts.get("validation")
+        held = "0" if validation is None else row.cells[validation].strip() or "0"
+        if validation is not None and held not in ("0", "1"):
+            place = self._grid.place(row, validation)
+            faults.report(place, f"{shown(held)} is neither 0 nor 1", "write 1 to hold it out from the fit")
         label = (naming.label or "") if self._named else self._labels[number]
-        return Record(label, self._grid.place(row), values, tuple(points), self._whole)
+        return Record(label, self._grid.place(row), values, tuple(points), self._whole, held == "1")
 
     def _with_addition(
         self, row: Row, position: Quantity, vector: Vector | None, faults: Faults

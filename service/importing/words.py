@@ -14,8 +14,9 @@ from jointstiff.schemas.importing import State
 
 Words = tuple[str, ...]
 Kind = Literal[
-    "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "joint", "force",
-    "moment", "load point", "position", "addition", "uncertainty", "point uncertainty", "ignored", "unknown",
+    "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "validation", "joint",
+    "force", "moment", "load point", "position", "addition", "uncertainty", "point uncertainty", "ignored",
+    "unknown",
 ]  # fmt: skip
 """What the cells of a column are."""
 
@@ -38,13 +39,14 @@ KEYS: Final[Mapping[Kind, Words]] = MappingProxyType(
             "time", "timestamp", "time stamp", "date", "date time", "measured at",
             "datum", "uhrzeit", "zeit", "zeitstempel", "heure", "horodatage",
         ),
+        "validation": ("validation",),
         "ignored": (
             "comment", "comments", "remark", "remarks", "note", "notes",
             "operator", "instrument", "rms", "i", "j", "k", "ignore", "ignored",
             "tilt", "image rms", "pressure", "humidity", "otg applied", "luftdruck", "luftfeuchte",
             "kommentar", "bemerkung", "bediener", "messgerät", "commentaire", "remarque", "opérateur",
             "pression", "humidité",
-            "anchor", "validation", "overall verdict",
+            "anchor", "overall verdict",
         ),
     }
 )  # fmt: skip

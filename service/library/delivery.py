@@ -89,7 +89,7 @@ class Delivery:
     def _read(self, file: FinishedFile, robot: Robot) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the measurement set and the options of its run, as they are posted."""
         if PurePath(file.name).suffix.lower() != ".json":
-            return self._table(file), {}
+            return self._table(file)
         content = file.content.removeprefix(BOM_UTF8)
         if not _is_campaign(content):
             return _plain(parse_content(MeasurementSetDocument, content)), {}
@@ -106,7 +106,7 @@ class Delivery:
             )
         return _plain(campaign.measurement_set), _plain(campaign.run)
 
-    def _table(self, file: FinishedFile) -> dict[str, Any]:
+    def _table(self, file: FinishedFile) -> tuple[dict[str, Any], dict[str, Any]]:
         try:
             answer = import_files([SourceFile(file.name, file.content)], self._template or ImportRequest())
         except FilesError as error:
@@ -114,7 +114,7 @@ class Delivery:
         if answer.measurement_set is None:
             missing = "; ".join(answer.missing)
             raise CampaignError(http_problem(422, f"this is missing: {missing}", "add it to the template"))
-        return _plain(answer.measurement_set)
+        return _plain(answer.measurement_set), {"leave_out": answer.leave_out}
 
 
 def _is_campaign(content: bytes) -> bool:

@@ -80,6 +80,7 @@ def import_files(
         faults=[_fault(fault) for fault in faults],
         missing_fields=[item.field for item in missing],
         missing=[item.text for item in missing],
+        leave_out=[] if imported is None else imported.assembly.held_out,
         measurement_set=document,
         findings=findings,
         template=template,

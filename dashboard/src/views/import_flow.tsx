@@ -74,7 +74,7 @@ export function ImportFlow({
     const added = await api.sets.add(document, contentKey("set", document));
     namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
-    const run = await api.runs.add(form.request(added.id), freshKey("run"));
+    const run = await api.runs.add({ ...form.request(added.id), leave_out: answer.leave_out }, freshKey("run"));
     keepFiles(null);
     go(link(["runs", run.id]));
   });

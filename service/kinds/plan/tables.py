@@ -40,6 +40,11 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
         )
     if result.left_out:
         lines.append(f"not determined, as no load twists them: {', '.join(result.left_out)}")
+    if job.request.measurement_set_id is not None:
+        lines.append(
+            "the list has the new readings alone; the promise counts those of the campaign so far, too: "
+            "identify from both, as the campaign to fill in has them"
+        )
     readings = _readings(job, result, boxes=view.details)
     return Report([_joints(result), readings, *map(Line, lines)])
 

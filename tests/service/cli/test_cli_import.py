@@ -76,6 +76,13 @@ def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
         for name in ("new.json", "campaign.json")
     )
     assert found.result == expected.result
+    table = (folder / "cell.csv").read_text(encoding="utf-8").splitlines()
+    held = [f"{line}{table[0][5]}{'validation' if i == 0 else int(i == 1)}" for i, line in enumerate(table)]
+    (folder / "held.csv").write_text("\n".join(held), encoding="utf-8")
+    written = run("held.csv", *options, "--output", "held.json")
+    assert written.exit_code == 0, written.output
+    left = CliRunner().invoke(app, ["identify", "held.json", "--json"]).stdout
+    assert Run.model_validate_json(left).request.leave_out == [table[1].partition(table[0][5])[0]]
     kept = (folder / "new.json").read_bytes()
     again = run("cell.csv", *options, "--output", "new.json", "--encoders", "secondary")
     assert (again.exit_code, (folder / "new.json").read_bytes()) == (2, kept)

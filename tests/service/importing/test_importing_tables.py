@@ -338,6 +338,18 @@ def test_columns_to_leave_out():
     assert imported.preview.files[0].columns[1].meaning == "ignored"
 
 
+def test_readings_held_out_from_the_fit():
+    words = iter(["validation", "1", "", "0"])
+    content = "\n".join(
+        line if line.startswith("#") else line.replace(";", f";{next(words)};", 1)
+        for line in CAMPAIGN.splitlines()
+    )
+    answer = import_files(sources_of(("a.csv", content)), ImportRequest(encoders="motor"))
+    assert answer.leave_out == ["c01"]
+    assert points_of(read(("a.csv", content))) == points_of(read(("a.csv", CAMPAIGN)))
+    refused(content.replace("c01;1;", "c01;yes;"), reason="'yes' is neither 0 nor 1", line=3, column=2)
+
+
 def test_a_header_of_the_caller():
     body = "".join(CAMPAIGN.splitlines(keepends=True)[2:])
     assert points_of(read(("a.csv", body), header=ROWS[0])) == points_of(read(("a.csv", CAMPAIGN)))

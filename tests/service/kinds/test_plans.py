@@ -93,9 +93,14 @@ def test_the_list_is_filled_in_and_dropped_back(parts, another):
     file = SourceFile("readings.csv", text.getvalue().encode())
     answer = import_files([file], ImportRequest(encoders="motor"))
     assert answer.missing == []
+    held_out = [each.label for each in plan.result.readings if each.validation]
+    assert answer.leave_out == held_out != []
+    assert f"held out from the fit, to judge it: {', '.join(held_out)}" in answer.preview.assumptions
     campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
     campaign["measurement_set"] = answer.measurement_set.model_dump(mode="json", exclude_unset=True)
-    run = identify(campaign, elasticity="joints")
+    run = identify(campaign | {"run": {"leave_out": answer.leave_out}}, elasticity="joints")
+    assert run.request.leave_out == held_out
+    assert not {each.observation for each in run.result.residuals} & set(held_out)
     truth = dict(zip(default_arm().joint_names, default_arm().stiffnesses, strict=True))
     for joint in run.result.joints[1:]:
         low, high = joint.stiffness_interval
@@ -138,7 +143,10 @@ class TestPlans:
     def test_that_goes_on_with_a_campaign(self, parts, robot):
         posted = MeasurementSetRequest.model_validate(CAMPAIGN["measurement_set"] | {"robot_id": robot})
         set_id = parts.sets.create(posted, None).id
-        result = plan_of(parts, measurement_set_id=set_id, readings=5, candidates=300).result
+        plan = plan_of(parts, measurement_set_id=set_id, readings=5, candidates=300)
+        result = plan.result
+        report = job_document(PLAN, plan, plan.model_dump_json(), LaboratorySettings())
+        assert "the list has the new readings alone" in report_page(report).decode()
         assert all(joint.standard_uncertainty < joint.before for joint in result.joints)
         assert all(joint.relative < 0.1 for joint in result.joints)
         sizes = [np.linalg.norm(each.force) for each in result.readings]
