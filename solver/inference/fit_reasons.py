@@ -11,16 +11,18 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.plausibility import WORTH_A_WARNING, judge
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.inference.screening import HeldOutGain, Screening
 from jointstiff.solver.readings.measurements import Measurements
 
-CARE_RATIO, UNUSABLE_RATIO = 1.5, 3.0
-"""Ratio of the residuals to sigma above which the uncertainties are too small."""
+CARE_RATIO_OF_LINKS, UNUSABLE_RATIO = 1.5, 3.0
+"""Ratio of the residuals to sigma above which the uncertainties are too small: of a model with links, whose
+penalty leaves some of it and whose joints are not to be quoted; and above which they are of no use."""
 CARE_LEVEL: Final = 1e-3
-"""p-value of the residuals: few readings exceed `CARE_RATIO` without a mistake."""
+"""p-value of the residuals below which the uncertainties are too small: noise alone reaches it in one of two
+thousand campaigns."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which something besides the joints deflects; the joints of real robots explain 80 %."""
 LARGEST_SIGMA: Final = 1e-4
@@ -53,7 +55,7 @@ def fit_reasons(
     yield from _identified(estimate)
     yield from _freedom(measurements, estimate)
     yield from _postures(measurements)
-    yield from _residuals(estimate)
+    yield from _residuals(estimate, joints_alone=prediction.contributions is not None)
     if not explained:
         yield from _unexplained(estimate, prediction)
     yield from _from_judge(estimate, prediction)
@@ -145,13 +147,13 @@ def _postures(measurements: Measurements) -> Iterator[Reason]:
     )
 
 
-def _residuals(estimate: Estimate) -> Iterator[Reason]:
+def _residuals(estimate: Estimate, *, joints_alone: bool) -> Iterator[Reason]:
     """Compare the residuals with a stated sigma."""
     test = estimate.sigma_test
     if test is None or test.verdict != "residuals_too_large" or test.p_value > CARE_LEVEL:
         return
     ratio = float(np.sqrt(estimate.chi_square / estimate.degrees_of_freedom))
-    if ratio > CARE_RATIO:
+    if ratio > (1.0 + WORTH_A_WARNING if joints_alone else CARE_RATIO_OF_LINKS):
         yield Reason(
             "residuals_exceed_sigma",
             "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use",

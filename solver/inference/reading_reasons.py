@@ -28,7 +28,7 @@ MOST_LEFT_OUT: Final = 0.3
 HARMFUL: Final = 0.05
 """Relative change of a compliance above which a proved mistake in the load forbids its use."""
 COVERED: Final = 2.0
-"""Standard uncertainties by an assumed load point that the intervals hold of one that is elsewhere."""
+"""Standard uncertainties by the load point that the intervals hold of one that is elsewhere."""
 _KILO: Final = 1e3
 """Force [N] between those of kN taken for N and of N taken for kN."""
 _PLACES: Final = 60
@@ -52,8 +52,9 @@ def alternative_reason(robot: Robot, better: BetterAlternative) -> Reason:
 def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[Reason]:
     """Report a load point elsewhere or a constant force beside the load.
 
-    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL` and, of a
-    load point of which nothing is stated, by more than the intervals hold.
+    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL` and by
+    more than the intervals hold of a load point elsewhere: a load point stated to 1 mm that is 10 mm off
+    contradicts the statement, while the intervals of an assumed one hold 10 mm.
     """
     mistake = screening.mistake
     if mistake is None:
@@ -73,7 +74,8 @@ def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[R
     harmful = change > HARMFUL
     if mistake.kind == "load_point" and estimate.common is not None:
         # What the intervals hold of a load point elsewhere does no harm.
-        held = np.linalg.norm(estimate.common.of("assumed_load_point")[known], axis=1)
+        sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
+        held = np.linalg.norm(np.hstack(sources)[known], axis=1)
         harmful &= change * estimate.compliance[known] > COVERED * held
     beside = "" if mistake.proved else ", but links may bend beside it"
     yield Reason(

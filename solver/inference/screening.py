@@ -18,6 +18,7 @@ from scipy import special
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.observability.identifiability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks, whitener
 from jointstiff.solver.robot.configuration import joint_frames
@@ -113,38 +114,21 @@ class Screening:
 
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
-    """Screen what an identification of joints alone leaves; see `screen`."""
-    return screen(robot, measurements, estimate.compliance, estimate.observability.null)
+    """Test what an identification of joints alone leaves unexplained; encoders take no part.
 
-
-def screen(
-    robot: Robot,
-    measurements: Measurements,
-    compliance: FloatArray,
-    null: BoolArray,
-) -> Screening:
-    """Test what joints alone leave unexplained.
-
-    Args:
-        robot: n joints.
-        measurements: N observations; encoders take no part.
-        compliance: (n,) estimated [rad/(N·m)].
-        null: (n,) joints that the readings do not see.
-
-    Returns:
-        The tests; without a balance under the load, or without residual freedom, none is significant.
+    Without a balance under the load, or without residual freedom, no test is significant.
     """
-    part, compliance = _sample(measurements), np.maximum(compliance, 0.0)
+    part, compliance = _sample(measurements), np.maximum(estimate.compliance, 0.0)
     try:
         block = next(regressor_blocks(robot, part, compliance))
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, None)
-    columns = _Columns.of(robot, block, compliance, null)
+    columns = _Columns.of(robot, block, compliance, estimate.observability.null)
     mistakes: list[LoadMistake] = []
     for kind in _KINDS:
         if columns.p_value(kind) < MISTAKE_LEVEL:
             with suppress(SolverError):  # it leads to loads that no arm balances
-                mistakes.append(_followed(robot, part, null, columns, kind))
+                mistakes.append(_followed(robot, part, columns, kind))
     best = min(mistakes, key=lambda each: each.ratio, default=None)
     return Screening(columns.links_p_value(), best)
 
@@ -157,9 +141,7 @@ def _sample(measurements: Measurements) -> Measurements:
     return measurements[np.linspace(0, count - 1, _OBSERVATIONS).astype(np.intp)]
 
 
-def _followed(
-    robot: Robot, part: Measurements, null: BoolArray, columns: _Columns, kind: LoadMistakeKind
-) -> LoadMistake:
+def _followed(robot: Robot, part: Measurements, columns: _Columns, kind: LoadMistakeKind) -> LoadMistake:
     """Follow a mistake by Gauss-Newton.
 
     Raises:
@@ -172,7 +154,9 @@ def _followed(
         compliance = np.maximum(found, 0.0)
         mistake = replace(mistake, correction=mistake.correction + step, compliance=compliance)
         block = next(regressor_blocks(robot, mistake.corrected(part), compliance))
-        columns = _Columns.of(robot, block, compliance, null)
+        seen = Excitation(robot.joint_names)  # a load elsewhere may twist joints that it did not as stated
+        seen.add(block)
+        columns = _Columns.of(robot, block, compliance, seen.observability().null)
         if np.linalg.norm(step) <= _STEADY * np.linalg.norm(mistake.correction):
             break
     return replace(

@@ -88,6 +88,17 @@ def load_point_far_elsewhere(measured):
     measured["load_point"] = np.add(measured["load_point"], (0.08, -0.06, 0.1)).tolist()
 
 
+def load_point_at_the_flange(measured):
+    """By 191 mm, to the axis of joint 6: as stated, no pull twists it."""
+    measured["load_point"] = [0.0, 0.0, 0.0]
+
+
+def load_point_stated_too_well(measured):
+    """By 13 mm, which an assumed load point would hold, and one that is stated to 1 mm does not."""
+    measured["load_point"] = np.add(measured["load_point"], (-0.006, -0.008, 0.008)).tolist()
+    measured["noise"]["load_point"] = 0.001
+
+
 def weight_forgotten(measured):
     """The robot also carried 300 N, which the forces leave out."""
     for observation in measured["observations"]:
@@ -105,6 +116,8 @@ MISTAKES = {
     load_and_target_exchanged: "exchange_load_and_target",
     load_point_elsewhere: "correct_load_point",
     load_point_far_elsewhere: "correct_load_point",
+    load_point_at_the_flange: "correct_load_point",
+    load_point_stated_too_well: "correct_load_point",
     weight_forgotten: "correct_force",
 }
 
@@ -128,6 +141,21 @@ def test_the_action_of_a_proved_mistake_leads_to_a_run_for_use(clean, mistake):
     mended = after.campaign
     changed = mended.robot if action == "apply_joint_map" else mended.measurement_set
     assert changed.name.endswith(")")
+
+
+@pytest.mark.parametrize(
+    "mistake", [load_point_far_elsewhere, load_point_at_the_flange], ids=lambda mistake: mistake.__name__
+)
+def test_a_load_point_further_off_is_judged_no_milder(clean, mistake):
+    assert jointstiff.identify(planted(clean, mistake)).result.assessment.verdict == "do_not_use"
+
+
+def test_a_load_point_that_is_stated_is_a_claim_that_readings_contradict(clean):
+    document = planted(clean, load_point_stated_too_well)
+    assert jointstiff.identify(document).result.assessment.verdict == "do_not_use"
+    for held in (None, 0.01):  # nothing stated, or what is assumed then
+        document["measurement_set"]["noise"]["load_point"] = held
+        assert jointstiff.identify(document).result.assessment.verdict == "use_with_care"
 
 
 def test_an_action_that_no_reason_advises(clean):

@@ -245,7 +245,8 @@ class TestReadings:
 
 class TestFit:
     @pytest.mark.parametrize(
-        ("factor", "verdict"), [(1.0, "use"), (2.0, "use_with_care"), (5.0, "do_not_use")]
+        ("factor", "verdict"),
+        [(1.0, "use"), (1.4, "use_with_care"), (2.0, "use_with_care"), (5.0, "do_not_use")],
     )
     def test_uncertainties_too_small(self, pulls, factor, verdict):
         robot, measurements = pulls
