@@ -16,12 +16,12 @@ from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_ou
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.links.cross_validation import (
-    WEIGHTS,
     FoldFit,
     Folds,
     Plan,
     chosen_weight,
     fit_fold,
+    refined,
 )
 from jointstiff.solver.links.estimate import ElasticEstimate
 from jointstiff.solver.links.estimation import effective_intervals, first_certified
@@ -31,7 +31,7 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
 _COLUMNS = ElasticColumns(6, tuple(range(6)))
-_PLAN = Plan(folds=2, weights=WEIGHTS[1::3])
+_PLAN = Plan(folds=2, draws=1, weights=(1e-6, 1e-3, 1.0))
 
 
 def beams(seed: int) -> tuple[Robot, Measurements]:
@@ -156,6 +156,7 @@ class _Campaign:
         """Return the held-out error, the fit to the whole set and those of the folds."""
         model = ElasticModel("joints_and_links", _COLUMNS, loss)
         fits = [fit_fold(self.folds, model, fold, plan.weights) for fold in range(len(self.folds))]
+        plan, fits = refined(self.folds, model, fits, plan)
         errors = np.array([fit.error for fit in fits])
         place = chosen_weight(errors, plan.rule)
         estimate = first_certified(self.robot, self.measurements, self.folds, model, plan.weights[place:])
@@ -213,5 +214,5 @@ def _gap(robot: Robot, measurements: Measurements, loss: Loss) -> float:
     folds = Folds(robot, measurements, _COLUMNS, np.ones(6, dtype=np.bool_), _PLAN)
     fits = [fit_fold(folds, model, fold, _PLAN.weights) for fold in range(len(folds))]
     place = chosen_weight(np.array([fit.error for fit in fits]), _PLAN.rule)
-    weights = WEIGHTS[WEIGHTS.index(_PLAN.weights[place]) :]
+    weights = [_PLAN.weights[place] * 10.0**decade for decade in range(4)]
     return first_certified(robot, measurements, folds, model, weights).certificate.gap

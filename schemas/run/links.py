@@ -31,10 +31,10 @@ class CrossValidation(Message):
     folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
         default=5, description="Number of folds, each held out once; fewer if there are fewer postures."
     )
-    draws: Annotated[int, Field(strict=True, ge=1, le=20)] | None = Field(
-        default=None,
-        description="Number of times that the configurations are assigned to folds anew; default: 4 for "
-        "elasticity `automatic`, else 1.",
+    draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
+        default=4,
+        description="Number of times that the configurations are assigned to folds anew; once if "
+        "`link_penalty` is given.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
         default=0, description="Random seed of the assignment of configurations to folds."

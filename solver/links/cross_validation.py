@@ -7,7 +7,7 @@ weight and the model; an error of prediction is that of the held-out fold's tria
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
@@ -15,8 +15,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.links.losses import MOST_TARGETS, LossProblem
-from jointstiff.solver.links.model import ElasticModel, formulate
+from jointstiff.solver.links.losses import MOST_TARGETS, LossProblem, TargetFits
+from jointstiff.solver.links.model import ElasticModel, Formulation, ModelName, formulate
 from jointstiff.solver.links.regressor import (
     ElasticColumns,
     ElasticRows,
@@ -29,10 +29,10 @@ from jointstiff.solver.robot.model import Robot
 
 Rule = Literal["best", "one_standard_error"]
 
-WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 1.0, 9))
-"""λ: from hardly any penalty to one that leaves nothing of the links."""
-SELECTION_WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-3.0, 0.0, 7))
-"""λ that suffice to choose between models."""
+WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
+"""λ that suffice to choose between models and losses, two a decade."""
+LIMITS: Final = (1e-7, 10.0)
+"""λ with hardly any penalty, and λ that leaves nothing of the links: `refined` does not go beyond."""
 _GAP: Final = 1e-4
 """Tolerance of the fitted readings, or of the sum of their residuals, relative to all: far below the accuracy
 of predicted readings."""
@@ -43,7 +43,7 @@ class Plan:
     """Settings of the cross-validation."""
 
     folds: int = 5  #: how many a draw, at least 2; fewer where there are fewer configurations
-    draws: int = 1  #: how often the configurations are shared out anew
+    draws: int = 4  #: how often the configurations are shared out anew
     seed: int = 0  #: of the draw that shares out the configurations
     weights: tuple[float, ...] = WEIGHTS  #: λ to choose from, ascending
     #: `best` takes the weight of least error, `one_standard_error` the largest whose error is within one
@@ -118,7 +118,8 @@ class Folds:
         self.sigma = measurements.sigma
         self.few = int(measurements.present.sum()) <= MOST_TARGETS
         """Are there few enough targets for robust losses?"""
-        self._problems: dict[tuple[int | None, ElasticModel], LossProblem] = {}
+        self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
+        self._fits: dict[tuple[int | None, ModelName], TargetFits] = {}
 
     def __len__(self) -> int:
         return len(self.held_out)
@@ -160,12 +161,14 @@ class Folds:
         Raises:
             UnsupportedMethodError: the penalty has no scale.
         """
-        if (fold, model) not in self._problems:
-            formulation, targets = formulate(self.training(fold), model, self.visible), None
-            if model.loss != "squared":
-                targets = ElasticTargets.merged([self.targets[other] for other in self._others(fold)])
-            self._problems[fold, model] = LossProblem(model, formulation, targets, self.sigma)
-        return self._problems[fold, model]
+        key = fold, model.name
+        if key not in self._formulations:
+            self._formulations[key] = formulate(self.training(fold), model, self.visible)
+        formulation = self._formulations[key]
+        if model.loss != "squared" and key not in self._fits:
+            targets = ElasticTargets.merged([self.targets[other] for other in self._others(fold)])
+            self._fits[key] = TargetFits(formulation, targets)
+        return LossProblem(model, formulation, self._fits.get(key), self.sigma)
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
         """(W,) prediction errors [m] of compliances (W, P) in a fold; see `FoldFit`."""
@@ -199,6 +202,45 @@ def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[flo
     return FoldFit(compliances, folds.error(fold, compliances))
 
 
+def refined(
+    folds: Folds, model: ElasticModel, fits: Sequence[FoldFit], plan: Plan
+) -> tuple[Plan, list[FoldFit]]:
+    """Fit a model for further weights around the best: four a decade, and beyond an end of the weights.
+
+    Args:
+        folds: the set.
+        model: with a penalty.
+        fits: of each fold, for the plan's weights.
+        plan: of the folds.
+
+    Returns:
+        The plan with all weights, and the fits for them.
+    """
+    known = np.array(plan.weights)
+    compliances = np.array([fit.compliances for fit in fits])
+    errors = np.array([fit.error for fit in fits])
+    while further := _further(known, errors):
+        added = [fit_fold(folds, model, fold, further) for fold in range(len(folds))]
+        known = np.concatenate([known, further])
+        order = np.argsort(known)
+        known = known[order]
+        compliances = np.concatenate([compliances, [fit.compliances for fit in added]], axis=1)[:, order]
+        errors = np.concatenate([errors, [fit.error for fit in added]], axis=1)[:, order]
+    finer = replace(plan, weights=tuple(known.tolist()))
+    return finer, [FoldFit(*both) for both in zip(compliances, errors, strict=True)]
+
+
+def _further(weights: FloatArray, errors: FloatArray) -> list[float]:
+    """Return weights to try beside the best: a decade beyond an end, or halfway to its neighbours."""
+    quarters = np.rint(4.0 * np.log10(weights)).astype(int)
+    least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
+    best = chosen_weight(errors, "best")
+    below = quarters[best - 1] if best > 0 else max(quarters[best] - 8, least)
+    above = quarters[best + 1] if best < len(quarters) - 1 else min(quarters[best] + 8, greatest)
+    halfway = {(quarters[best] + below) // 2, (quarters[best] + above + 1) // 2}
+    return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
+
+
 def _parameters(problem: LossProblem, weight: float) -> FloatArray:
     try:
         return problem.fit(weight, gap=_GAP).solution.x
@@ -211,12 +253,13 @@ def answered(errors: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(errors).all(axis=0))
 
 
-def chosen_weight(errors: FloatArray, rule: Rule) -> int:
-    """Which weight cross-validation chooses.
+def chosen_weight(errors: FloatArray, rule: Rule, draws: int = 1) -> int:
+    """Return the place of the weight that cross-validation chooses.
 
     Args:
         errors: (K, W) of K folds for W ascending weights; NaN where there is no answer.
         rule: see `Plan`.
+        draws: how many share out the same postures, which are not more postures.
 
     Raises:
         UnsupportedMethodError: no weight has an answer in all folds.
@@ -231,5 +274,5 @@ def chosen_weight(errors: FloatArray, rule: Rule) -> int:
         )
     if rule == "best":
         return best
-    limit = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors))
+    limit = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors) / draws)
     return int(np.flatnonzero(mean <= limit).max())

@@ -8,7 +8,6 @@ huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -52,6 +51,34 @@ def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tup
     )
 
 
+class TargetFits:
+    """A model on the targets of some observations: one program for all robust losses and penalties."""
+
+    def __init__(self, formulation: Formulation, targets: ElasticTargets) -> None:
+        """Take what was formulated."""
+        self.targets = targets
+        self.total = float(np.linalg.norm(targets.d, axis=1).sum())  #: sum of the lengths of the readings [m]
+        A = targets.A[..., formulation.columns] * (formulation.unit / self.total)
+        self._norms = NormSum(A, targets.d / self.total, formulation.cone, formulation.penalised)
+        self._absolute: dict[tuple[float, float, float | None], ConeSolution] = {}
+
+    def program(self, weight: float, threshold: float) -> RobustProgram:
+        """Return the program for a weight λ and a threshold h [m]."""
+        return RobustProgram(self._norms, weight, threshold / self.total)
+
+    def absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
+        """Return the fit of absolute residuals, which Huber's scale takes as well; see `LossProblem.fit`."""
+        key = weight, gap, accepted
+        if key not in self._absolute:
+            self._absolute[key] = solve_robust(self.program(weight, 0.0), gap=gap, accepted=accepted)
+        return self._absolute[key]
+
+    def lengths(self, x: FloatArray) -> FloatArray:
+        """(K,) lengths of the residuals [m] of parameters (p,)."""
+        lengths: FloatArray = np.linalg.norm(self._norms.residuals(x), axis=1) * self.total
+        return lengths
+
+
 @dataclass(frozen=True, eq=False)
 class LossFit:
     """The optimum for a loss and a weight."""
@@ -67,7 +94,7 @@ class LossProblem:
         self,
         model: ElasticModel,
         formulation: Formulation,
-        targets: ElasticTargets | None,
+        robust: TargetFits | None,
         sigma: float | None,
     ) -> None:
         """Take what was formulated.
@@ -75,11 +102,11 @@ class LossProblem:
         Args:
             model: what bends, and the loss.
             formulation: of it.
-            targets: of the same observations; None for the squared loss.
+            robust: of the same observations; None for the squared loss.
             sigma: of one coordinate of one reading, if it is stated [m].
         """
         self.model, self.formulation = model, formulation
-        self._targets, self._sigma = targets, sigma
+        self._robust, self._sigma = robust, sigma
 
     @property
     def size(self) -> float:
@@ -90,8 +117,7 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return self.formulation.size
-        targets = self._required_targets
-        return float(np.linalg.norm(targets.d, axis=1).mean())
+        return self._fits.total / len(self._fits.targets.d)
 
     def fit(self, weight: float, *, gap: float, accepted: float | None = None) -> LossFit:
         """Fit.
@@ -107,8 +133,10 @@ class LossProblem:
         if self.model.loss == "squared":
             program = self.formulation.program(weight)
             return LossFit(solve_cone(program, gap=gap, accepted=accepted), float("inf"))
+        if self.model.loss == "absolute":
+            return LossFit(self._fits.absolute(weight, gap, accepted), 0.0)
         threshold = self.threshold(weight, gap)
-        robust = self._robust(weight, threshold)
+        robust = self._fits.program(weight, threshold)
         return LossFit(solve_robust(robust, gap=gap, accepted=accepted), threshold)
 
     def gap_at(self, compliances: FloatArray, weight: float, fitted: LossFit) -> float:
@@ -116,8 +144,8 @@ class LossProblem:
         x = compliances[self.formulation.columns] / self.formulation.unit
         if self.model.loss == "squared":
             return certify_cone(self.formulation.program(weight), x).gap
-        robust = self._robust(weight, fitted.threshold)
-        return certify_robust(robust, x, fitted.solution.certificate.multipliers).gap
+        program = self._fits.program(weight, fitted.threshold)
+        return certify_robust(program, x, fitted.solution.certificate.multipliers).gap
 
     def joints_only(self) -> FloatArray:
         """(p,) parameters of a model without penalised elements under squares, exactly."""
@@ -126,24 +154,22 @@ class LossProblem:
         return solve_step(problem).compliance
 
     def threshold(self, weight: float, gap: float) -> float:
-        """Return h [m]: 0 for absolute residuals; Huber's in units of sigma, or of the robust scale.
+        """Return h [m] of Huber's loss, in units of sigma, or of the robust scale.
 
         The robust scale is that of the residuals of absolute loss under the same penalty.
 
         Raises:
             SolverError: as `fit` does.
         """
-        if self.model.loss == "absolute":
-            return 0.0
         if self._sigma is not None:
             return self.model.threshold * self._sigma
-        absolute = solve_robust(self._robust(weight, 0.0), gap=gap)
-        norms = np.linalg.norm(self._norms.residuals(absolute.x), axis=1) * self._total
-        return self.model.threshold * self.scale_of(norms)
+        lengths = self._fits.lengths(self._fits.absolute(weight, gap).x)
+        return self.model.threshold * self.scale_of(lengths)
 
     def scale_of(self, norms: FloatArray) -> float:
         """Return the robust scale [m] of residuals with these norms (K,)."""
-        return max(float(np.median(norms)) / _MEDIAN_NORM, _LEAST_SCALE * self._total / max(1, len(norms)))
+        least = _LEAST_SCALE * self._fits.total / max(1, len(norms))
+        return max(float(np.median(norms)) / _MEDIAN_NORM, least)
 
     def companion(
         self, rows: ElasticRows, compliances: FloatArray, weight: float, threshold: float
@@ -162,14 +188,14 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return rows, self.formulation, weight
-        targets = self._required_targets
+        targets = self._fits.targets
         norms = np.linalg.norm(targets.residuals(compliances), axis=1)
         if threshold == 0.0:
             threshold = self.model.threshold * max(self.scale_of(norms), self._sigma or 0.0)
         weighted = targets.weighted(rows, threshold / np.maximum(norms, threshold))
         seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
         formulation = formulate(weighted, self.model, seen)
-        return weighted, formulation, 2.0 * self._total * threshold * weight / formulation.size**2
+        return weighted, formulation, 2.0 * self._fits.total * threshold * weight / formulation.size**2
 
     def weight_of_squares(self, compliances: FloatArray, weight: float) -> float:
         """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
@@ -182,24 +208,11 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return weight
-        length = float(np.linalg.norm(self._required_targets.residuals(compliances), axis=1).mean())
-        return max(2.0 * self._total * length * weight / self.formulation.size**2, _LEAST_WEIGHT)
+        length = float(np.linalg.norm(self._fits.targets.residuals(compliances), axis=1).mean())
+        return max(2.0 * self._fits.total * length * weight / self.formulation.size**2, _LEAST_WEIGHT)
 
     @property
-    def _required_targets(self) -> ElasticTargets:
-        if self._targets is None:
+    def _fits(self) -> TargetFits:
+        if self._robust is None:
             raise ValueError("a robust loss needs the rows of all targets")
-        return self._targets
-
-    @property
-    def _total(self) -> float:
-        return float(np.linalg.norm(self._required_targets.d, axis=1).sum())
-
-    @cached_property
-    def _norms(self) -> NormSum:
-        form, targets = self.formulation, self._required_targets
-        A = targets.A[..., form.columns] * (form.unit / self._total)
-        return NormSum(A, targets.d / self._total, form.cone, form.penalised)
-
-    def _robust(self, weight: float, threshold: float) -> RobustProgram:
-        return RobustProgram(self._norms, weight, threshold / self._total)
+        return self._robust

@@ -1,35 +1,35 @@
-"""Findings about what cross-validation chose: a penalty at an end of its grid, or not certified; the loss."""
+"""Findings about what cross-validation chose: a penalty at an end, or not certified; the loss."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from jointstiff.solver.finding import Finding
+from jointstiff.solver.links.cross_validation import LIMITS, WEIGHTS
 from jointstiff.solver.links.losses import MOST_TARGETS
 
 
-def judge_penalty(chosen: float, used: float, grid: Sequence[float]) -> Iterator[Finding]:
-    """Report a penalty at an end of its grid, or one that gave way to a larger one.
+def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
+    """Report a penalty under which no link bends, the least of all, or one that gave way to a larger one.
 
     Args:
         chosen: weight λ of least held-out residual.
         used: weight of the fit, the first from there on whose optimum is certified.
-        grid: ascending weights that were compared.
     """
-    if chosen == grid[-1]:
+    if chosen >= WEIGHTS[-1]:
         yield Finding(
             "link_penalty_at_end",
             None,
-            f"cross-validation chose the largest penalty of its grid, {chosen:.3g}: held-out readings are "
-            "predicted best when hardly any link bends",
+            f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best when "
+            "hardly any link bends",
             "use elasticity joints; compare the models' held-out compensation in `selection`",
             "note",
         )
-    elif chosen == grid[0]:
+    elif chosen <= LIMITS[0]:
         yield Finding(
             "link_penalty_at_end",
             None,
-            f"cross-validation chose the smallest penalty of its grid, {chosen:.3g}: the readings "
+            f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
             "hardly need one, and the penalty does not bias the links",
             "give link_penalty to try a smaller one; predictions will hardly change",
             "note",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class HeldOut:
     error: float  #: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
     compensation: float  #: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
-    standard_error: float  #: of that mean, from the spread of the folds
+    standard_error: float  #: of that mean for one draw, from the spread of the folds
     by_fold: FloatArray  #: (K,) compensation of each fold
     #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
     by_posture: FloatArray
@@ -44,6 +44,12 @@ class Selection:
     def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
         """Return a model with the loss of least held-out error."""
         return _best_loss(self.models, model, losses)
+
+    def with_refined(self, refined: HeldOut) -> Selection:
+        """Return the same with a model at another penalty."""
+        key = refined.model, refined.loss
+        models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
+        return replace(self, models=models)
 
 
 def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
@@ -80,7 +86,7 @@ def select_model(
     answers = {key: bool(answered(errors[key]).any()) for key in keys}
     none = not any(answers[key] for key in keys if key[0] == asked)
     keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
-    places = [chosen_weight(errors[key], plan.rule) for key in keys]
+    places = [chosen_weight(errors[key], plan.rule, plan.draws) for key in keys]
     chosen = np.array(
         [[fit.compliances[place] for fit in fits[key]] for key, place in zip(keys, places, strict=True)]
     )
@@ -100,6 +106,7 @@ def select_model(
             plan.weights[place],
             compensation[number],
             by_posture[number],
+            folds.per_draw,
         )
         for number, (key, place) in enumerate(zip(keys, places, strict=True))
     )
@@ -145,16 +152,21 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
 
 
 def _held_out(
-    key: tuple[ModelName, Loss], error: float, weight: float, by_fold: FloatArray, by_posture: FloatArray
+    key: tuple[ModelName, Loss],
+    error: float,
+    weight: float,
+    by_fold: FloatArray,
+    by_posture: FloatArray,
+    per_draw: int,
 ) -> HeldOut:
-    """Return mean and spread over the folds."""
+    """Return mean and spread over the folds, of which a draw has so many."""
     return HeldOut(
         model=key[0],
         loss=key[1],
         error=error,
         penalty=None if key[0] == "joints" else weight,
         compensation=float(by_fold.mean()),
-        standard_error=float(by_fold.std(ddof=1) / np.sqrt(len(by_fold))),
+        standard_error=float(by_fold.std(ddof=1) / np.sqrt(per_draw)),
         by_fold=by_fold,
         by_posture=by_posture,
     )

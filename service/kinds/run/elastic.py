@@ -33,7 +33,7 @@ from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.screening import Screening
-from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold
+from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold, refined
 from jointstiff.solver.links.estimate import ElasticEstimate
 from jointstiff.solver.links.estimation import (
     effective_compliances,
@@ -167,6 +167,12 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         chosen = selection.of(asked or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
+        plan, model = self._plan, self._model_of(chosen)
+        if chosen.model != "joints" and options.link_penalty is None:
+            plan, fits[model.key] = refined(self._folds, model, fits[model.key], plan)
+            of_model = {model.key: fits[model.key]}
+            chosen = select_model(robot, measurements, self._folds, of_model, plan, chosen.model).models[0]
+            selection = selection.with_refined(chosen)
 
         def joints_alone(loss: Loss) -> JointRun:
             alone: dict[str, object] = {
@@ -190,7 +196,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         if chosen.model == "joints":
             result = joints_alone(chosen.loss).conclude_with(screening)
         else:
-            result = self._result(chosen, fits[chosen.model, chosen.loss], screening)
+            result = self._result(chosen, fits[model.key], plan.weights, screening)
         return result.model_copy(update={"selection": to_selection(selection, chosen), "choice": choice})
 
     @property
@@ -225,10 +231,14 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             for steps in of_fold
         ]
 
-    def _result(self, chosen: HeldOut, fits: Sequence[FoldFit], screening: Screening) -> RunResult:
-        prepared, options, grid = self._prepared, self._options, self._plan.weights
+    def _model_of(self, chosen: HeldOut) -> ElasticModel:
+        return next(model for model in self._models if model.key == (chosen.model, chosen.loss))
+
+    def _result(
+        self, chosen: HeldOut, fits: Sequence[FoldFit], grid: Sequence[float], screening: Screening
+    ) -> RunResult:
+        prepared, options, model = self._prepared, self._options, self._model_of(chosen)
         robot, weight = prepared.robot, chosen.penalty or grid[0]
-        model = next(model for model in self._models if model.key == (chosen.model, chosen.loss))
         elastic = first_certified(
             robot, prepared.measurements, self._folds, model, grid[grid.index(weight) :]
         )
@@ -238,7 +248,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         estimate = with_links(self._joints, elastic, effective_compliances(robot, elastic), intervals)
         findings = judge(estimate, elastic.prediction)
         if options.link_penalty is None:
-            findings += judge_penalty(weight, elastic.penalty, grid)
+            findings += judge_penalty(weight, elastic.penalty)
             findings += (
                 () if options.loss != "automatic" else judge_losses(int(prepared.measurements.present.sum()))
             )

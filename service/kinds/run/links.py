@@ -11,7 +11,7 @@ from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.inference.screening import LINKS_LEVEL, Screening
-from jointstiff.solver.links.cross_validation import SELECTION_WEIGHTS, WEIGHTS, Plan
+from jointstiff.solver.links.cross_validation import WEIGHTS, Plan
 from jointstiff.solver.links.estimate import ElasticEstimate
 from jointstiff.solver.links.model import LOSSES, Loss
 from jointstiff.solver.links.regressor import ElasticColumns
@@ -33,10 +33,13 @@ def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
 def to_plan(options: RunOptions) -> Plan:
     """Return how to cross-validate; a weight that is given is the only one."""
     asked = options.cross_validation
-    weights, draws = (SELECTION_WEIGHTS, 4) if options.elasticity == "automatic" else (WEIGHTS, 1)
-    weights = weights if options.link_penalty is None else (options.link_penalty,)
+    given = options.link_penalty
     return Plan(
-        folds=asked.folds, draws=asked.draws or draws, seed=asked.seed, weights=weights, rule=asked.rule
+        folds=asked.folds,
+        draws=asked.draws if given is None else 1,
+        seed=asked.seed,
+        weights=WEIGHTS if given is None else (given,),
+        rule=asked.rule,
     )
 
 

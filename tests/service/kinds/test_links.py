@@ -189,7 +189,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     assert enqueued == [("run", record.id)]
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
-    assert queued.progress.total == 3 * 9
+    assert queued.progress.total == 4 * 3 * 7
     worker = Parts.of(store).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
@@ -205,7 +205,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     assert durable.result == same.result
     assert durable.result.links.penalty_source == "cross_validation"
     assert [link.joint for link in durable.result.links.links] == ["joint_2", "joint_3"]
-    assert told[-1].done == 27
+    assert told[-1].done == 84
     assert told[-1].activity == "cross-validating"
 
 

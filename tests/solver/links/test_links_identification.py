@@ -20,7 +20,15 @@ from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_ou
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.links.cross_validation import WEIGHTS, Folds, Plan, chosen_weight, fit_fold
+from jointstiff.solver.links.cross_validation import (
+    LIMITS,
+    WEIGHTS,
+    Folds,
+    Plan,
+    chosen_weight,
+    fit_fold,
+    refined,
+)
 from jointstiff.solver.links.effective import effective_rows
 from jointstiff.solver.links.estimation import (
     effective_compliances,
@@ -266,6 +274,25 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     assert found.chi_square / found.degrees_of_freedom == pytest.approx(1.0, abs=4.0 * spread)
 
 
+def test_the_penalty_is_refined_to_a_quarter_of_a_decade_and_beyond_an_end():
+    """20 postures call for some penalty on full links; 60 of diagonal ones for hardly any."""
+    for name, count, expected in (
+        ("joints_and_links", 20, (1e-5, 1e-1)),
+        ("diagonal_links", 60, (LIMITS[0], 0.1 * WEIGHTS[0])),
+    ):
+        robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
+        plan, model = Plan(folds=3, draws=1), ElasticModel(name, COLUMNS)
+        folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
+        fits = [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))]
+        finer, fits = refined(folds, model, fits, plan)
+        errors = np.array([fit.error for fit in fits])
+        mean, best = errors.mean(axis=0), chosen_weight(errors, "best")
+        assert expected[0] <= finer.weights[best] <= expected[1]
+        assert mean[best] <= errors[:, np.isin(finer.weights, plan.weights)].mean(axis=0).min()
+        ratios = np.diff(np.log10(finer.weights))[max(0, best - 1) : best + 1]
+        np.testing.assert_allclose(ratios, 0.25)
+
+
 def selected(robot, measurements, plan, names=MODELS):
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
     models = [ElasticModel(name, COLUMNS) for name in names]
@@ -297,7 +324,7 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     truth = arm.arm.compliances + np.einsum("ji,jik,jk->j", axes, arm.links[:, 3:, 3:], axes)
     rows = effective_rows(robot, COLUMNS)
     np.testing.assert_allclose(rows @ truth_of(arm), truth, rtol=1e-9)
-    plan = Plan(weights=WEIGHTS[:6])
+    plan = Plan(draws=1, weights=tuple(np.logspace(-7.0, -2.0, 6)))
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
     model = ElasticModel("joints_and_links", COLUMNS)
     fits = {model.key: [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))]}
@@ -367,13 +394,13 @@ def test_losses_are_compared_in_sets_of_few_targets(elastic):
 
 def test_folds_share_out_postures_and_keep_equal_ones_together():
     joints = np.repeat(np.arange(9.0)[:, None], 2, axis=1)[[0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 3, 3]]
-    folds = Plan(folds=3, seed=1).assigned(joints)
+    folds = Plan(folds=3, draws=1, seed=1).assigned(joints)
     assert sorted(np.concatenate(folds).tolist()) == list(range(12))
     of = {int(i): number for number, fold in enumerate(folds) for i in fold}
     assert of[0] == of[9]
     assert of[3] == of[10] == of[11]
-    assert len(Plan(folds=5).assigned(joints[:3])) == 3
-    different = Plan(folds=3, seed=2).assigned(joints)
+    assert len(Plan(folds=5, draws=2).assigned(joints[:3])) == 2 * 3
+    different = Plan(folds=3, draws=1, seed=2).assigned(joints)
     assert any(a.tolist() != b.tolist() for a, b in zip(folds, different, strict=True))
     with pytest.raises(UnsupportedMethodError, match="one posture"):
         Plan().assigned(joints[[0, 9]])
@@ -383,6 +410,9 @@ def test_the_rules_choose_the_best_weight_or_the_largest_that_is_as_good():
     errors = np.array([[3.0, 1.0, 1.1, 2.0], [3.0, 1.2, 1.3, 2.0], [3.0, 0.8, 0.9, 2.0]])
     assert chosen_weight(errors, "best") == 1
     assert chosen_weight(errors, "one_standard_error") == 2
+    again = np.repeat(errors, 2, axis=0)
+    assert chosen_weight(again, "one_standard_error") == 1
+    assert chosen_weight(again, "one_standard_error", draws=2) == 2  # no more postures than before
     errors[0, 1] = np.nan
     assert chosen_weight(errors, "best") == 2
     with pytest.raises(UnsupportedMethodError, match="no penalty") as refused:
@@ -428,21 +458,21 @@ def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
     assert (refused.value.where, "or more" in refused.value.remedy) == ("link_penalty", True)
     found = first_certified(robot, measurements, folds, model, (1e-30, 1e-4, 1e-2))
     assert found.penalty == 1e-4
-    raised = judge_penalty(1e-30, found.penalty, (1e-40, 1e-30, 1e-4, 1e-2))
+    raised = judge_penalty(1e-5, found.penalty)
     assert [finding.code for finding in raised] == ["link_penalty_raised"]
 
 
-@pytest.mark.parametrize(("chosen", "remedy"), [(1.0, "elasticity joints"), (1e-3, "give link_penalty")])
-def test_a_penalty_at_an_end_of_its_grid_is_a_finding(chosen, remedy):
-    (finding,) = judge_penalty(chosen, chosen, (1e-3, 1e-2, 1.0))
+@pytest.mark.parametrize(("chosen", "remedy"), [(1.0, "elasticity joints"), (1e-7, "give link_penalty")])
+def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
+    (finding,) = judge_penalty(chosen, chosen)
     assert (finding.code, finding.severity) == ("link_penalty_at_end", "note")
     assert remedy in finding.remedy
-    assert not list(judge_penalty(1e-2, 1e-2, (1e-3, 1e-2, 1.0)))
+    assert not list(judge_penalty(1e-2, 1e-2))
 
 
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     robot, measurements = elastic
-    plan = Plan(folds=2, weights=(1e-2,))
+    plan = Plan(folds=2, draws=1, weights=(1e-2,))
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
     fits = {
         (name, "squared"): [fit_fold(folds, ElasticModel(name, COLUMNS), k, plan.weights) for k in range(2)]
