@@ -20,6 +20,8 @@ BudgetSource = Literal[
     "complementary_stiffness",
 ]
 
+BudgetGap = Literal["model_error", "lack_of_fit"]
+
 Evaluation = Annotated[
     Literal["A", "B"],
     Field(description="Type of evaluation: A by statistics of these readings, B as stated with them."),
@@ -67,4 +69,9 @@ class Budget(Message):
     )
     expanded_with_model_error: Compliance[list[float]] = Field(
         description="Expanded uncertainty of all components, those that are not included too."
+    )
+    missing: list[BudgetGap] = Field(
+        description="Sources that no component bounds: with one of them an expanded uncertainty is "
+        "partial. `model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a lack of "
+        "fit, such as links that bend."
     )

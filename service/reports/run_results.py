@@ -25,6 +25,11 @@ _MICRO = 1e6
 _USUAL = 0.95
 """Coverage probability of k = 2, nearly."""
 _MOST_WARNINGS = 12
+_MISSING = {
+    "model_error": "there is no bound of the model error",
+    "lack_of_fit": "the assessment names a lack of fit, so that U does not hold what bends besides "
+    "the joints, such as links",
+}
 _STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
 
 
@@ -32,7 +37,9 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return stiffness, uncertainty and interval of each joint, with pictures."""
     result, confidence = model.result, model.run.request.confidence
     factor = (
-        "" if result.budget is None else f", k = {figure(_factor(result.budget))}{_partial(result.budget)}"
+        ""
+        if result.budget is None
+        else f", k = {figure(_factor(result.budget))}{', partial' * bool(result.budget.missing)}"
     )
     table = text_table(
         [
@@ -101,11 +108,6 @@ def _factor(budget: Budget) -> float:
     return budget.coverage_factor
 
 
-def _partial(budget: Budget) -> str:
-    """Return the word for an expanded uncertainty without a bound of the model error."""
-    return "" if any(each.source == "model_error" for each in budget.components) else ", partial"
-
-
 def uncertainty(model: ExportedModel) -> Section:
     """Return the budget of the compliances, in the words of the GUM."""
     budget = model.result.budget
@@ -142,7 +144,7 @@ def uncertainty(model: ExportedModel) -> Section:
         row("combined, all sources", "", combined),
         row(f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]),
     ]
-    missing = "It is partial: there is no bound of the model error. " if _partial(budget) else ""
+    missing = "".join(f"It is partial: {_MISSING[each]}. " for each in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of it]"
     return Section(
         statements.UNCERTAINTY,

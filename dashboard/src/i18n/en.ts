@@ -429,7 +429,7 @@ export const en = {
     },
     combined: "combined standard uncertainty",
     expanded: (factor: string, probability: number) => `expanded, k = ${factor} for ${100 * probability} %`,
-    expandedAll: "expanded, all sources",
+    expandedAll: (missing: string[]) => `expanded, all sources${missing.length > 0 ? ", partial" : ""}`,
     correlation: "Correlation between the joints",
     correlationNote: "Correlation coefficients of the combined uncertainty.",
   },

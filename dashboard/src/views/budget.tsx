@@ -39,7 +39,7 @@ export function BudgetTable({ budget, joints }: { budget: Budget; joints: JointR
               null,
               ...relative(budget.expanded_uncertainty),
             ],
-            [words.expandedAll, null, null, ...relative(budget.expanded_with_model_error)],
+            [words.expandedAll(budget.missing), null, null, ...relative(budget.expanded_with_model_error)],
           ],
         }}
       />

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import hypot, isfinite
+from typing import Final
 
 import numpy as np
 
@@ -13,13 +14,25 @@ from jointstiff.schemas.run.budget import Budget, BudgetComponent
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference.budget import UncertaintyBudget
 
+_LACK_OF_FIT: Final = {
+    "lack_of_fit",
+    "links_bend_with_joints",
+    "residuals_exceed_sigma",
+    "deflection_unexplained",
+    "alternative_explains_better",
+}
+"""Reasons of an assessment for which the joints alone are not all that bends, or not as stated."""
 
-def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> Budget | None:
+
+def to_budget(
+    budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[str]
+) -> Budget | None:
     """Return the budget of the joints that have an estimate; None for none.
 
     Args:
         budget: of n joints.
         names: of all n joints.
+        reasons: codes of the assessment.
     """
     if budget is None:
         return None
@@ -43,6 +56,10 @@ def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> Budget 
         probability=budget.probability,
         coverage_factor=budget.coverage_factor,
         expanded_uncertainty=(budget.coverage_factor * total.uncertainty[shown]).tolist(),
+        missing=[
+            *([] if any(part.source == "model_error" for part in budget.components) else ["model_error"]),
+            *([] if _LACK_OF_FIT.isdisjoint(reasons) else ["lack_of_fit"]),
+        ],
         expanded_with_model_error=(
             budget.coverage_factor * budget.total(whole=True).uncertainty[shown]
         ).tolist(),

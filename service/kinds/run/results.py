@@ -54,7 +54,7 @@ def to_result(
         contributions=to_contributions(prediction.contributions, names),
         resampling=None,
         model=None,
-        budget=to_budget(budget, names),
+        budget=to_budget(budget, names, [reason.code for reason in assessment.reasons]),
         links=None,
         selection=None,
         choice=None,

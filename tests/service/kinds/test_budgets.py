@@ -51,6 +51,7 @@ def test_each_source_is_named_and_all_add_up():
         ("target_places", "B"),
         ("axes", "B"),
     ]
+    assert budget.missing == []
     beyond = {part.source: part for part in budget.components if not part.included}
     assert set(beyond) == {"model_error"}
     assert beyond["model_error"].degrees_of_freedom == 7
@@ -75,6 +76,7 @@ def test_where_links_bend_the_intervals_hold_what_other_postures_say():
     )
     (part,) = (part for part in small.budget.components if part.source == "model_error")
     assert (part.included, part.degrees_of_freedom) == (True, 23)
+    assert small.budget.missing == large.budget.missing == ["lack_of_fit"]  # so no U without `partial`
     assert small.budget.coverage_factor == pytest.approx(stats.t.ppf(0.975, 23))
     held = by_readings = 0
     for joint, other in zip(small.joints, large.joints, strict=True):

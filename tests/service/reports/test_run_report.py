@@ -177,8 +177,7 @@ def test_the_headline_uncertainty_holds_all_sources_of_the_budget(subject):
     table = results(model, subject.readings).tables[0]
     head, rows = table.head(), [[cell.text for cell in row] for row in table.rows()]
     column = next(place for place, name in enumerate(head) if name.startswith("expanded"))
-    partial = "model_error" not in {part.source for part in budget.components}
-    assert ("partial" in head[column]) == partial
+    assert ("partial" in head[column]) == bool(budget.missing)
     assert "k = 2" in head[column]
     for row, joint in zip(rows, model.result.joints, strict=True):
         if joint.stiffness is None:
@@ -194,10 +193,13 @@ def test_a_budget_without_model_error_is_partial(subject):
     """Without a bound of the model error the head and the text say that U is partial."""
     result = subject.model.result
     parts = [part for part in result.budget.components if part.source != "model_error"]
-    budget = result.budget.model_copy(update={"components": parts})
+    budget = result.budget.model_copy(update={"components": parts, "missing": ["model_error"]})
     model = replace(subject.model, result=result.model_copy(update={"budget": budget}))
     assert "k = 2, partial" in results(model, subject.readings).tables[0].head()[3]
     assert "It is partial: there is no bound of the model error" in uncertainty(model).paragraphs[0]
+    named = budget.model_copy(update={"missing": ["model_error", "lack_of_fit"]})
+    model = replace(subject.model, result=result.model_copy(update={"budget": named}))
+    assert "the assessment names a lack of fit" in uncertainty(model).paragraphs[0]
     student = budget.model_copy(update={"coverage_factor": 2.36})
     model = replace(subject.model, result=result.model_copy(update={"budget": student}))
     assert "k = 2.36" in results(model, subject.readings).tables[0].head()[3]
