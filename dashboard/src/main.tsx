@@ -1,6 +1,6 @@
 import { render } from "preact";
 import { App } from "./app";
-import { reportStrays } from "./components/boundary";
+import { reportStrays } from "./components/lazy";
 import { text } from "./i18n";
 
 document.documentElement.lang = text.language;

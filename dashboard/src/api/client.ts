@@ -1,6 +1,6 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../i18n";
-import type { Columns } from "../lib/sheet";
+import type { Columns } from "../lib/json";
 import type {
   Action,
   Authorisation,

@@ -1,6 +1,11 @@
 /** Values with intervals on a logarithmic axis, a row each; an end that is open is an arrow. */
+import type { JointResult } from "../api/types";
+import { shownStiffness } from "../lib/stiffness";
+import { STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
+import { verdictOf } from "../lib/verdict";
+import { text } from "../i18n";
 import { clip } from "../lib/format";
-import { extent, logarithmic, type Scale } from "../lib/scale";
+import { type Scale, extent, logarithmic } from "../lib/scale";
 import { BottomAxis } from "./axis";
 import { Chart } from "./figure";
 import { tip } from "./tip";
@@ -190,4 +195,20 @@ function bounds(rows: IntervalRow[], reference: number | undefined): [number, nu
   const points = extent(rows.flatMap((row) => row.marks.map((mark) => mark.value ?? 0)).filter((value) => value > 0));
   const least = points ? Math.max(low, points[0] / 1e3) : low;
   return [least / 1.25, Math.max(high * 1.25, least * 3)];
+}
+
+export function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): IntervalMark {
+  const shown = shownStiffness(joint, unit);
+  const negative = joint.stiffness !== null && joint.stiffness < 0;
+  const interval = joint.stiffness_interval;
+  const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[verdictOf(joint)];
+  const range = shown.interval ? ` (${shown.interval.low} … ${shown.interval.high ?? "∞"})` : "";
+  return {
+    mark,
+    value: negative ? null : joint.stiffness,
+    low: interval?.[0] ?? (negative ? null : joint.stiffness),
+    high: interval ? interval[1] : joint.stiffness,
+    instead,
+    label: `${joint.name}: ${shown.value ?? instead}${range} ${STIFFNESS_UNITS[unit].label}`,
+  };
 }

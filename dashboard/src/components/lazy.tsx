@@ -1,8 +1,11 @@
 /** Views whose code is loaded when they are first shown, so that a result opens without it. */
-import type { ComponentType } from "preact";
+import { Component, type ComponentChildren, type ComponentType } from "preact";
+import { problemOf } from "../api/client";
+import type { Problem } from "../api/types";
+import { toast } from "../state/toasts";
+import { Busy, Button, ProblemNote, Title } from "./basics";
 import { useEffect, useState } from "preact/hooks";
 import { text } from "../i18n";
-import { Busy, Button, Title } from "./basics";
 
 /** A view in a module of its own. After an update of the service its file is another: the page has to be loaded again. */
 export function lazy<Props extends object>(
@@ -42,4 +45,22 @@ function Outdated({ title }: { title: string }) {
       </div>
     </>
   );
+}
+
+export class Boundary extends Component<{ children: ComponentChildren }, { problem: Problem | null }> {
+  override state = { problem: null };
+
+  static override getDerivedStateFromError(error: unknown): { problem: Problem } {
+    return { problem: problemOf(error) };
+  }
+
+  override render() {
+    const { problem } = this.state;
+    return problem ? <ProblemNote problem={problem} /> : this.props.children;
+  }
+}
+
+/** Show what fails where no view waits for it. */
+export function reportStrays(): void {
+  addEventListener("unhandledrejection", ({ reason }) => toast(problemOf(reason).detail));
 }

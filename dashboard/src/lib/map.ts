@@ -1,6 +1,6 @@
 /** The places of a map as its table has them, and what of them is drawn. */
 import type { MapRequest } from "../api/types";
-import { type Columns, numeric, readerOf } from "./sheet";
+import { type Columns, numeric, readerOf } from "./json";
 import type { Vector } from "./vector";
 
 /** Why a place has no numbers, or that it has. */

@@ -1,5 +1,5 @@
 /** Points of a compensated program, as its table has them. */
-import { type Columns, numeric, readerOf } from "./sheet";
+import { type Columns, numeric, readerOf } from "./json";
 import type { Vector } from "./vector";
 
 export interface PathPoint {

@@ -1,12 +1,19 @@
 /** Many arrows in two draw calls: shafts and heads as instances. */
+import { significant } from "../lib/format";
+import { roundStep } from "../lib/scale";
+import { text } from "../i18n";
 import {
+  BufferGeometry,
   Color,
   ConeGeometry,
   CylinderGeometry,
+  Float32BufferAttribute,
   Group,
   InstancedMesh,
   Matrix4,
   MeshLambertMaterial,
+  Points,
+  PointsMaterial,
   Quaternion,
   Vector3,
 } from "three";
@@ -82,5 +89,58 @@ export class Arrows {
       mesh.geometry.dispose();
       mesh.dispose();
     }
+  }
+}
+
+export class Cloud {
+  readonly points = new Points(new BufferGeometry(), new PointsMaterial({ vertexColors: true, sizeAttenuation: true }));
+
+  /** Draw these, as wide as `size` [m] for a camera of this field of view [degrees], which three.js leaves out. */
+  set(places: Vector[], colors: Color[], size: number, view: number): void {
+    this.points.geometry.dispose();
+    this.points.geometry = new BufferGeometry();
+    this.points.geometry.setAttribute("position", new Float32BufferAttribute(places.flat(), 3));
+    this.points.geometry.setAttribute(
+      "color",
+      new Float32BufferAttribute(
+        colors.flatMap(({ r, g, b }) => [r, g, b]),
+        3,
+      ),
+    );
+    this.points.material.size = size / Math.tan((view * Math.PI) / 360);
+    this.points.visible = places.length > 0;
+  }
+
+  dispose(): void {
+    this.points.geometry.dispose();
+    this.points.material.dispose();
+  }
+}
+
+const WANTED = 130;
+
+export class ScaleBar {
+  readonly #box = document.createElement("div");
+  readonly #line = document.createElement("i");
+  readonly #words = document.createElement("span");
+
+  constructor(beside: HTMLElement) {
+    this.#box.className = "scale-bar";
+    this.#box.setAttribute("aria-hidden", "true");
+    this.#box.append(this.#line, this.#words);
+    beside.parentElement?.append(this.#box);
+  }
+
+  /** `metre`: pixels of a metre at the centre of the view; `factor`: by how much deflections are drawn longer. */
+  set(metre: number, factor: number): void {
+    const length = roundStep(WANTED / metre / 2, 1);
+    this.#line.style.width = `${Math.round(length * metre)}px`;
+    const deflection = factor === 1 ? null : significant((length / factor) * 1e3, 1);
+    const shown = text.scene.scale(significant(length, 1), deflection);
+    if (this.#words.textContent !== shown) this.#words.textContent = shown;
+  }
+
+  dispose(): void {
+    this.#box.remove();
   }
 }

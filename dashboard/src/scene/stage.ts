@@ -9,19 +9,17 @@ import {
   HemisphereLight,
   type LineBasicMaterial,
   PerspectiveCamera,
-  Scene,
   SRGBColorSpace,
+  Scene,
   Vector3,
   WebGLRenderer,
 } from "three";
 import { bent } from "../lib/bend";
-import { norm, type Vector } from "../lib/vector";
+import { type Vector, norm } from "../lib/vector";
 import { Arm } from "./arm";
-import { type Arrow, Arrows } from "./arrows";
-import { Cloud } from "./cloud";
+import { type Arrow, Arrows, Cloud, ScaleBar } from "./arrows";
 import { type Label, Labels } from "./labels";
 import { Orbit } from "./orbit";
-import { ScaleBar } from "./scale_bar";
 import type { Show } from "./show";
 
 const FRAME = "jointstiff.frame";

@@ -4,7 +4,7 @@ import type { Elasticity, Loss, Method, Problem, RunOptions, Weighting } from ".
 import { Choice, Toggle } from "../components/basics";
 import { Faults, NumberField, Select } from "../components/fields";
 import type { Facts } from "../lib/campaign";
-import { entriesOf } from "../lib/entries";
+import { entriesOf } from "../lib/json";
 import { faultsAt } from "../lib/faults";
 import { NOISE_AS_READ, type StatedNoise } from "../lib/noise";
 import { hasLinks, initialOptions, lossesOf, type Options, optionsOf, requestOf } from "../lib/run_options";

@@ -1,7 +1,12 @@
 /** The first step of a flow: where files are dropped, and why one was refused. */
+import type { Problem } from "../api/types";
+import { Button, ProblemNote } from "../components/basics";
+import { elsewhere } from "../lib/faults";
+import type { Action } from "../state/action";
+import { text } from "../i18n";
+import { SETTINGS_FIELDS } from "./advanced";
 import { DropZone } from "../components/drop";
 import type { Opened } from "../state/opened";
-import { text } from "../i18n";
 
 const ACCEPTED = ".json,.csv,.tsv,.txt,.asc,.xyz,.dat,.xlsx,application/json,text/csv,text/plain";
 
@@ -33,3 +38,20 @@ export function Refused({ opened }: { opened: Opened & { kind: "fault" } }) {
     </div>
   );
 }
+
+/** The one button at the end of a flow, and why it cannot be pressed yet. */
+export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boolean; why: string | null }) {
+  return (
+    <div class={ready ? "gobar wide ready" : "gobar wide"}>
+      {action.problem && <GoProblem problem={action.problem} />}
+      <div class="go">
+        <Button look="primary big" disabled={!ready || action.busy} onClick={action.run}>
+          {action.busy ? text.start.going : text.start.go}
+        </Button>
+        {!ready && why !== null && <span class="soft">{why}</span>}
+      </div>
+    </div>
+  );
+}
+
+const GoProblem = ({ problem }: { problem: Problem }) => <ProblemNote problem={elsewhere(problem, SETTINGS_FIELDS)} />;

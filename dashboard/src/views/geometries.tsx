@@ -6,7 +6,7 @@ import { Arm } from "../components/arm";
 import { ActionButton, Busy, Facts, Name, Title } from "../components/basics";
 import { Select } from "../components/fields";
 import { DropZone } from "../components/drop";
-import { RobotTabs } from "../components/robot_tabs";
+import { RobotTabs } from "../components/list";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { contentKey } from "../lib/hash";

@@ -1,15 +1,16 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { api } from "../api/client";
-import type { ImportAnswer, ImportOptions, Units } from "../api/types";
+import { api, problemOf } from "../api/client";
+import type { ImportAnswer, ImportOptions, Problem, RobotSummary, Units } from "../api/types";
+import { Busy, Button, Choice, LinkButton, ProblemNote } from "../components/basics";
+import { Select } from "../components/fields";
+import { text } from "../i18n";
 import { Arm } from "../components/arm";
-import { Busy, Button, ProblemNote } from "../components/basics";
 import { save } from "../components/download";
-import { Findings } from "../components/findings";
+import { Findings, Preview } from "../components/findings";
 import { MetadataForm } from "../components/metadata_form";
-import { Preview } from "../components/preview";
 import { factsOf } from "../lib/campaign";
-import { dimensionOf, UNKNOWN } from "../lib/columns";
+import { UNKNOWN, dimensionOf } from "../lib/columns";
 import { frameOf } from "../lib/frame";
 import { contentKey, freshKey } from "../lib/hash";
 import { notedIn } from "../lib/metadata";
@@ -17,20 +18,15 @@ import { noiseOf, statesNoise } from "../lib/noise";
 import { type Stated, statedIn, withStated } from "../lib/stated";
 import type { Template } from "../lib/template";
 import { useAction } from "../state/action";
-import { useImport } from "../state/import";
 import { valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
-import { freshDraft, keepDraft, keepFiles, keptDraft, type Opened } from "../state/opened";
+import { type Opened, freshDraft, keepDraft, keepFiles, keptDraft } from "../state/opened";
 import { go, link } from "../state/router";
 import { keepTemplate } from "../state/templates";
-import { text } from "../i18n";
-import { FileDrop } from "./file_drop";
-import { FrameForm } from "./frame_form";
-import { GoBar } from "./go_bar";
+import { FileDrop, GoBar } from "./file_drop";
+import { FrameForm, ImportForm } from "./import_form";
 import { ImportContent } from "./import_content";
-import { ImportForm } from "./import_form";
 import { Advanced, useRunForm } from "./advanced";
-import { RobotChoice } from "./robot_choice";
 
 const words = text.imports;
 
@@ -177,4 +173,94 @@ function lackOf(answer: ImportAnswer | null, robot: string): string | null {
 
 function download({ template }: ImportAnswer, files: File[]): void {
   save(JSON.stringify(template, null, 1), "application/json", `${files[0]?.name ?? "import"}.template.json`);
+}
+
+/** As many are in view. */
+const IN_VIEW = 4;
+const OTHERS = "others";
+
+/** The robot that was measured: the newest few in view, the others in a list, or a new one. */
+function RobotChoice({
+  robots,
+  label,
+  value,
+  change,
+}: {
+  robots: RobotSummary[];
+  /** What a robot is called here, so that those of one name are told apart. */
+  label: (id: string) => string;
+  value: string;
+  change: (robot: string) => void;
+}) {
+  const few = robots.slice(0, IN_VIEW);
+  const [listed, setListed] = useState(false);
+  const others = robots.length > IN_VIEW;
+  const inList = listed || (value !== "" && !few.some(({ id }) => id === value));
+  return (
+    <>
+      {few.length > 0 && (
+        <Choice
+          label={text.start.robot}
+          value={inList && others ? OTHERS : value}
+          change={(robot) => {
+            setListed(robot === OTHERS);
+            change(robot === OTHERS ? "" : robot);
+          }}
+          options={[
+            ...few.map(({ id }) => ({ value: id, label: label(id) })),
+            ...(others ? [{ value: OTHERS, label: text.imports.otherRobot }] : []),
+          ]}
+        />
+      )}
+      <div class="row">
+        {inList && others && (
+          <Select
+            label={text.imports.otherRobot}
+            value={value}
+            change={change}
+            options={[
+              { value: "", label: text.start.pick },
+              ...robots.slice(IN_VIEW).map(({ id }) => ({ value: id, label: label(id) })),
+            ]}
+          />
+        )}
+        <LinkButton href="#/robots/new">{text.robots.add}</LinkButton>
+      </div>
+    </>
+  );
+}
+
+/** Someone who types is let finish before the files are sent again. */
+const PAUSE_MS = 300;
+
+interface Understood {
+  answer: ImportAnswer | null;
+  problem: Problem | null;
+  /** Whether a newer answer is on its way. */
+  busy: boolean;
+}
+
+/** While a new answer is on its way the last one stays, and counts as busy from the first moment. */
+function useImport(files: File[], options: ImportOptions): Understood {
+  const asked = JSON.stringify(options);
+  const [{ of, ...heard }, set] = useState<Omit<Understood, "busy"> & { of: string | null }>({
+    answer: null,
+    problem: null,
+    of: null,
+  });
+  useEffect(() => {
+    const abort = new AbortController();
+    const ask = () =>
+      api.importFiles(files, { ...options, show_faults: true }, abort.signal).then(
+        (answer) => abort.signal.aborted || set({ answer, problem: null, of: asked }),
+        (error: unknown) =>
+          abort.signal.aborted || set(({ answer }) => ({ answer, problem: problemOf(error), of: asked })),
+      );
+    const pause = setTimeout(() => void ask(), of === null ? 0 : PAUSE_MS);
+    return () => {
+      clearTimeout(pause);
+      abort.abort();
+    };
+  }, [files, asked]);
+  return { ...heard, busy: of !== asked };
 }

@@ -1,9 +1,13 @@
 /** What no file says: encoders, load, load point, places of targets. Asked only where it is missing. */
-import type { ImportAnswer } from "../api/types";
+import { api } from "../api/client";
+import type { ImportAnswer, Problem } from "../api/types";
 import { Choice, Prose, Toggle } from "../components/basics";
-import { NumberField, TextField, VectorField } from "../components/fields";
-import type { Stated } from "../lib/stated";
+import { Faults, NumberField, Select, TextField, VectorField } from "../components/fields";
+import { faultsAt } from "../lib/faults";
+import type { StatedFrame } from "../lib/frame";
+import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
+import type { Stated } from "../lib/stated";
 
 const words = text.imports;
 
@@ -93,6 +97,85 @@ export function ImportForm({
         value={stated.name}
         change={(name) => set({ name })}
       />
+    </div>
+  );
+}
+
+const frameWords = text.frame;
+
+/** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
+export function FrameForm({
+  frame,
+  change,
+  robot,
+  length,
+  problem,
+}: {
+  frame: StatedFrame;
+  change: (frame: StatedFrame) => void;
+  /** Whose geometries are offered; empty while none is chosen. */
+  robot: string;
+  /** The files' unit of length. */
+  length: string;
+  problem: Problem | null;
+}) {
+  const set = (part: Partial<StatedFrame>) => change({ ...frame, ...part });
+  const geometries = valueOf(
+    useLoad(
+      async (signal) =>
+        robot ? (await api.geometries.list({ robot_id: robot, state: "succeeded", limit: 20 }, signal)).items : [],
+      [robot],
+    ),
+  );
+  return (
+    <div class="import-form">
+      <Select
+        label={frameWords.positions}
+        help={frameWords.help}
+        value={frame.of}
+        change={(of) => set({ of })}
+        options={[
+          { value: "", label: frameWords.base },
+          ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: frameWords.geometry(name) })),
+          { value: "transform", label: frameWords.transform },
+        ]}
+      />
+      {frame.of === "transform" && (
+        <>
+          <VectorField
+            label={frameWords.origin}
+            unit={length}
+            value={frame.translation}
+            change={(translation) => set({ translation })}
+            faults={faultsAt(problem, "frame.translation")}
+          />
+          {frame.rows.map((row, i) => (
+            <VectorField
+              label={frameWords.row(i + 1)}
+              value={row}
+              change={(typed) =>
+                set({ rows: frame.rows.map((old, j) => (j === i ? typed : old)) as StatedFrame["rows"] })
+              }
+              faults={i === 2 ? faultsAt(problem, "frame.rotation") : []}
+            />
+          ))}
+        </>
+      )}
+      {frame.of !== "" && (
+        <>
+          <Choice
+            label={frameWords.forces}
+            value={frame.forces}
+            change={(forces) => set({ forces })}
+            options={[
+              { value: "base", label: frameWords.forcesBase },
+              { value: "tracker", label: frameWords.forcesTracker },
+            ]}
+          />
+          <p class="soft">{frameWords.later}</p>
+          <Faults faults={faultsAt(problem, "frame.geometry_id")} />
+        </>
+      )}
     </div>
   );
 }

@@ -1,24 +1,26 @@
 /** The first rows of a file, a meaning and a unit over each column, and faults in their cells. */
-import { useId } from "preact/hooks";
-import type { ImportOptions } from "../api/types";
-import { Button, Prose } from "../components/basics";
-import { Faults } from "../components/fields";
-import { Scroll } from "../components/table";
+import { useEffect, useId, useState } from "preact/hooks";
 import {
-  cellOf,
+  type ColumnMeaning,
   type FilePreview,
   HEADER,
   type ImportFault,
   type MeaningGroup,
-  said,
+  UNITS,
   UNKNOWN,
+  cellOf,
+  dimensionOf,
+  said,
   withMeaning,
   withoutColumns,
   writtenHeader,
 } from "../lib/columns";
-import { useLines } from "../state/lines";
+import { type Line, linesOf } from "../lib/lines";
+import type { ImportOptions } from "../api/types";
+import { Faults } from "../components/fields";
 import { text } from "../i18n";
-import { ColumnHead } from "./import_column";
+import { Button, Prose } from "../components/basics";
+import { Scroll } from "../components/table";
 
 const words = text.imports;
 
@@ -166,4 +168,132 @@ export function FaultList({ faults }: { faults: ImportFault[] }) {
       ))}
     </ul>
   );
+}
+
+/** The head of a column: what it was taken for, to be changed, its unit, and what is wrong with it. */
+function ColumnHead({
+  column,
+  faults,
+  groups,
+  options,
+  mean,
+  change,
+}: {
+  column: ColumnMeaning;
+  faults: ImportFault[];
+  groups: MeaningGroup[];
+  options: ImportOptions;
+  mean: (meaning: string) => void;
+  change: (options: ImportOptions) => void;
+}) {
+  const header = writtenHeader(options, column) || words.columnNumber(column.column);
+  const unknown = column.meaning === UNKNOWN;
+  const listed = unknown || groups.some(({ meanings }) => meanings.includes(column.meaning));
+  const plain = plainly(faults, unknown);
+  const kind = faults.length > 0 || unknown ? "faulty" : column.guessed ? "guessed" : undefined;
+  return (
+    <th scope="col" class={kind}>
+      <bdi class="as-written">{header}</bdi>
+      <select
+        aria-label={words.meaningOf(header)}
+        aria-invalid={kind === "faulty"}
+        value={column.meaning}
+        onChange={(event) => mean(event.currentTarget.value)}
+      >
+        {unknown && (
+          <option value={UNKNOWN} selected>
+            {words.unknown}
+          </option>
+        )}
+        {!listed && (
+          <option value={column.meaning} selected>
+            {column.meaning}
+          </option>
+        )}
+        {groups.map((group) => (
+          <optgroup label={group.name || words.groups[group.group]}>
+            {group.meanings.map((meaning) => (
+              <option value={meaning} selected={meaning === column.meaning}>
+                {words.meanings[meaning] ?? meaning}
+              </option>
+            ))}
+          </optgroup>
+        ))}
+      </select>
+      <Unit column={column} header={header} options={options} change={change} />
+      {column.guessed && <small class="guess">{words.guessed}</small>}
+      <Faults faults={plain === null ? faults.map(said) : [plain]} />
+    </th>
+  );
+}
+
+/** What to do where the remedy is a choice that stands above it; null for the service's own words. */
+function plainly(faults: ImportFault[], unknown: boolean): string | null {
+  if (unknown && faults.every(({ option }) => option === "columns")) return words.chooseMeaning;
+  const units = faults.length > 0 && faults.every(({ option }) => option?.startsWith("units."));
+  return units ? words.chooseUnit : null;
+}
+
+/** The unit that the file says, or one to choose, which holds for all columns of its dimension. */
+function Unit({
+  column,
+  header,
+  options,
+  change,
+}: {
+  column: ColumnMeaning;
+  header: string;
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+}) {
+  const dimension = dimensionOf(column.meaning);
+  if (dimension === null) return <span class="unit">{column.unit ?? ""}</span>;
+  const stated = options.units?.[dimension] ?? null;
+  if (column.unit !== null && stated === null) return <span class="unit">{column.unit}</span>;
+  return (
+    <select
+      aria-label={words.unitOf(header)}
+      aria-invalid={stated === null}
+      value={stated ?? ""}
+      onChange={(event) =>
+        change({ ...options, units: { ...options.units, [dimension]: event.currentTarget.value || null } })
+      }
+    >
+      <option value="">{words.pickUnit}</option>
+      {UNITS[dimension].map((unit) => (
+        <option value={unit} selected={unit === stated}>
+          {unit}
+        </option>
+      ))}
+    </select>
+  );
+}
+
+/** Rows of a dropped text file that the preview leaves out: those with faults. */
+function useLines(file: File | undefined, preview: FilePreview, faults: ImportFault[]): Line[] {
+  const [lines, set] = useState<Line[]>([]);
+  const known = new Set([...preview.first_lines, ...preview.header_lines]);
+  const wanted = [...new Set(faults.flatMap(({ line }) => (line === null || known.has(line) ? [] : [line])))];
+  wanted.sort((a, b) => a - b);
+  const question = preview.format === "text" ? wanted.join() : "";
+  useEffect(() => {
+    let gone = false;
+    if (question === "" || !file) set([]);
+    else
+      void file.arrayBuffer().then((bytes) => {
+        if (!gone) set(linesOf(decoded(bytes, preview.encoding), preview, wanted));
+      });
+    return () => {
+      gone = true;
+    };
+  }, [question, file]);
+  return lines;
+}
+
+function decoded(bytes: ArrayBuffer, encoding: string | null): string {
+  try {
+    return new TextDecoder(encoding ?? "utf-8").decode(bytes);
+  } catch {
+    return new TextDecoder("latin1").decode(bytes);
+  }
 }

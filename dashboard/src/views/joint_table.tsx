@@ -1,20 +1,19 @@
 /** The joints of a run as one table and chart: stiffness on a logarithmic axis, in digits, its verdict, its part. */
 import { Fragment } from "preact";
 import type { Contribution, JointResult, Run, RunResult } from "../api/types";
-import { type IntervalRow, Intervals, intervalAxis, RowAxis, RowMarks } from "../charts/intervals";
+import { type IntervalRow, Intervals, RowAxis, RowMarks, intervalAxis, markOf } from "../charts/intervals";
 import { Figure } from "../charts/figure";
 import { Name, Prose } from "../components/basics";
 import { Term } from "../components/term";
 import { fixed, percent } from "../lib/format";
 import { axisStiffness, shownStiffness } from "../lib/stiffness";
-import { changeIn, inUnit, intervalIn, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
+import { STIFFNESS_UNITS, type StiffnessUnit, changeIn, inUnit, intervalIn } from "../lib/units";
 import { capOf, stiffnessUncertainty, verdictOf } from "../lib/verdict";
 import { useWidth } from "../state/size";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
-import { markOf } from "./joint_marks";
 import { NextMeasurement, useAdvice } from "./next_measurement";
-import { isElastic, type RunContext } from "./run_context";
+import { type RunContext, isElastic } from "./run_context";
 
 const words = text.run;
 

@@ -1,20 +1,21 @@
 /** What a map is asked: a box around what was measured, a process force, the tool, and which posture to take. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Posture } from "../api/types";
-import { ActionButton, Busy, Choice } from "../components/basics";
+import { ActionButton, Busy, Button, Choice } from "../components/basics";
+import { DropZone } from "../components/drop";
 import { Select, TextField, VectorField } from "../components/fields";
-import { typedOf, vectorIn } from "../lib/entered";
 import { freshKey } from "../lib/hash";
-import { boxAround } from "../lib/map";
-import { loadOf } from "../lib/places";
-import { factors } from "../lib/units";
-import { add, norm, times, type Vector } from "../lib/vector";
+import { numbersIn } from "../lib/program";
 import { asking, useAction } from "../state/action";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
-import type { RunContext } from "./run_context";
-import { usePostures } from "./run_postures";
+import { type RunContext, usePostures } from "./run_context";
+import type { Posture } from "../api/types";
+import { typedOf, vectorIn } from "../lib/entered";
+import { boxAround } from "../lib/map";
+import { loadOf } from "../lib/places";
+import { factors } from "../lib/units";
+import { type Vector, add, norm, times } from "../lib/vector";
 
 const words = text.map;
 
@@ -115,3 +116,88 @@ const metres = (typed: string): Vector | null => {
   const vector = vectorIn(typed);
   return vector ? times(vector, 1e-3) : null;
 };
+
+const programWords = text.program;
+const ACCURACY = ["", "off", "same_as_measured", "compensates_load"] as const;
+
+/** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
+export function ProgramForm({ context: { run } }: { context: RunContext }) {
+  const [files, setFiles] = useState<File[]>([]);
+  const [accuracy, setAccuracy] = useState("");
+  const [force, setForce] = useState("0 0 -500");
+  const [axes, setAxes] = useState("robot");
+  const [tool, setTool] = useState("");
+  const [base, setBase] = useState("");
+  const [start, setStart] = useState("");
+  const make = useAction(async () => {
+    const frame = (value: string) => (value.trim() ? [{ values: numbersIn(value) ?? [] }] : []);
+    const stated = {
+      run_id: run.id,
+      units: { length: "mm", angle: "deg", force: "N" },
+      accuracy_option: accuracy,
+      load: { force: numbersIn(force) ?? [] },
+      axes,
+      tools: frame(tool),
+      bases: frame(base),
+      ...(start.trim() ? { start: numbersIn(start) ?? [] } : {}),
+    };
+    const made = await asking((accepted) => api.addProgram(files, { ...stated, ...accepted }, freshKey("program")));
+    go(link(["programs", made.id]));
+  });
+  const take = (file: File) => setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
+  return (
+    <section class="card form">
+      <h2>{programWords.form}</h2>
+      <p>{programWords.formNote}</p>
+      <DropZone
+        title={programWords.drop}
+        hint={programWords.dropHint}
+        button={programWords.choose}
+        accept={programWords.accept}
+        take={take}
+      />
+      {files.length > 0 && (
+        <ul>
+          {files.map((file) => (
+            <li>
+              <bdi>{file.name}</bdi>{" "}
+              <Button look="quiet" onClick={() => setFiles(files.filter((one) => one.name !== file.name))}>
+                {programWords.remove}
+              </Button>
+            </li>
+          ))}
+        </ul>
+      )}
+      <Select
+        label={programWords.accuracy}
+        value={accuracy}
+        change={setAccuracy}
+        options={ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] }))}
+      />
+      <div class="map-fields">
+        <Numbers label={`${programWords.force} [${text.units.newton}]`} value={force} change={setForce} />
+        <Select
+          label={programWords.axes}
+          value={axes}
+          change={setAxes}
+          options={(["robot", "tool", "base"] as const).map((value) => ({ value, label: programWords.axesOf[value] }))}
+        />
+        <Numbers label={programWords.tool} value={tool} change={setTool} help={programWords.frameHint} />
+        <Numbers label={programWords.base} value={base} change={setBase} help={programWords.frameHint} />
+        <Numbers
+          label={`${programWords.start} [${text.units.deg}]`}
+          value={start}
+          change={setStart}
+          help={programWords.startHint}
+        />
+      </div>
+      <ActionButton look="primary" action={make} disabled={files.length === 0 || accuracy === ""}>
+        {programWords.make}
+      </ActionButton>
+    </section>
+  );
+}
+
+const Numbers = ({ value, ...rest }: Parameters<typeof TextField>[0]) => (
+  <TextField {...rest} value={value} aria-invalid={numbersIn(value) === null} />
+);

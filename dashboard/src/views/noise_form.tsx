@@ -2,7 +2,7 @@
 import type { Problem } from "../api/types";
 
 import { NumberField, VectorField, Select } from "../components/fields";
-import { entriesOf } from "../lib/entries";
+import { entriesOf } from "../lib/json";
 import { faultsAt } from "../lib/faults";
 import type { StatedNoise } from "../lib/noise";
 import { text } from "../i18n";

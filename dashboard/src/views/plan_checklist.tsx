@@ -11,14 +11,13 @@ import { type Planned, readSoFar, surenessOf } from "../lib/checklist";
 import { fixed, percent } from "../lib/format";
 import { contentKey } from "../lib/hash";
 import { degrees } from "../lib/units";
-import { norm, type Vector } from "../lib/vector";
+import { type Vector, norm } from "../lib/vector";
 import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction } from "../state/action";
 import { useCached } from "../state/cache";
 import { valueOf } from "../state/load";
 import { link } from "../state/router";
-import { useTicks } from "../state/ticks";
 import { text } from "../i18n";
 
 const words = text.plan;
@@ -222,4 +221,31 @@ function HowSure({ found: { run, fitted, held }, result }: { found: Found; resul
       </p>
     </div>
   );
+}
+
+const keyOf = (plan: string): string => `jointstiff.plan.${plan}`;
+
+/** Which readings of a plan are done: kept in this browser, nowhere else. */
+function useTicks(plan: string): [Set<string>, (labels: string[], done: boolean) => void] {
+  const [ticks, set] = useState(() => read(plan));
+  const change = (labels: string[], done: boolean) => {
+    const next = new Set(ticks);
+    for (const label of labels) done ? next.add(label) : next.delete(label);
+    set(next);
+    try {
+      localStorage.setItem(keyOf(plan), JSON.stringify([...next]));
+    } catch {
+      // storage may be switched off: then they hold for this visit
+    }
+  };
+  return [ticks, change];
+}
+
+function read(plan: string): Set<string> {
+  try {
+    const kept: unknown = JSON.parse(localStorage.getItem(keyOf(plan)) ?? "[]");
+    return new Set(Array.isArray(kept) ? kept.filter((label) => typeof label === "string") : []);
+  } catch {
+    return new Set();
+  }
 }

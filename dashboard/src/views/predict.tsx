@@ -11,13 +11,12 @@ import { loadOf } from "../lib/places";
 import { numbersIn } from "../lib/program";
 import { roundStep } from "../lib/scale";
 import { degrees, factors, radians } from "../lib/units";
-import { add, fromFlange, norm, times, type Vector } from "../lib/vector";
+import { type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction } from "../state/action";
 import { text } from "../i18n";
-import type { RunContext } from "./run_context";
-import { usePostures } from "./run_postures";
+import { type RunContext, usePostures } from "./run_context";
 
 const words = text.predict;
 const TYPED = "";

@@ -1,10 +1,11 @@
 /** Adding a robot: an arm of the catalogue, a DH table or a URDF, drawn at once, stored when it looks right. */
+import { DropZone } from "../components/drop";
+import { Select, TextField } from "../components/fields";
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { NominalArm, RobotDocument } from "../api/types";
 import { Arm } from "../components/arm";
 import { ActionButton, Button, Choice, Title } from "../components/basics";
-import { TextField } from "../components/fields";
 import { contentKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
@@ -13,7 +14,6 @@ import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { ArmChooser, ArmFacts } from "./catalogue";
 import { DhEditor, type DhTable, documentOf, newDh, tableOf } from "./dh_editor";
-import { type UrdfText, UrdfEditor } from "./urdf_editor";
 
 type Format = "catalogue" | "dh" | "urdf";
 
@@ -104,6 +104,83 @@ export function RobotNewView() {
           {format === "catalogue" && arm && <ArmFacts arm={arm} />}
         </section>
       </div>
+    </>
+  );
+}
+
+interface UrdfText {
+  urdf: string;
+  base: string;
+  flange: string;
+}
+
+interface Links {
+  all: string[];
+  root: string;
+  leaf: string;
+}
+
+/** The links of a document; null where it is no XML. The service vets it, this only fills two lists. */
+function linksOf(urdf: string): Links | null {
+  const document = new DOMParser().parseFromString(urdf, "text/xml");
+  if (document.querySelector("parsererror")) return null;
+  const names = (selector: string, attribute: string) =>
+    [...document.querySelectorAll(selector)].map((e) => e.getAttribute(attribute) ?? "");
+  const all = names("robot > link", "name");
+  const [parents, children] = [new Set(names("joint > parent", "link")), new Set(names("joint > child", "link"))];
+  const leaves = all.filter((link) => !parents.has(link));
+  return {
+    all,
+    root: all.find((link) => !children.has(link)) ?? "",
+    leaf: leaves.find((link) => /flange|tool0|tcp/i.test(link)) ?? leaves.at(-1) ?? "",
+  };
+}
+
+function UrdfEditor({ given, change }: { given: UrdfText; change: (given: UrdfText) => void }) {
+  const words = text.robots;
+  const links = useMemo(() => (given.urdf ? linksOf(given.urdf) : null), [given.urdf]);
+  const take = (urdf: string) => {
+    const found = urdf ? linksOf(urdf) : null;
+    change({ urdf, base: found?.root ?? "", flange: found?.leaf ?? "" });
+  };
+  const options = (links?.all ?? []).map((name) => ({ value: name, label: name }));
+  return (
+    <>
+      <DropZone
+        compact
+        title=""
+        hint=""
+        button={words.urdfChoose}
+        accept=".urdf,.xml,application/xml,text/xml"
+        take={(file) => void file.text().then(take)}
+      />
+      <label class="field">
+        <span>{words.urdfPaste}</span>
+        <textarea
+          rows={10}
+          spellcheck={false}
+          value={given.urdf}
+          onInput={(event) => take(event.currentTarget.value)}
+        />
+        <small>{words.urdfHint}</small>
+      </label>
+      {given.urdf && !links && <p class="note warn">{words.urdfBad}</p>}
+      {links && (
+        <div class="row">
+          <Select
+            label={words.base}
+            value={given.base}
+            change={(base) => change({ ...given, base })}
+            options={options}
+          />
+          <Select
+            label={words.flange}
+            value={given.flange}
+            change={(flange) => change({ ...given, flange })}
+            options={options}
+          />
+        </div>
+      )}
     </>
   );
 }

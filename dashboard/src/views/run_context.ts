@@ -1,7 +1,10 @@
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
+import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
-import type { Elasticity, MeasurementSet, Robot, Run } from "../api/types";
-import { cached } from "../state/cache";
+import type { Elasticity, MeasurementSet, Posture, Robot, Run } from "../api/types";
+import { factors } from "../lib/units";
+import { cached, useCached } from "../state/cache";
+import { valueOf } from "../state/load";
 import { storedRobot, storedSet } from "../state/stored";
 
 /** A run with what it is about. */
@@ -25,3 +28,21 @@ export const elasticityOf = (run: Run): Elasticity => run.result?.choice?.elasti
 
 /** Whether more than the joints bend, each by itself. */
 export const isElastic = (run: Run): boolean => !["joints", "automatic"].includes(elasticityOf(run));
+
+const AT_A_TIME = 500; // the service takes 1000 at most
+
+/** One posture an observation, or null while they are on their way. */
+export function usePostures(set: MeasurementSet, robot: Robot): Posture[] | null {
+  const loaded = useCached(`postures/${set.id}`, () => ask(set, robot), Number.POSITIVE_INFINITY);
+  return useMemo(() => valueOf(loaded), [loaded.state]);
+}
+
+async function ask(set: MeasurementSet, robot: Robot): Promise<Posture[]> {
+  const { angle } = factors(set.units);
+  const joints = set.observations.map((observation) => observation.joints.map((value) => value * angle));
+  const postures: Posture[] = [];
+  for (let i = 0; i < joints.length; i += AT_A_TIME) {
+    postures.push(...(await api.kinematics({ robot_id: robot.id }, joints.slice(i, i + AT_A_TIME))).postures);
+  }
+  return postures;
+}

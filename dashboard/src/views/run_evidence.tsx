@@ -1,14 +1,13 @@
 /** Why the numbers can be trusted: identifiability, advice, certificate, goodness of fit, provenance. */
-import { entriesOf } from "../lib/entries";
-import type { RunResult } from "../api/types";
+import type { Budget, JointResult, RunResult } from "../api/types";
+import { DataTable } from "../components/table";
+import { fixed, pValue, percent, significant } from "../lib/format";
+import { text } from "../i18n";
+import { entriesOf } from "../lib/json";
 import { Facts, Name, When } from "../components/basics";
 import { Term } from "../components/term";
-import { DataTable } from "../components/table";
-import { fixed, percent, pValue, significant } from "../lib/format";
 import { link } from "../state/router";
-import { text } from "../i18n";
-import { BudgetTable } from "./budget";
-import { isElastic, type RunContext } from "./run_context";
+import { type RunContext, isElastic } from "./run_context";
 
 const words = text.evidence;
 
@@ -203,6 +202,59 @@ function Provenance({ context: { run, set } }: { context: RunContext }) {
         <summary>{words.request}</summary>
         <pre tabIndex={0}>{JSON.stringify(run.request, null, 2)}</pre>
       </details>
+    </section>
+  );
+}
+
+const budgetWords = text.budget;
+const shown = (value: number) => significant(value, 2);
+
+/** The uncertainty budget: what each joint's uncertainty consists of, relative to its compliance. */
+function BudgetTable({ budget, joints }: { budget: Budget; joints: JointResult[] }) {
+  const sizes = budget.joints.map((name) => joints.find((joint) => joint.name === name)?.compliance ?? null);
+  /** In per cent of the compliance, which is that of the stiffness, too. */
+  const relative = (values: number[]) =>
+    values.map((value, j) => (sizes[j] ? (100 * value) / Math.abs(sizes[j]) : null));
+  return (
+    <section class="wide">
+      <h3>{budgetWords.title}</h3>
+      <p class="soft">{budgetWords.note}</p>
+      <DataTable
+        caption={budgetWords.title}
+        table={{
+          columns: [
+            { title: budgetWords.source },
+            { title: budgetWords.type },
+            { title: budgetWords.included },
+            ...budget.joints.map((name) => ({ title: name, unit: "%", show: shown })),
+          ],
+          rows: [
+            ...budget.components.map((part) => [
+              budgetWords.sources[part.source],
+              part.evaluation,
+              part.included ? budgetWords.yes : budgetWords.no,
+              ...relative(part.contributions),
+            ]),
+            [budgetWords.combined, null, null, ...relative(budget.standard_uncertainty)],
+            [
+              budgetWords.expanded(significant(budget.coverage_factor, 3), budget.probability),
+              null,
+              null,
+              ...relative(budget.expanded_uncertainty),
+            ],
+            [budgetWords.expandedAll(budget.missing), null, null, ...relative(budget.expanded_with_model_error)],
+          ],
+        }}
+      />
+      <h3>{budgetWords.correlation}</h3>
+      <p class="soft">{budgetWords.correlationNote}</p>
+      <DataTable
+        caption={budgetWords.correlation}
+        table={{
+          columns: [{ title: text.run.joint }, ...budget.joints.map((name) => ({ title: name, show: shown }))],
+          rows: budget.correlation.map((row, j) => [budget.joints[j] ?? "", ...row]),
+        }}
+      />
     </section>
   );
 }

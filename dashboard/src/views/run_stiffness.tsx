@@ -1,23 +1,26 @@
 /** The first tab of a result: whether it may be used, what it comes to, and each joint. */
-import { useState } from "preact/hooks";
-import { api } from "../api/client";
-import type { Run, RunResult } from "../api/types";
-import { ActionButton, LinkButton } from "../components/basics";
-import { TableCard } from "../components/table";
+import type { Elasticity, Run, RunResult } from "../api/types";
+import { Shares } from "../charts/bars";
+import { Figure } from "../charts/figure";
+import { DataTable, TableCard } from "../components/table";
 import { percent, significant } from "../lib/format";
+import { text } from "../i18n";
+import { useCached } from "../state/cache";
+import { valueOf } from "../state/load";
+import { api } from "../api/client";
+import { RunsTable } from "./runs_table";
+import { useState } from "preact/hooks";
+import { ActionButton, LinkButton } from "../components/basics";
 import { unsaid } from "../lib/said";
 import { freshKey } from "../lib/hash";
-import { changeIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
+import { STIFFNESS_UNITS, changeIn, maybeInUnit } from "../lib/units";
 import { useAction } from "../state/action";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
-import { text } from "../i18n";
 import { JointTable } from "./joint_table";
-import { BeforeAfter } from "./before_after";
-import { Further } from "./further";
-import { isElastic, type RunContext } from "./run_context";
+import { Further } from "../components/findings";
+import { type RunContext, isElastic } from "./run_context";
 import { Evidence } from "./run_evidence";
-import { ElementShares, ModelChoice } from "./run_links";
 import { VerdictCard } from "./verdict_card";
 
 export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
@@ -147,5 +150,101 @@ function Resampled({ result }: { result: RunResult }) {
         ]),
       }}
     />
+  );
+}
+
+const words = text.assessment;
+
+/** A run beside the one that it tries to improve: what was changed, and what came of it. */
+function BeforeAfter({ run, origin }: { run: Run; origin: string }) {
+  const before = valueOf(useCached(`run/${origin}`, () => api.runs.one(origin), Number.POSITIVE_INFINITY));
+  if (!before?.result || !run.result) return null;
+  const columns = [
+    { run: before, name: words.before },
+    { run, name: words.after },
+  ];
+  return (
+    <section class="card before-after">
+      <h2>
+        {words.beforeAfter} <small class="soft">{changes(before, run).join(", ")}</small>
+      </h2>
+      <RunsTable columns={columns} label={words.beforeAfter} />
+    </section>
+  );
+}
+
+/** What differs between two runs, in words. */
+function changes(before: Run, after: Run): string[] {
+  const [a, b] = [before.request, after.request];
+  const left = b.leave_out.filter((label) => !a.leave_out.includes(label));
+  return [
+    ...(left.length > 0 ? [words.changed.leftOut(left)] : []),
+    ...(a.loss !== b.loss ? [words.changed.loss[b.loss === "automatic" ? "chosen" : b.loss]] : []),
+    ...(a.complementary_stiffness !== b.complementary_stiffness
+      ? [words.changed.complementary[b.complementary_stiffness]]
+      : []),
+    ...(a.measurement_set_id !== b.measurement_set_id ? [words.changed.set] : []),
+  ];
+}
+
+const linksWords = text.links;
+type Links = NonNullable<RunResult["links"]>;
+type Selection = NonNullable<RunResult["selection"]>;
+
+/** Where more than joints may bend: what each joint and link explains, and which model the readings call for. */
+function ElementShares({ links }: { links: Links }) {
+  const named = links.elements.map(({ kind, joint, share }) => ({
+    name: joint === null ? linksWords.kinds[kind] : kind === "link" ? linksWords.link(joint) : joint,
+    share,
+    note: "",
+  }));
+  const rows = [...named, { name: linksWords.unexplained, share: links.unexplained, note: "" }];
+  return (
+    <Figure
+      title={linksWords.elements}
+      note={`${linksWords.elementsNote} ${linksWords.chosenBy(
+        linksWords.sources[links.model_source],
+        `${text.losses[links.loss]} ${linksWords.sources[links.loss_source]}`,
+        `${significant(links.penalty, 2)} ${linksWords.sources[links.penalty_source]}`,
+      )}`}
+      table={{
+        columns: [{ title: linksWords.element }, { title: text.run.contributionShare, show: percent }],
+        rows: rows.map(({ name, share }) => [name, share]),
+      }}
+    >
+      {(width) => <Shares shares={rows} width={width} label={linksWords.elements} />}
+    </Figure>
+  );
+}
+
+function ModelChoice({ selection }: { selection: Selection }) {
+  const name = (model: Elasticity) => text.elasticities[model];
+  return (
+    <section class="card">
+      <h2>{linksWords.selection}</h2>
+      <p>
+        {linksWords.thisRun(name(selection.chosen), text.losses[selection.chosen_loss])}{" "}
+        {linksWords.selected(name(selection.simplest), name(selection.best))}
+      </p>
+      <DataTable
+        caption={linksWords.selection}
+        table={{
+          columns: [
+            { title: linksWords.model },
+            { title: linksWords.loss },
+            { title: linksWords.heldOut, show: percent },
+            { title: linksWords.deviation, show: percent },
+            { title: linksWords.penalty, show: (value) => significant(value, 2) },
+          ],
+          rows: selection.models.map(({ model, loss, compensation, standard_error, penalty }) => [
+            name(model),
+            text.losses[loss],
+            compensation,
+            standard_error,
+            penalty,
+          ]),
+        }}
+      />
+    </section>
   );
 }

@@ -1,19 +1,22 @@
 /** One measurement set: what it says, its findings, what was made of it. */
-import type { MeasurementSet } from "../api/types";
+import { useState } from "preact/hooks";
+import { METADATA, type MeasurementSet } from "../api/types";
 import { api } from "../api/client";
-import { LinkButton, Name, Show, Title, Warnings, When } from "../components/basics";
+import { Button, Facts, LinkButton, Name, ProblemNote, Show, Title, Warnings, When } from "../components/basics";
+import { MetadataForm } from "../components/metadata_form";
+import { notedIn, typedOf } from "../lib/metadata";
+import { useAction } from "../state/action";
+import { namesChanged, useNames } from "../state/names";
+import { storedChanged, storedSet } from "../state/stored";
+import { text } from "../i18n";
 import { Changes } from "../components/changes";
 import { DeleteButton } from "../components/delete_button";
-import { Preview } from "../components/preview";
+import { Preview } from "../components/findings";
 import { factsOf } from "../lib/campaign";
 import { useLoad, valueOf } from "../state/load";
-import { useNames } from "../state/names";
-import { storedSet } from "../state/stored";
 import { link } from "../state/router";
-import { text } from "../i18n";
 import { useRunsOf } from "./robots";
 import { RunList } from "./runs";
-import { SetMetadata } from "./set_metadata";
 
 export function SetView({ id }: { id: string }) {
   const loaded = useLoad(() => storedSet(id), [id]);
@@ -80,3 +83,67 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
     </>
   );
 }
+
+/** What people noted about a set, and the form to change it: the readings stay as they are. */
+export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: () => void }) {
+  const words = text.metadata;
+  const [typed, setTyped] = useState(() => typedOf(set));
+  const [editing, setEditing] = useState(false);
+  const save = useAction(async () => {
+    const noted = notedIn(typed);
+    if (noted === null) return;
+    await api.sets.change(set.id, noted);
+    storedChanged();
+    namesChanged();
+    setEditing(false);
+    changed();
+  });
+  const known = METADATA.filter((name) => set[name]);
+  return (
+    <section class="card">
+      <h2>{words.title}</h2>
+      {editing ? (
+        <form
+          class="noting"
+          onSubmit={(event) => {
+            event.preventDefault();
+            save.run();
+          }}
+        >
+          <MetadataForm typed={typed} change={setTyped} />
+          {save.problem && <ProblemNote problem={save.problem} />}
+          <div class="actions">
+            <button type="submit" class="button primary" disabled={save.busy || notedIn(typed) === null}>
+              {words.save}
+            </button>
+            <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
+          </div>
+        </form>
+      ) : (
+        <>
+          {known.length === 0 ? (
+            <p class="soft">{words.none}</p>
+          ) : (
+            <Facts
+              facts={known.map((name) => ({
+                label: words.fields[name],
+                value: name === "measured_at" ? <When time={set[name] ?? ""} /> : <Noted>{set[name] ?? ""}</Noted>,
+              }))}
+            />
+          )}
+          <Button
+            onClick={() => {
+              setTyped(typedOf(set));
+              setEditing(true);
+            }}
+          >
+            {known.length === 0 ? words.add : words.edit}
+          </Button>
+        </>
+      )}
+    </section>
+  );
+}
+
+/** A text that someone else chose, in its lines. */
+const Noted = ({ children }: { children: string }) => <bdi class="name noted">{children}</bdi>;

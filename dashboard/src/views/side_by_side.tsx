@@ -2,7 +2,7 @@
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { Figure } from "../charts/figure";
-import { Intervals } from "../charts/intervals";
+import { Intervals, markOf } from "../charts/intervals";
 import { ActionButton, Empty, Show, Title } from "../components/basics";
 import { percent } from "../lib/format";
 import { freshKey } from "../lib/hash";
@@ -14,9 +14,8 @@ import { go, link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { storedSet } from "../state/stored";
 import { text } from "../i18n";
-import { markOf } from "./joint_marks";
 import { stiffnessTable } from "./joint_table";
-import { jointOf, jointsOf, type RunColumn, RunsTable } from "./runs_table";
+import { type RunColumn, RunsTable, jointOf, jointsOf } from "./runs_table";
 
 const words = text.lists;
 /** As many as there are marks. */

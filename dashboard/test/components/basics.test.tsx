@@ -3,7 +3,7 @@ import { useState } from "preact/hooks";
 import { describe, expect, it } from "vitest";
 import { ApiError } from "../../src/api/client";
 import type { Problem, QualityWarning } from "../../src/api/types";
-import { Boundary } from "../../src/components/boundary";
+import { Boundary } from "../../src/components/lazy";
 import { ProblemNote, Warnings } from "../../src/components/basics";
 import { useAction } from "../../src/state/action";
 import { cached, forget, useCached } from "../../src/state/cache";

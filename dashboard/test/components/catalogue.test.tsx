@@ -5,7 +5,7 @@ import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../sr
 import { Changes } from "../../src/components/changes";
 import { ArmChooser, ArmFacts, found } from "../../src/views/catalogue";
 import { newestOf } from "../../src/views/robot_twins";
-import { SetMetadata } from "../../src/views/set_metadata";
+import { SetMetadata } from "../../src/views/set";
 import { drawn, press, settled } from "./drawn";
 
 const row = { a: 0.35, alpha: -Math.PI / 2, d: 0, theta: 0, lower: -Math.PI, upper: null };
