@@ -233,12 +233,11 @@ def _statement(c: Cursor) -> Statement:
 
 
 def _call(c: Cursor, name: str) -> Statement:
-    used = Used()
+    used = Used(set() if name in _FUNCTIONS else {name})
     c.arguments(used)
     c.finish()
     if name in _LEXICON.reserved:
         raise Misread(f"{name} is no routine")
-    used.calls |= set() if name in _FUNCTIONS else {name}
     return used_in(used)
 
 

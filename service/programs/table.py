@@ -14,23 +14,23 @@ from jointstiff.service.programs.program import FrameName, Literal, Motion
 from jointstiff.service.programs.reader import Place, Reader, runs
 from jointstiff.service.programs.scanner import NUMBER
 
-_ORIENTATIONS: Final = {
-    ("a", "b", "c"): Orientation.EULER_ZYX,
-    ("w", "p", "r"): Orientation.FIXED_XYZ,
-    ("qw", "qx", "qy", "qz"): Orientation.QUATERNION,
-    ("rx", "ry", "rz"): Orientation.ROTATION_VECTOR,
-    ("i", "j", "k"): Orientation.TOOL_AXIS,
+_KINDS: Final = {
+    "x y z a b c": (Orientation.EULER_ZYX, "lllaaa"),
+    "x y z w p r": (Orientation.FIXED_XYZ, "lllaaa"),
+    "x y z qw qx qy qz": (Orientation.QUATERNION, "lll1111"),
+    "x y z rx ry rz": (Orientation.ROTATION_VECTOR, "lllaaa"),
+    "x y z i j k": (Orientation.TOOL_AXIS, "lll111"),
+    "j1 j2 j3 j4 j5 j6": (Orientation.JOINTS, "aaaaaa"),
+    "a1 a2 a3 a4 a5 a6": (Orientation.JOINTS, "aaaaaa"),
+    "q1 q2 q3 q4 q5 q6": (Orientation.JOINTS, "aaaaaa"),
+    "x y z": (Orientation.NONE, "lll"),
 }
-_JOINTS: Final = (
-    tuple(f"j{i}" for i in range(1, 7)),
-    tuple(f"a{i}" for i in range(1, 7)),
-    tuple(f"q{i}" for i in range(1, 7)),
-)
+"""What columns mean, and whether each is a length, an angle or a ratio."""
 _HEADER: Final = re.compile(
     r"([a-z]++\d?)\s*+(?:[\[(_]?\s*+(mm|m|degree|deg|rad|\xb0)\s*+[\])]?)?", re.IGNORECASE
 )
-_UNITS: Final = {"mm": MM, "m": 1.0, "deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
-_LENGTHS: Final = {"mm", "m"}
+_LENGTHS: Final = {"mm": MM, "m": 1.0}
+_ANGLES: Final = {"deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
 _HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut|(?:e|ext)_?\d)\b", re.IGNORECASE)
 """Names of columns that say which frames a target is in, or where external axes stand."""
 _REMEDY: Final = (
@@ -53,7 +53,7 @@ def read_table(reader: Reader) -> None:
     if columns is None:
         return
     notation, places, width = columns
-    _refuse_changes(reader, rows, delimiter)
+    _refuse_changes(reader, rows, header, delimiter)
     frames = FrameName("base", np.eye(4)) if notation.is_joints else FrameName("part"), FrameName("tool")
     motion = Motion.JOINT if notation.is_joints else Motion.LINEAR
     reader.numerals = [numerals]
@@ -75,15 +75,15 @@ def read_table(reader: Reader) -> None:
                     break
 
 
-def _refuse_changes(reader: Reader, rows: list[int], delimiter: str) -> None:
+def _refuse_changes(reader: Reader, rows: list[int], header: str, delimiter: str) -> None:
     """Refuse rows whose tool, base or external axes are others than in the first one."""
-    source = reader.sources[0]
-    cells = [source.text[source.starts[i] : source.ends[i]].split(delimiter) for i in rows[:1]]
-    held = [k for k, cell in enumerate(cells[0]) if _HELD.match(cell)]
-    cells = [source.text[source.starts[i] : source.ends[i]].split(delimiter) for i in rows[1:] if held]
-    stated = [[cell.strip() for k in held for cell in row[k : k + 1]] for row in cells]
-    for i, each in zip(rows[1:], stated, strict=False):
-        if each != stated[0]:
+    source, first = reader.sources[0], None
+    held = [k for k, cell in enumerate(header.split(delimiter)) if _HELD.match(cell)]
+    for i in rows[1:] if held else ():
+        cells = source.text[source.starts[i] : source.ends[i]].split(delimiter)
+        stated = [cells[k].strip() for k in held if k < len(cells)]
+        first = stated if first is None else first
+        if stated != first:
             reader.refuse(i + 1, "tool, base or an external axis changes", "send a table for each of them")
 
 
@@ -98,15 +98,14 @@ def _columns(
     if len(names) < sum(map(bool, named)):
         reader.refuse(line, "two columns have the same name", _REMEDY)
         return None
-    kinds = [(fields, notation) for fields, notation in _notations() if all(f in names for f in fields)]
-    if len({notation.is_joints for _, notation in kinds}) > 1:
+    kinds = [each for each in _KINDS if names.keys() >= set(each.split())]
+    if len({_KINDS[each][0] is Orientation.JOINTS for each in kinds}) > 1:
         reader.refuse(line, "the columns are poses and joint angles, which would disagree", "leave one out")
         return None
-    for fields, notation in kinds[:1]:
-        given = [[units[f] for f in part if units[f]] for part in (fields[:3], fields[3:])]
-        scaled = _scaled(notation, given)
-        if scaled is not None:
-            return scaled, [names[f] for f in fields], len(cells)
+    for kind in kinds[:1]:
+        notation = _notation(*_KINDS[kind], [units[name] for name in kind.split()])
+        if notation is not None:
+            return notation, [names[name] for name in kind.split()], len(cells)
         reason = "the columns of the targets have no units, different ones, or those of another quantity"
         reader.refuse(line, reason, _REMEDY)
         return None
@@ -114,30 +113,16 @@ def _columns(
     return None
 
 
-def _notations() -> list[tuple[tuple[str, ...], Notation]]:
-    poses = [
-        (("x", "y", "z", *names), Notation(kind, length_decimals=6, angle_decimals=9))
-        for names, kind in _ORIENTATIONS.items()
-    ]
-    joints = [(names, Notation(Orientation.JOINTS, length_decimals=9, angle_decimals=9)) for names in _JOINTS]
-    return [*poses, *joints, (("x", "y", "z"), Notation(Orientation.NONE, length_decimals=6))]
-
-
-def _scaled(notation: Notation, given: list[list[str]]) -> Notation | None:
-    lengths, angles = given
-    joints = notation.orientation is Orientation.JOINTS
-    if joints:
-        lengths, angles = [], lengths + angles
-    plain = notation.orientation in {Orientation.QUATERNION, Orientation.TOOL_AXIS, Orientation.NONE}
-    counts = (0, 6) if joints else (3, 0 if plain else 3)
-    if (len(lengths), len(angles)) != counts or len(set(lengths)) > 1 or len(set(angles)) > 1:
+def _notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:
+    """Return the notation of columns with units; None if these are not those of the quantities."""
+    pairs = list(zip(quantities, units, strict=True))
+    lengths, angles, plain = ({unit for quantity, unit in pairs if quantity == each} for each in "la1")
+    if not (lengths <= _LENGTHS.keys() and angles <= _ANGLES.keys() and plain <= {""}):
         return None
-    if not set(lengths) <= _LENGTHS or set(angles) & _LENGTHS:
+    if len(lengths) > 1 or len(angles) > 1:
         return None
-    length = _UNITS[lengths[0]] if lengths else MM
-    angle = _UNITS[angles[0]] if angles else 1.0
-    digits = 9 if length == 1 else notation.length_decimals
-    return Notation(notation.orientation, length, angle, digits, notation.angle_decimals)
+    length, angle = _LENGTHS[[*lengths, "mm"][0]], _ANGLES[[*angles, "rad"][0]]
+    return Notation(orientation, length, angle, 6 if lengths == {"mm"} else 9, 9)
 
 
 def _numbers(

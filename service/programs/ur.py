@@ -192,9 +192,9 @@ def _statement(c: Cursor) -> Statement:
         raise Misread(f"{name} moves the robot where no target says", "use movej, movel, movep or movec")
     if not c.at("("):
         return _assigned(c, name)
-    used = Used()
+    used = Used(set() if name in _STILL else {name})
     c.arguments(used)
-    return Statement(calls=frozenset(used.calls if name in _STILL else used.calls | {name}))
+    return Statement(calls=frozenset(used.calls))
 
 
 def _routine(c: Cursor, kind: str) -> Statement:
@@ -206,13 +206,9 @@ def _routine(c: Cursor, kind: str) -> Statement:
             c.expression(",", ")", used=used)
         c.accept(",")
     c.expect(":")
-    act = None if kind == "def" else _Script.threaded
+    act, depth = (None, 0) if kind == "def" else (_Script.threaded, 1)
     return Statement(
-        act=act,
-        calls=frozenset(used.calls),
-        defines=name,
-        changes=frozenset(parameters),
-        depth=int(kind != "def"),
+        act, calls=frozenset(used.calls), changes=frozenset(parameters), defines=name, depth=depth
     )
 
 
@@ -248,11 +244,11 @@ def _assigned(c: Cursor, name: str) -> Statement:
             c.name()
     c.accept("run")  # starts a thread
     literal = _literal(c) if whole else None
-    if literal is None or not c.ended:
-        c.expression(used=used) if literal is None else c.finish()
     act = partial(_Script.assigned, name=name, literal=literal)
     if literal is not None:
+        c.finish()
         return Statement(act=act, gives=(name, literal))
+    c.expression(used=used)
     return Statement(act=act, calls=frozenset(used.calls), changes=frozenset({name}))
 
 
@@ -264,14 +260,10 @@ def _return(c: Cursor, _: str) -> Statement:
 
 
 def _set_tcp(c: Cursor, _: str) -> Statement:
-    c.expect("(")
-    literal = _literal(c)
-    if literal is None or literal.notation is not POSE:
+    found = c.taken("(p[n,n,n,n,n,n])") or c.taken("(p[n,n,n,n,n,n],t)")
+    if found is None:
         raise Misread("the tool is not given by numbers", _TOOL_REMEDY)
-    if c.accept(",") and c.take().kind != "text":
-        raise Misread("the name of the tool is no text")
-    c.expect(")")
-    return Statement(act=partial(_Script.set_tool, literal=literal))
+    return Statement(act=partial(_Script.set_tool, literal=Literal(POSE, found)))
 
 
 def _move(c: Cursor, name: str) -> Statement:
@@ -300,32 +292,22 @@ def _target(c: Cursor) -> _Target:
     kind = c.peek().text if c.peek(1).text == "(" else ""
     if kind not in {"", "get_inverse_kin", "pose_trans"}:
         raise Misread("a target is not given by numbers", _REMEDY)
-    if kind:
-        c.take()
-        c.take()
-    frame: Literal | str = ""
+    if not kind:
+        return _Target(_numbers(c))
+    c.take()
+    c.take()
     if kind == "pose_trans":
         frame = _numbers(c)
         c.expect(",")
-    elif kind and c.peek().text == "pose_trans":
-        inner = _target(c)
-        _near(c)
-        return inner
-    target = _Target(_numbers(c), frame)
-    if kind == "get_inverse_kin":
-        _near(c)
-    elif kind:
-        c.expect(")")
-    return target
-
-
-def _near(c: Cursor) -> None:
-    """Take what get_inverse_kin is told of the angles near its answer."""
-    if c.accept(","):
-        if c.accept("qnear"):
-            c.expect("=")
-        _numbers(c)
+        target = _Target(_numbers(c), frame)
+    else:
+        target = _target(c) if c.peek().text == "pose_trans" else _Target(_numbers(c))
+        if c.accept(","):  # angles near the answer
+            if c.accept("qnear"):
+                c.expect("=")
+            _numbers(c)
     c.expect(")")
+    return target
 
 
 def _numbers(c: Cursor) -> Literal | str:

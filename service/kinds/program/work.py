@@ -35,8 +35,7 @@ from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.kinds.program.rewriting import rewritten
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import read_program
-from jointstiff.service.programs.mark import marked
+from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.errors import RequestError

@@ -657,7 +657,7 @@ def test_each_motion_word_is_read_or_refused(monkeypatch, name, text):
     for _ in range(2_500):
         program = mutated(draw, kind, text)
         found = Reader(kind, (formats._source(name, program.encode()),))
-        FORMATS[kind](found)
+        FORMATS[kind].read(found)
         left = [remark.line for remark in found._remarks if "which the controller keeps" in remark.text]
         lines = [*found.moves[::3], *left]
         refused = refused_lines(kind, program, found.faults)
