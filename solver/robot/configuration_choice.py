@@ -74,37 +74,12 @@ def choose_postures(
             remedy="give a joint map without entries above the diagonal",
             where="joint_map.matrix",
         )
-    count = len(poses)
-    joints, unreached = given.copy(), np.zeros(count, dtype=np.intp)
-    cartesian = np.flatnonzero(np.isnan(given[:, 0]))
-    branches = np.full((count, 8, 6), np.nan)
-    complete = np.ones(count, dtype=np.bool_)
-    found, complete[cartesian] = inverse.solutions(poses[cartesian])
-    branches[cartesian] = found
-    lost = cartesian[np.isnan(found[:, :, 0]).all(axis=1)]
-    unreached[lost] = Unreached.OUT_OF_REACH
-    path = np.setdiff1d(np.arange(count), lost)
-    choice = _Choice(inverse, poses, branches, complete, stated)
-    previous, at, ahead = start, 0, _AHEAD
-    while at < len(path):
-        i = path[at]
-        if not np.isnan(given[i, 0]):
-            at += 1
-        elif tested[i] or previous is None:
-            joints[i], unreached[i] = choice.as_stated(i, previous)
-            at += 1
-        else:
-            run = path[at : at + ahead]
-            stop = np.flatnonzero(tested[run] | ~np.isnan(given[run, 0]))
-            run = run[: stop[0]] if len(stop) else run
-            done, joints[run], unreached[run] = choice.nearest(run, previous)
-            if unreached[run[0]]:
-                at += 1
-                continue
-            ahead = min(_AHEAD, 4 * ahead) if done == len(run) else max(_LEAST_AHEAD, 2 * done)
-            at += done
-            i = path[at - 1]
-        previous = joints[i] if np.isfinite(joints[i]).all() else previous
+    joints, unreached = given.copy(), np.zeros(len(poses), dtype=np.intp)
+    previous, ahead = start, _AHEAD
+    for begin in range(0, len(poses), _AHEAD):
+        block = slice(begin, begin + _AHEAD)
+        choice = _Choice(inverse, poses[block], given[block], stated[block], tested[block])
+        previous, ahead = choice.follow(joints[block], unreached[block], previous, ahead)
     return ChosenPostures(joints, _out_of_limits(inverse.robot, joints, unreached))
 
 
@@ -118,19 +93,59 @@ def _out_of_limits(robot: Robot, joints: FloatArray, unreached: IndexArray) -> I
 
 
 class _Choice:
-    """Poses and their solutions (m, 8, 6) in angles of the model [rad], with what is stated."""
+    """A stretch of m poses with what is given and stated, and their solutions [rad]."""
 
     def __init__(
         self,
         inverse: InverseKinematics,
         poses: FloatArray,
-        branches: FloatArray,
-        complete: BoolArray,
+        given: FloatArray,
         stated: FloatArray,
+        tested: BoolArray,
     ) -> None:
-        """Take solutions, NaN where there is none, and (m,) whether they are all."""
+        """Find the solutions (m, 8, 6) in angles of the model, NaN where there is none."""
         self._inverse, self._robot, self._poses = inverse, inverse.robot, poses
-        self._branches, self._complete, self._stated = branches, complete, stated
+        self._posed, self._stated, self._tested = np.isnan(given[:, 0]), stated, tested
+        self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
+        self._branches[self._posed], self._complete[self._posed] = inverse.solutions(poses[self._posed])
+
+    def follow(
+        self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None, ahead: int
+    ) -> tuple[FloatArray | None, int]:
+        """Choose a posture for each pose, and note why there is none.
+
+        Args:
+            joints: (m, 6) controller's angles [rad] to be filled in.
+            unreached: (m,) values of `Unreached` to be filled in.
+            previous: (6,) the posture before, if there was one.
+            ahead: how many poses to look at together.
+
+        Returns:
+            The last posture, and how many poses to look at next.
+        """
+        lost = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
+        unreached[lost] = Unreached.OUT_OF_REACH
+        path, at = np.flatnonzero(~lost), 0
+        while at < len(path):
+            i = path[at]
+            if not self._posed[i]:
+                at += 1
+            elif self._tested[i] or previous is None:
+                joints[i], unreached[i] = self.as_stated(i, previous)
+                at += 1
+            else:
+                run = path[at : at + ahead]
+                stop = np.flatnonzero(self._tested[run] | ~self._posed[run])
+                run = run[: stop[0]] if len(stop) else run
+                done, joints[run], unreached[run] = self.nearest(run, previous)
+                if unreached[run[0]]:
+                    at += 1
+                    continue
+                ahead = min(_AHEAD, 4 * ahead) if done == len(run) else max(_LEAST_AHEAD, 2 * done)
+                at += done
+                i = path[at - 1]
+            previous = joints[i] if np.isfinite(joints[i]).all() else previous
+        return previous, ahead
 
     def as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
         """Return the controller's angles (6,) of one pose, and why there are none."""
