@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -51,7 +51,7 @@ class Numerals:
         starts, ends = np.concatenate(spans).T.copy()
         return cls(np.concatenate(values), starts, ends, "".join(rest))
 
-    def shapes(self, starts: IndexArray, ends: IndexArray) -> tuple[list[str], IndexArray]:
+    def shapes(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Return parts of the text without their numbers, and the place of the first number of each.
 
         Args:
@@ -60,9 +60,8 @@ class Numerals:
         """
         shorter = np.concatenate([[0], np.cumsum(self.ends - self.starts - 1)])
         first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
-        begins, stops = (starts - shorter[first]).tolist(), (ends - shorter[last]).tolist()
-        rest = self.rest
-        return [rest[begin:stop] for begin, stop in zip(begins, stops, strict=True)], first
+        begins, stops, rest = starts - shorter[first], ends - shorter[last], self.rest
+        return (rest[begin:stop] for begin, stop in zip(begins.tolist(), stops.tolist(), strict=True)), first
 
 
 def _values(numbers: Sequence[str]) -> FloatArray:

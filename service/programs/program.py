@@ -19,8 +19,8 @@ NUMBERS: Final = 7
 """Most numbers of a target; what is said of the arm's configuration stands behind them."""
 WORDS: Final = 4
 """Most numbers that say something of the arm's configuration."""
-_BLOCK: Final = 4096
-"""Targets whose numbers are held as texts at a time."""
+BLOCK: Final = 4096
+"""Targets whose numbers are looked at together."""
 
 
 class Motion(Enum):
@@ -217,8 +217,8 @@ class Rewriting:
         for source in range(len(self._signs)):
             own = np.flatnonzero(self._targets.source[indices] == source)
             own = own[np.argsort(self._targets.spans[indices[own], 0, 0], kind="stable")]
-            for start in range(0, len(own), _BLOCK):
-                yield own[start : start + _BLOCK]
+            for start in range(0, len(own), BLOCK):
+                yield own[start : start + BLOCK]
 
     def replace(
         self, rows: IndexArray, values: FloatArray, words: Sequence[tuple[int, Edit]] = ()

@@ -15,6 +15,7 @@ import numpy as np
 from jointstiff.service.programs.errors import MAX_FAULTS, Fault, ProgramError, shown
 from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import (
+    BLOCK,
     NUMBERS,
     WORDS,
     FrameName,
@@ -56,6 +57,7 @@ _MAX_AXES: Final = 10
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
 _WIDTH: Final = 7
 """Columns of a target."""
+_STATED: Final = NUMBERS + WORDS
 Frames = tuple[FrameName, FrameName]
 """Base and tool."""
 
@@ -124,7 +126,7 @@ class Reader:
         self._names: dict[str, int] = {}  # targets by name
         self._literals: dict[Literal, int] = {}
         self._seen: dict[int, tuple[int, Literal]] = {}  # literals by identity, with their places
-        self._frames: dict[int, tuple[int, FrameName]] = {}  # by identity, with their places
+        self._frames: dict[FrameName, int] = {}  # with their places
         self._targets = array("q")  # rows of the columns of `_columns`
         self._target_names: list[str] = []
         self.moves = array("q")  # rows of line, motion, count of visits up to the end
@@ -183,17 +185,15 @@ class Reader:
             return None
         if id(literal) not in self._seen:
             self._seen[id(literal)] = self._literals.setdefault(literal, len(self._literals)), literal
-        for frame in frames:
-            if id(frame) not in self._frames:
-                self._frames[id(frame)] = len(self._frames), frame
-        known, base, tool = self._seen[id(literal)][0], *(self._frames[id(frame)][0] for frame in frames)
+        known = self._seen[id(literal)][0]
+        base, tool = (self._frames.setdefault(frame, len(self._frames)) for frame in frames)
         self._targets.extend((place.source, place.line, place.first, used, known, base, tool))
         self._target_names.append(name)
         return index
 
     def _again(self, name: str, line: int, frames: Frames) -> int | None:
-        index, known = self._names[name], list(self._frames.values())
-        stated = [known[self._targets[_WIDTH * index + column]][1] for column in (5, 6)]
+        index, known = self._names[name], list(self._frames)
+        stated = [known[self._targets[_WIDTH * index + column]] for column in (5, 6)]
         if all(one.same(other) for one, other in zip(stated, frames, strict=True)):
             return index
         self.refuse(
@@ -253,37 +253,35 @@ class Reader:
     def _columns(self) -> Targets:
         """Return the targets; refuse those whose numbers are none of a target, or that move external axes."""
         source, line, first, used, known, base, tool = _as_columns(self._targets, _WIDTH)
-        literals = list(self._literals)
-        begins = np.cumsum([0, *(len(each.values) for each in self.numerals)])
-        read = np.concatenate([*(each.values for each in self.numerals), [np.nan]])
-        starts, ends = (
-            np.concatenate([*(getattr(each, name) for each in self.numerals), np.array([-1], np.int32)])
-            for name in ("starts", "ends")
-        )
-
-        def places(ordinals: Iterable[Sequence[int]], width: int) -> IndexArray:
-            table = np.full((len(literals), width), -1)
-            for row, each in zip(table, ordinals, strict=True):
-                row[: len(each)] = each
-            return np.where(table[known] >= 0, table[known] + (first + begins[source])[:, None], -1)
-
-        numbers = places((each.numbers for each in literals), NUMBERS)
-        words = places(([i for _, i in each.words] for each in literals), WORDS)
-        at = np.hstack([numbers, words])
+        literals, count = list(self._literals), len(line)
+        ordinals = np.full((len(literals), _STATED + _MAX_AXES), -1)
+        for row, each in zip(ordinals, literals, strict=True):
+            row[: len(each.numbers)] = each.numbers
+            row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
+            row[_STATED : _STATED + len(each.external)] = each.external
         targets = Targets(
-            self._target_names, source, line, known, literals, base, tool,
-            [frame for _, frame in self._frames.values()], read[at], np.stack([starts[at], ends[at]], axis=2),
+            self._target_names, source, line, known, literals, base, tool, list(self._frames),
+            np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
         )  # fmt: skip
-        out = (numbers >= 0) & ~(np.abs(read[numbers]) <= MAX_VALUE)
-        unlike = np.zeros(len(line), dtype=np.bool_)
-        for notation, rows in targets.by_notation(np.arange(len(line))):
-            unlike[rows] = ~notation.states(targets.values[rows])
-        axes = read[places((each.external for each in literals), _MAX_AXES)]
-        axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)
-        moved = (~(np.abs(axes - axes[:1]) <= _STANDS)).any(axis=1)
+        out, unlike, moved = np.zeros((3, count), dtype=np.bool_)
+        still: FloatArray | None = None
+        for file, rows in _blocks(source):
+            numerals, at = self.numerals[file], ordinals[known[rows]]
+            stands, at = at >= 0, at + first[rows, None]
+            at[~stands] = 0
+            read = np.where(stands, numerals.values[at], np.nan)
+            targets.values[rows] = read[:, :_STATED]
+            for i, ends in enumerate((numerals.starts, numerals.ends)):
+                targets.spans[rows, :, i] = np.where(stands, ends[at], -1)[:, :_STATED]
+            out[rows] = (stands & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
+            for notation, own in targets.by_notation(rows):
+                unlike[rows[own]] = ~notation.states(read[own])
+            axes = read[:, _STATED:]
+            axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)
+            still = axes[0] if still is None else still
+            moved[rows] = (~(np.abs(axes - still) <= _STANDS)).any(axis=1)
         for faults, lines, reason, remedy in (
-            (out.any(axis=1), line, f"a number of a target is out of range, beyond {MAX_VALUE:g}",
-             _WRITE_ANEW),
+            (out, line, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, line, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
             (moved, used, "an external axis moves",
              "only programs that keep the external axes where they are can be corrected"),
@@ -293,8 +291,16 @@ class Reader:
         return targets
 
 
+def _blocks(source: IndexArray) -> Iterator[tuple[int, IndexArray]]:
+    """Yield files, that of the first target before the others, and indices of some of their targets."""
+    for file in dict.fromkeys(source.tolist()):
+        rows = np.flatnonzero(source == file)
+        for start in range(0, len(rows), BLOCK):
+            yield file, rows[start : start + BLOCK]
+
+
 def _as_columns(rows: array[int], width: int) -> IndexArray:
-    return np.array(rows, dtype=np.intp).reshape(-1, width).T.copy()
+    return np.asarray(memoryview(rows), dtype=np.intp).reshape(-1, width).T
 
 
 @dataclass

@@ -43,7 +43,8 @@ def read_table(reader: Reader) -> None:
     """Read a table of targets."""
     source = reader.sources[0]
     numerals = Numerals.of(source.text, NUMBER)
-    shapes, first = numerals.shapes(source.starts, source.ends)
+    parts, first = numerals.shapes(source.starts, source.ends)
+    shapes = list(parts)
     rows = [i for i, shape in enumerate(shapes) if shape.strip() and not shape.lstrip().startswith("#")]
     if not rows:
         return
