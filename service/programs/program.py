@@ -255,7 +255,7 @@ class Rewriting:
         self._done[source] = end
         return read
 
-    def files(self) -> tuple[bytes, ...]:
+    def files(self) -> list[bytes]:
         """Return the bytes of the files."""
         parts = zip(self._pieces, self._signs, self._done, strict=True)
-        return tuple(b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts)
+        return [b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts]

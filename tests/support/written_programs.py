@@ -67,7 +67,7 @@ def moves_of(program: Program) -> list[Move]:
     ]
 
 
-def rewritten(program: Program, indices: object, values: np.ndarray) -> tuple[tuple[bytes, ...], np.ndarray]:
+def rewritten(program: Program, indices: object, values: np.ndarray) -> tuple[list[bytes], np.ndarray]:
     """The files with other numbers (m, 7) in m targets, and the numbers as they are written."""
     text, rows, found = Rewriting(program), np.asarray(indices, dtype=np.intp), values.copy()
     for block in text.blocks(rows):

@@ -12,7 +12,7 @@ from jointstiff.schemas.program import ProgramFrame, ProgramOptions
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.formats import frame_notation
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import NUMBERS, FrameName, Program
+from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
@@ -63,15 +63,18 @@ class ProgramFrames:
         Raises:
             RequestError: a target states no orientation about the tool's axis, and the request does not.
         """
-        poses = np.full((len(indices), 4, 4), np.nan)
-        values = program.targets.values[indices] if values is None else values
-        for notation, rows in program.targets.by_notation(indices):
-            numbers = values[rows, : 3 + notation.count]
-            if notation.has_pose:
-                poses[rows] = notation.poses(numbers)
-            elif not notation.is_joints:
-                poses[rows] = self._about_axis(notation, numbers)
-        wanted: FloatArray = self.base[indices] @ poses @ _inverse(self.tool[indices])
+        wanted = np.empty((len(indices), 4, 4))
+        for start in range(0, len(indices), BLOCK):
+            block = slice(start, start + BLOCK)
+            own, poses = indices[block], np.full_like(wanted[block], np.nan)
+            stated = program.targets.values[own] if values is None else values[block]
+            for notation, rows in program.targets.by_notation(own):
+                numbers = stated[rows, : 3 + notation.count]
+                if notation.has_pose:
+                    poses[rows] = notation.poses(numbers)
+                elif not notation.is_joints:
+                    poses[rows] = self._about_axis(notation, numbers)
+            wanted[block] = self.base[own] @ poses @ _inverse(self.tool[own])
         return wanted
 
     def places(self, program: Program, indices: IndexArray) -> FloatArray:

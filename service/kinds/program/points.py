@@ -12,6 +12,7 @@ import numpy as np
 
 from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
 from jointstiff.service.kinds.program.path import ProgramPath
+from jointstiff.service.programs.program import BLOCK
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.compensation import Compensation
@@ -116,28 +117,37 @@ class WrittenPoints:
             capped=bool(found.capped[k]),
         )
 
+    def _columns(self, block: slice) -> FloatArray:
+        """Return the columns `_LOADED` of some points."""
+        found = self.corrections
+        uncorrected, correction = found.uncorrected[block], found.correction[block]
+        residual = self.residual[block]
+        return np.column_stack(
+            [
+                _MM * uncorrected[:, :3],
+                _MM * _size(uncorrected[:, :3]),
+                _MRAD * _size(uncorrected[:, 3:]),
+                _MM * correction[:, :3],
+                _MM * _size(correction[:, :3]),
+                _MRAD * _size(correction[:, 3:]),
+                _MM * found.uncertainty[block],
+                *(_MM * interval for interval in self._intervals[:, block]),
+                _MM * residual[:, :3],
+                _MM * _size(residual[:, :3]),
+                _MRAD * _size(residual[:, 3:]),
+                _MM * self.rounding[block],
+                found.share[block],
+            ]
+        )
+
     def table(self) -> bytes:
         """Return all points in the order of the path, as `points_sheet` reads them."""
         found, path = self.corrections, self.path
         numbers = np.full((len(path.targets), len(_POSTURE) + len(_LOADED)), np.nan, dtype=np.float32)
         numbers[:, :3], numbers[:, 3 : len(_POSTURE)] = self.place, np.degrees(path.cases.joints)
-        numbers[found.points, len(_POSTURE) :] = np.column_stack(
-            [
-                _MM * found.uncorrected[:, :3],
-                _MM * _size(found.uncorrected[:, :3]),
-                _MRAD * _size(found.uncorrected[:, 3:]),
-                _MM * found.correction[:, :3],
-                _MM * _size(found.correction[:, :3]),
-                _MRAD * _size(found.correction[:, 3:]),
-                _MM * found.uncertainty,
-                *(_MM * ends for interval in self._intervals for ends in interval.T),
-                _MM * self.residual[:, :3],
-                _MM * _size(self.residual[:, :3]),
-                _MRAD * _size(self.residual[:, 3:]),
-                _MM * self.rounding,
-                found.share,
-            ]
-        )
+        for start in range(0, len(found.points), BLOCK):
+            block = slice(start, start + BLOCK)
+            numbers[found.points[block], len(_POSTURE) :] = self._columns(block)
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
         remark[found.points] = _REMARKS.index("")
         remark[found.points[found.capped]] = _REMARKS.index("capped")

@@ -23,7 +23,7 @@ _TOLERANCE: Final = 1e-4
 
 def rewritten(
     path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
-) -> tuple[tuple[bytes, ...], WrittenPoints]:
+) -> tuple[list[bytes], WrittenPoints]:
     """Write the corrected numbers, and put what was written through the model of the loaded robot.
 
     Returns:

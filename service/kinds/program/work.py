@@ -151,13 +151,13 @@ class ProgramWork(SteppedWork[Corrections]):
         """
         found = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
         quantile = self._model.quantile(self._request.confidence)
-        files, points = rewritten(self._path, found, self._model, self._inverse, quantile)
-        contents, program, verdict = list(files), self._program, self._assessment.verdict
+        contents, points = rewritten(self._path, found, self._model, self._inverse, quantile)
+        program, verdict = self._program, self._assessment.verdict
         if (self._request.mark or verdict == "do_not_use") and points.changed.any():
             today = datetime.now(UTC).date()
             contents[0] = marked(program.format, contents[0], self._run.id, verdict, today)
-        names = [source.name for source in program.sources]
-        return self._result(points, [packed(n, content) for n, content in zip(names, contents, strict=True)])
+        files = [packed(source.name, contents.pop(0)) for source in program.sources]
+        return self._result(points, files)
 
     def _limits(self) -> CorrectionLimits:
         limits, units = self._request.limits, self._request.units
