@@ -20,10 +20,10 @@ from jointstiff.solver.fitting.iteration import (
     require_observable,
 )
 from jointstiff.solver.fitting.methods import (
-    CompletePose,
     LengthOfLeastCondition,
     MethodAccumulator,
-    PartialPose,
+    OneStage,
+    displacement_readings,
 )
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.estimate import Estimate, assemble
@@ -32,6 +32,7 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.complementary_stiffness import ComplementaryStiffness
 from jointstiff.solver.regression.pose import refuse_unless_posed
 from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.regression.stage_rows import target_readings
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 
@@ -197,9 +198,11 @@ def spherical_wrist(robot: Robot) -> Wrist:
 def _accumulator(robot: Robot, settings: Settings, length: float | None) -> MethodAccumulator:
     uniform = settings.weighting == "uniform"
     if settings.method == "partial_pose":
-        return PartialPose(robot, uniform=uniform)
+        return OneStage(robot.n, target_readings, np.ones(3) if uniform else None)
     if settings.method == "complete_pose":
-        return CompletePose(robot, length=1.0 if uniform else length)
+        length = 1.0 if uniform else length
+        weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
+        return OneStage(robot.n, displacement_readings, weight)
     return DecoupledPartialPose(robot, spherical_wrist(robot), uniform=uniform)
 
 

@@ -284,9 +284,8 @@ def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, Fl
 def _postures(measurements: Measurements, loaded: BoolArray) -> tuple[list[IndexArray], int]:
     """Observations by posture, at most `MOST_LEFT_OUT` of the loaded ones, and the number of all these."""
     rounded = np.round(measurements.joints / _SAME_POSTURE)
-    _, index = np.unique(rounded, axis=0, return_inverse=True)
-    order = np.argsort(index, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
+    order = np.lexsort(rounded.T[::-1])
+    groups = np.split(order, np.flatnonzero(np.diff(rounded[order], axis=0).any(axis=1)) + 1)
     groups = [group for group in groups if loaded[group].any()]
     count = len(groups)
     if count > MOST_LEFT_OUT:

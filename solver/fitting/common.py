@@ -69,9 +69,9 @@ def common_errors(
         found = list(_errors(block, uncertainty, last.fit.compliance))
         found += _axis_errors(block, pairs, last.fit.compliance, complementary_stiffness)
         sources = tuple(source for source, _ in found)
-        columns = [last.method.response(other, joints, prior) for _, other in found]
-        added = np.stack(columns, axis=1) if columns else np.zeros((robot.n, 0))
-        responses = responses + added if responses.size else added
+        if found:
+            added = last.method.responses([other for _, other in found], joints, prior)
+            responses = responses + added if responses.size else added
     return CommonErrors(sources, responses)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -71,25 +73,28 @@ class DecoupledPartialPose:
         self._arm.add_encoders(block, arm, arm)
         self._targets.add_encoders(block, wrist, self._order)
 
-    def response(
-        self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
+    def responses(
+        self, blocks: Sequence[RegressorBlock], joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
         """Return the sums of other readings; see `jointstiff.solver.fitting.methods.MethodAccumulator`."""
-        out = np.zeros(len(self._order))
+        out = np.zeros((len(self._order), len(blocks)))
         arm, wrist = joints[joints < self._arm_joints], joints[joints >= self._arm_joints]
-        first, second = self._arm, self._targets
+        first, second, own = self._arm, self._targets, np.arange(self._arm_joints)
         if len(arm):
-            centre, *_ = wrist_centre_readings(block, fit_displacement(block), self._centre)
-            moment = first.moment(centre.select(np.arange(self._arm_joints)))
-            moment += encoder_moment(first, block, np.arange(self._arm_joints))
-            out[arm] = solved(first, moment, arm, arm, prior)
+            moments = []
+            for block in blocks:
+                centre, *_ = wrist_centre_readings(block, fit_displacement(block), self._centre)
+                moments.append(first.moment(centre.select(own)) + encoder_moment(first, block, own))
+            out[arm] = solved(first, np.transpose(moments), arm, arm, prior)
         if len(wrist):
             columns, R = wrist - self._arm_joints, second.rows.matrix
-            moment = second.moment(target_readings(block).select(self._order))
-            encoders = encoder_readings(block, self._order[:WRIST_JOINTS])
-            moment += second.moment(None if encoders is None else encoders.select(self._order))
-            explained = R[:, columns].T @ (R[:, WRIST_JOINTS + arm] @ out[arm])
-            moment[columns] -= explained
+            moments = []
+            for block in blocks:
+                encoders = encoder_readings(block, self._order[:WRIST_JOINTS])
+                read = second.moment(None if encoders is None else encoders.select(self._order))
+                moments.append(read + second.moment(target_readings(block).select(self._order)))
+            moment = np.transpose(moments)
+            moment[columns] -= R[:, columns].T @ (R[:, WRIST_JOINTS + arm] @ out[arm])
             out[wrist] = solved(second, moment, columns, wrist, prior)
         return out
 

@@ -22,7 +22,12 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.observability.identifiability import Excitation, Observability
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.complementary_stiffness import LargestStiffness, neglected_readings
-from jointstiff.solver.regression.regressor import BLOCK_LENGTH, RegressorBlock, regressor_blocks
+from jointstiff.solver.regression.regressor import (
+    BLOCK_LENGTH,
+    RegressorBlock,
+    keep_for,
+    regressor_blocks,
+)
 from jointstiff.solver.regression.stage_rows import TargetRows
 from jointstiff.solver.robot.model import Robot
 
@@ -213,6 +218,7 @@ def iterate_to_convergence(
         size = np.maximum(np.abs(last.fit.compliance), first.observability.reference_compliance)
         uncertainty = _noise(last) * np.sqrt(np.diagonal(last.fit.covariance))
         if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
+            keep_for(measurements, last.fit.compliance)
             return last, rounds
     raise SolverError(
         f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
@@ -246,7 +252,7 @@ def neglected_shift(
     shift, share = np.zeros(robot.n), min(1.0, SHIFT_OBSERVATIONS / len(measurements))
     for block in _even_part(robot, measurements, neglected):
         left_out = replace(block, measurements=neglected_readings(block, fit.compliance))
-        shift -= neglected.method.response(left_out, estimated, prior)
+        shift -= neglected.method.responses([left_out], estimated, prior)[:, 0]
     return shift / share
 
 

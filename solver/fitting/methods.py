@@ -5,6 +5,7 @@ The characteristic length is the baseline that the paper compares with (method.m
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +18,7 @@ from jointstiff.solver.fitting.stage import encoder_moment, single_stage_fit, so
 from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.regression.pose import fit_displacement
 from jointstiff.solver.regression.regressor import RegressorBlock
-from jointstiff.solver.regression.stage_rows import Stage, pose_readings, target_readings
+from jointstiff.solver.regression.stage_rows import DerivedReadings, Stage, pose_readings, target_readings
 from jointstiff.solver.robot.model import Robot
 
 _DECADES = (-3.0, 3.0)
@@ -66,18 +67,18 @@ class MethodAccumulator(Protocol):
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations."""
 
-    def response(
-        self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
+    def responses(
+        self, blocks: Sequence[RegressorBlock], joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
         """Return what other readings would have added to the estimate, bounds apart: the estimator is linear.
 
         Args:
-            block: observations that were taken in, with other deflections.
+            blocks: observations that were taken in, k times with other deflections.
             joints: (p,) which compliances are estimated.
             prior: as in the fit.
 
         Returns:
-            (n,) [rad/(N·m)]; zero for the other joints.
+            (n, k) [rad/(N·m)]; zero for the other joints.
         """
 
     def fit(self, null: BoolArray, constraints: Constraints, prior: PriorRows | None = None) -> Fit:
@@ -90,69 +91,56 @@ class MethodAccumulator(Protocol):
         """
 
 
-class PartialPose:
-    """Three rows a target, positions only."""
+class OneStage:
+    """A method of one problem: partial pose or complete pose."""
 
-    def __init__(self, robot: Robot, *, uniform: bool) -> None:
-        self.judged = Stage(robot.n, None)
-        self._stage = Stage(robot.n, np.ones(3)) if uniform else self.judged
-        self._joints = np.arange(robot.n)
+    def __init__(
+        self,
+        parameters: int,
+        readings: Callable[[RegressorBlock], DerivedReadings],
+        root_weight: FloatArray | None,
+    ) -> None:
+        """Start without observations.
+
+        Args:
+            parameters: number of joints.
+            readings: `target_readings`, three rows a target, or `displacement_readings`, six a configuration.
+            root_weight: of these rows; None weights by their covariance.
+        """
+        self.judged = Stage(parameters, None)
+        alike = readings is target_readings and root_weight is None
+        self._stage = self.judged if alike else Stage(parameters, root_weight)
+        self._readings = readings
+        self._joints = np.arange(parameters)
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations."""
-        readings = target_readings(block)
-        self.judged.add(readings)
-        self.judged.add_encoders(block, self._joints, self._joints)
-        if self._stage is not self.judged:  # weighted otherwise, which encoders cannot be
-            self._stage.add(readings)
-
-    def response(
-        self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
-    ) -> FloatArray:
-        """Return what other readings would have added; see `MethodAccumulator`."""
-        moment = self._stage.moment(target_readings(block))
-        moment += encoder_moment(self._stage, block, self._joints)
-        out = np.zeros(len(moment))
-        out[joints] = solved(self._stage, moment, joints, joints, prior)
-        return out
-
-    def fit(self, null: BoolArray, constraints: Constraints, prior: PriorRows | None = None) -> Fit:
-        """Solve; see `MethodAccumulator`."""
-        return single_stage_fit(self._stage, null, constraints, prior)
-
-
-class CompletePose:
-    """Six rows a configuration: displacement of the targets' barycentre, and rotation.
-
-    `length` divides the translations; None weights by the covariance of the displacement instead.
-    """
-
-    def __init__(self, robot: Robot, *, length: float | None) -> None:
-        weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
-        self.judged = Stage(robot.n, None)
-        self._stage = Stage(robot.n, weight)
-        self._joints = np.arange(robot.n)
-
-    def add(self, block: RegressorBlock) -> None:
-        """Take in a block of observations with at least three targets each."""
         self.judged.add(target_readings(block))
-        self._stage.add(pose_readings(block, fit_displacement(block)))
-        for stage in (self.judged, self._stage):
-            stage.add_encoders(block, self._joints, self._joints)
+        self.judged.add_encoders(block, self._joints, self._joints)
+        if self._stage is not self.judged:
+            self._stage.add(self._readings(block))
+            self._stage.add_encoders(block, self._joints, self._joints)
 
-    def response(
-        self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
+    def responses(
+        self, blocks: Sequence[RegressorBlock], joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
         """Return what other readings would have added; see `MethodAccumulator`."""
-        moment = self._stage.moment(pose_readings(block, fit_displacement(block)))
-        moment += encoder_moment(self._stage, block, self._joints)
-        out = np.zeros(len(moment))
-        out[joints] = solved(self._stage, moment, joints, joints, prior)
+        moments = [
+            self._stage.moment(self._readings(block)) + encoder_moment(self._stage, block, self._joints)
+            for block in blocks
+        ]
+        out = np.zeros((len(self._joints), len(blocks)))
+        out[joints] = solved(self._stage, np.transpose(moments), joints, joints, prior)
         return out
 
     def fit(self, null: BoolArray, constraints: Constraints, prior: PriorRows | None = None) -> Fit:
         """Solve; see `MethodAccumulator`."""
         return single_stage_fit(self._stage, null, constraints, prior)
+
+
+def displacement_readings(block: RegressorBlock) -> DerivedReadings:
+    """Complete pose: displacement of the targets' barycentre, and rotation; three targets each."""
+    return pose_readings(block, fit_displacement(block))
 
 
 class LengthOfLeastCondition:
@@ -163,7 +151,7 @@ class LengthOfLeastCondition:
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations with at least three targets each."""
-        rows = pose_readings(block, fit_displacement(block)).A
+        rows = displacement_readings(block).A
         self._linear.add(rows[:, :3])
         self._angular.add(rows[:, 3:])
 

@@ -152,17 +152,17 @@ def solved(
     joints: IndexArray,
     prior: PriorRows | None,
 ) -> FloatArray:
-    """(p,) a stage's estimate of some joints in its columns, the others being known.
+    """(p, k) a stage's estimates of some joints in its columns, the others being known.
 
     Args:
         stage: with its readings.
-        moment: AᵀΩ y over all columns, of other readings y.
+        moment: (n, k) AᵀΩ y over all columns, of k sets of other readings y.
         columns: (p,) of the stage.
         joints: (p,) in these columns.
         prior: as in the fit; the other readings change nothing in what it says.
     """
     if not len(columns):
-        return np.zeros(0)
+        return np.zeros((0, moment.shape[1]))
     rows = stage.rows.matrix[:, columns]
     inverse = Spectrum(rows if prior is None else np.vstack([rows, prior.select(joints)[0]])).inverse
     solved: FloatArray = inverse @ (inverse.T @ moment[columns])

@@ -20,7 +20,11 @@ from scipy import optimize, special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import BLOCK_LENGTH, unloaded_block
+from jointstiff.solver.regression.regressor import (
+    BLOCK_LENGTH,
+    unloaded_block,
+    unloaded_configurations,
+)
 from jointstiff.solver.regression.stage_rows import target_readings
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -245,7 +249,7 @@ def places_on_flange(robot: Robot, part: Measurements) -> FloatArray:
     """Compute places (N, T, 3) of targets in the flange frame [m]: given or the means of those read."""
     if part.in_flange.all():
         return part.position
-    at = Configurations(robot, robot.joint_map.model_angles(part.joints))
+    at = unloaded_configurations(robot, part)
     return _on_flange(part, at.flange_rotation, at.flange_translation)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses, unit_hypotheses
-from jointstiff.solver.integrity.view import View, seen_from_flange
+from jointstiff.solver.integrity.view import View, median, seen_from_flange
 from jointstiff.solver.robot.configuration import Configurations
 
 Rows = IndexArray
@@ -77,7 +77,7 @@ def inspect_places(view: View) -> Places:
     hypotheses = [*unit_hypotheses(view.measurements.joints[sample])]
     hypotheses += angle_hypotheses(view.measurements.joints, sample, view.robot.joint_names)
     judged = [(h, _consensus(_places_under(view, sample, h))) for h in hypotheses]
-    best, found = max(judged, key=lambda pair: (pair[1].count, -float(np.median(pair[1].apart))))
+    best, found = max(judged, key=lambda pair: (pair[1].count, -median(pair[1].apart)))
     posted_share = as_posted.count / len(rows)
     if found.count >= EXPLAINED * len(sample) and found.count / len(sample) > posted_share + 0.1:
         mistake = Finding(
@@ -180,13 +180,13 @@ def _outliers(rows: Rows, apart: FloatArray) -> Iterator[Finding]:
     """A mistyped angle moves all targets at once, further than the model's errors do elsewhere."""
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(apart, axis=2), axis=1)
-    limit = max(OUTLIER * float(np.median(nearest)), SMALLEST_OUTLIER)
+    limit = max(OUTLIER * median(nearest), SMALLEST_OUTLIER)
     for b in np.flatnonzero(nearest > limit):
         yield Finding(
             "target_off_model",
             int(rows[b]),
             f"all targets are at least {length_text(nearest[b])} away from their median positions on "
-            f"the flange; typical is {length_text(float(np.median(nearest)))}",
+            f"the flange; typical is {length_text(median(nearest))}",
             "check the angles of this observation for a typing error, and whether the robot stood still",
         )
 

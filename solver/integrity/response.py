@@ -16,9 +16,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.hypotheses import angle_hypotheses
 from jointstiff.solver.integrity.springs import Shift, SpringModel, Springs, exchanged_pair, find_shift
-from jointstiff.solver.integrity.view import MODEL_ALLOWANCE, View, vector_quantile, vector_scale
+from jointstiff.solver.integrity.view import MODEL_ALLOWANCE, View, median, vector_quantile, vector_scale
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
 
 Rows = IndexArray
 
@@ -48,14 +47,11 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     m = view.measurements
     if 3 * int(m.present[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
         return
-    part, at = m, view.configurations
-    if len(rows) < len(m):
-        part = m[rows]
-        at = Configurations(view.robot, view.robot.joint_map.model_angles(part.joints))
+    part = m if len(rows) == len(m) else m[rows]
     noise = BEYOND_NOISE * np.sqrt(2.0) * (m.sigma or 0.0)
-    if np.median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
+    if median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
         return
-    model = SpringModel.of(at, part)
+    model = SpringModel.of(view.robot, part)
     springs = model.fit()
     of_the_set = _of_the_set(view, rows, part, model, springs)
     if of_the_set is not None:
@@ -84,7 +80,7 @@ def _of_the_set(
             "deflections_unexplained",
             None,
             "joint compliances do not explain the deflections: of "
-            f"{length_text(float(np.median(deflection)))} (median), {100.0 * springs.unexplained:.3g} "
+            f"{length_text(median(deflection))} (median), {100.0 * springs.unexplained:.3g} "
             "% remain",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
         )
@@ -193,8 +189,7 @@ def _mistake(view: View, part: Measurements, springs: Springs) -> Finding | None
     for hypothesis in angle_hypotheses(part.joints, every, robot.joint_names):
         kept = hypothesis.rows
         corrected = replace(part if len(kept) == len(part) else part[kept], joints=hypothesis.joints)
-        at = Configurations(robot, robot.joint_map.model_angles(corrected.joints))
-        judged.append((SpringModel.of(at, corrected).fit().unexplained, hypothesis))
+        judged.append((SpringModel.of(robot, corrected).fit().unexplained, hypothesis))
     left, best = min(judged, key=lambda pair: pair[0])
     if left >= BETTER * springs.unexplained or left > UNEXPLAINED:
         return None

@@ -15,6 +15,7 @@ from jointstiff.solver.integrity.view import (
     MODEL_ALLOWANCE,
     View,
     length_scale,
+    median,
     normal_quantile,
     vector_quantile,
     vector_scale,
@@ -155,7 +156,7 @@ def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
 
 
 def _understated(edges: _Edges) -> Iterator[Finding]:
-    typical = float(np.median(edges.sigma[edges.both]))
+    typical = median(edges.sigma[edges.both])
     if typical == 0.0 or edges.both.sum() < _ENOUGH or edges.scatter < OVERSTATED * typical:
         return
     yield Finding(

@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.integrity.view import median
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.regression.regressor import whole_block
+from jointstiff.solver.robot.model import Robot
 
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9
@@ -49,15 +51,10 @@ class SpringModel:
     deflection: FloatArray  #: (N, T, 3) as measured [m]
 
     @classmethod
-    def of(cls, configurations: Configurations, measurements: Measurements) -> SpringModel:
+    def of(cls, robot: Robot, measurements: Measurements) -> SpringModel:
         """Compute the regressor."""
-        load = configurations.jacobian_at(configurations.to_base(measurements.load_point[:, None]))[:, 0]
-        torque = configurations.joint_torque(load, measurements.force, measurements.moment)
-        points = measurements.position
-        if measurements.in_flange.any():
-            points = np.where(measurements.in_flange[..., None], configurations.to_base(points), points)
-        A: FloatArray = configurations.jacobian_at(points) * torque[:, None, None]
-        return cls(A * measurements.present[..., None, None], torque, measurements.deflection)
+        block = whole_block(robot, measurements)
+        return cls(block.A, block.torque, measurements.deflection)
 
     def fit(self, rows: slice = _ALL, shift: int = 0) -> Springs:
         """Fit compliances of either sign, by sums of distances rather than of squares.
@@ -77,10 +74,7 @@ class SpringModel:
         )
         predicted = self.A @ compliance
         residual = self.deflection - predicted
-        left, moved = (
-            float(np.median(np.linalg.norm(x.reshape(len(x), -1), axis=1)))
-            for x in (residual, self.deflection)
-        )
+        left, moved = (median(_norms(x)) for x in (residual, self.deflection))
         return Springs(
             predicted=predicted,
             residual=residual,
@@ -104,7 +98,7 @@ def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:
         G = np.einsum("k,kij->ij", weight, gram) / weight.sum()
         x = np.linalg.solve(G + held, weight @ moment / weight.sum())
         distance = np.linalg.norm(d - scaled @ x, axis=1)
-        weight = 1.0 / np.maximum(distance, max(1e-3 * float(np.median(distance)), 1e-12))
+        weight = 1.0 / np.maximum(distance, max(1e-3 * median(distance), 1e-12))
     compliance[visible] = x / norms[visible]
     return compliance
 

@@ -70,14 +70,16 @@ def regressor_blocks(
         SolverError: the load finds no balance with joints of that compliance.
     """
     if len(measurements.joints) <= BLOCK_LENGTH:
-        yield _whole(robot, measurements, compliance)
+        yield whole_block(robot, measurements, compliance)
         return
     for start in range(0, len(measurements), BLOCK_LENGTH):
         yield _block(robot, measurements[start : start + BLOCK_LENGTH], compliance)
 
 
-def _whole(robot: Robot, measurements: Measurements, compliance: FloatArray | None) -> RegressorBlock:
-    """Return the regressors of a whole set, kept with it: fit, prediction and refits read the same."""
+def whole_block(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
+) -> RegressorBlock:
+    """Return the regressors of a whole set, kept with a small one: checks, fit and prediction share them."""
     if len(measurements.joints) > _MOST_KEPT:
         return _block(robot, measurements, compliance)
     kept = _KEPT.setdefault(measurements, {})
@@ -91,10 +93,28 @@ def _whole(robot: Robot, measurements: Measurements, compliance: FloatArray | No
     return block
 
 
+def keep_for(measurements: Measurements, compliance: FloatArray) -> None:
+    """Let the regressors with K_c that were kept last stand for a compliance (n,) that was fitted to them.
+
+    They are those of the fit before, which differ by 1e-10 m a deflection once the fits agree.
+    """
+    kept = _KEPT.get(measurements, {})
+    if True in kept:
+        robot, _, fields = kept[True]
+        kept[True] = robot, compliance.copy(), fields
+
+
+def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configurations:
+    """Return the kinematics of a set without load, kept with a small one."""
+    if len(measurements.joints) > _MOST_KEPT:
+        return Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    return whole_block(robot, measurements).configurations
+
+
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
     if compliance is None:
         return unloaded_block(Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
-    unloaded = _whole(robot, part, None).configurations
+    unloaded = unloaded_configurations(robot, part)
     try:
         found = balance(robot, compliance, part, None, unloaded, unloaded)
     except RequestError:

@@ -13,6 +13,7 @@ from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
+from jointstiff.service.conversion import message
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
@@ -57,10 +58,7 @@ def to_identified_model(model: JointModel, error: ModelError | JointstiffError) 
 def _stored_error(error: ModelError) -> StoredModelError:
     return StoredModelError(
         postures=error.postures,
-        steps=[
-            ScoreStep(score=_finite(score), share=float(share))
-            for score, share in zip(error.score, error.share, strict=True)
-        ],
+        steps=message.rows(ScoreStep, score=error.score, share=error.share),
         force=error.force,
         moment=error.moment,
         least_load=error.least_load,

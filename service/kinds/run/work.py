@@ -15,7 +15,7 @@ from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.elastic import ElasticWork
-from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_columns, to_plan
+from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_columns
 from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
@@ -167,10 +167,10 @@ def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:
     try:
         refuse_unsupported_elastic(prepared.measurements, to_settings(options, prepared.robot))
         to_elastic_columns(options, prepared.robot)
-        to_plan(options).assigned(prepared.measurements.joints)
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
-    return None
+    joints = prepared.measurements.joints
+    return "observations" if (joints == joints[0]).all() else None  # one posture cannot be left out
 
 
 def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
