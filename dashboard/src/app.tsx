@@ -34,6 +34,8 @@ const FleetView = lazy(text.fleet.title, () => import("./views/fleet").then((mod
 const TrendView = lazy(text.fleet.title, () => import("./views/trend").then((module) => module.TrendView));
 const RobotNewView = lazy(text.robots.add, () => import("./views/robot_new").then((module) => module.RobotNewView));
 
+const WebhooksView = lazy(text.webhooks.title, () => import("./views/webhooks").then((module) => module.WebhooksView));
+
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },
   { id: "runs", label: text.app.runs, icon: "M4 6h16M4 12h16M4 18h10" },
@@ -117,6 +119,8 @@ function View({ route }: { route: Route }) {
       return second ? <PlanView id={second} /> : <PlansView query={route.query} />;
     case "robots":
       return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
+    case "webhooks":
+      return <WebhooksView />;
     case "fleet":
       return <FleetView />;
     case "compare":
@@ -191,11 +195,15 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
     const close = (event: Event) => {
       const outside = !(event.target instanceof Node) || !details.current?.contains(event.target);
       const escape = event instanceof KeyboardEvent && event.key === "Escape";
-      if (details.current && (escape || (event.type === "pointerdown" && outside))) details.current.open = false;
+      const left = event.type === "hashchange";
+      if (details.current && (escape || left || (event.type === "pointerdown" && outside)))
+        details.current.open = false;
     };
     addEventListener("pointerdown", close);
     addEventListener("keydown", close);
+    addEventListener("hashchange", close);
     return () => {
+      removeEventListener("hashchange", close);
       removeEventListener("pointerdown", close);
       removeEventListener("keydown", close);
     };
@@ -225,6 +233,7 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
         />
         {typeof session === "object" && session.key_name !== null && (
           <>
+            {session.role === "admin" && <LinkButton href="#/webhooks">{text.webhooks.title}</LinkButton>}
             <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>
             <Button onClick={() => void signOut().catch(() => toast(text.signIn.stuck))}>{text.signIn.out}</Button>
           </>

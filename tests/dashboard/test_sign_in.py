@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 
 import httpx2
 import pytest
 from playwright.sync_api import expect
+from sqlalchemy import insert
 from support.browsing import post
 from support.processes import Service
 
 from jointstiff.service.access.key_text import digest, mint, mint_token
+from jointstiff.service.store.records import DeliveryRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import deliveries
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)
 KEY = mint("tablet hall 3", "operator", NOW, None)
+ADMIN = mint("admin Smith", "admin", NOW, None)
 
 FOLLOW = """async (run) => {
   const source = new EventSource(`/v1/runs/${run}/events`);
@@ -35,6 +40,7 @@ def database(tmp_path_factory):
 def site(bundle, database):
     with Store.open(database) as store:
         store.keys.add(KEY.record)
+        store.keys.add(ADMIN.record)
     running = Service(database, "--require-key")
     try:
         yield running
@@ -118,3 +124,43 @@ def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
     assert all(
         token not in address for one in (first, second) for address in one.requests if "#" not in address
     )
+
+
+@pytest.mark.parametrize("size", ["phone", "tablet upright", "desktop"])
+def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, database, size):
+    visited = visit(size)
+    page = visited.page
+    visited.go("#/runs")
+    page.get_by_label("Key").fill(ADMIN.text)
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.locator("h1")).not_to_have_text("Sign in")
+    page.get_by_label("Display").click()
+    page.get_by_role("link", name="Webhooks").click()
+    expect(page.get_by_text("No webhooks yet")).to_be_visible()
+
+    address = page.get_by_label("Address to post to")
+    address.fill("https://anna:secret@1.1.1.1/hooks")
+    page.get_by_role("button", name="Add a webhook").click()
+    expect(page.get_by_role("alert")).to_contain_text("a user or a password")
+    address.fill("https://1.1.1.1/hooks")
+    page.get_by_label("worker lost").uncheck()
+    page.get_by_role("button", name="Add a webhook").click()
+    expect(page.get_by_text("whsec_")).to_be_visible()
+    row = page.locator(".rows .item")
+    expect(row).to_contain_text("alarm raised, run failed, run succeeded")
+    expect(row).to_contain_text("all arrived")
+
+    with Store.open(database) as store:
+        (hook,) = store.webhooks.all()
+        dead = DeliveryRecord(
+            hook.id, "msg_1", "run.failed", "run", "{}", NOW, "dead", 30, NOW, "answered 500"
+        )
+        with store._database.writing() as connection:
+            connection.execute(insert(deliveries).values(asdict(dead)))
+    page.reload()
+    expect(row).to_contain_text("given up")
+    expect(page.get_by_role("region", name="Messages that did not arrive")).to_contain_text("answered 500")
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    page.once("dialog", lambda dialog: dialog.accept())
+    row.get_by_role("button", name="Delete").click()
+    expect(page.get_by_text("No webhooks yet")).to_be_visible()

@@ -17,6 +17,7 @@ import type {
   ImportAnswer,
   ImportOptions,
   Kinematics,
+  NewWebhook,
   Map as WorkMap,
   MapSummary,
   ProgramSummary,
@@ -38,6 +39,7 @@ import type {
   Session,
   SetChange,
   Trend,
+  Webhook,
 } from "./types";
 
 /** A refusal, or an answer that did not come. */
@@ -198,6 +200,9 @@ export const api = {
   mapTable: (map: string) => call<Columns>("GET", maps.file(map, "map.json")),
   programs,
   apply: (run: string, action: Action) => call<Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
+  webhooks: (signal?: AbortSignal) => call<{ items: Webhook[] }>("GET", "/v1/webhooks", options(signal)),
+  addWebhook: (body: { url: string; events: readonly string[] }) => call<NewWebhook>("POST", "/v1/webhooks", { body }),
+  deleteWebhook: (hook: string) => call<undefined>("DELETE", `/v1/webhooks/${id(hook)}`),
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
   programPoints: (program: string) => call<Columns>("GET", programs.file(program, "points.json")),
   programFile: (program: string, file: string) => programs.file(program, `program${query({ file })}`),

@@ -68,6 +68,28 @@ export const en = {
     out: "Sign out",
     stuck: "You are still signed in: the service did not answer. Try again.",
   },
+  webhooks: {
+    title: "Webhooks",
+    intro:
+      "The service posts to these addresses when something happens, signed by Standard Webhooks, for a day until they answer.",
+    url: "Address to post to, without user and password",
+    events: {
+      "run.succeeded": "run succeeded",
+      "run.failed": "run failed",
+      "alarm.raised": "alarm raised",
+      "worker.lost": "worker lost",
+    },
+    add: "Add a webhook",
+    secret: "Added. This secret signs its messages; it is not shown again:",
+    none: "No webhooks yet",
+    noneHint: "An address that you add is told of the runs, alarms and workers that you choose.",
+    delivered: (count: number) => `${count} arrived in 30 days`,
+    states: { delivered: "all arrived", pending: "trying again", dead: "given up" },
+    undelivered: "Messages that did not arrive",
+    columns: ["Address", "Event", "State", "Since", "Attempts", "Last attempt"],
+    notYet: "not sent yet",
+    sure: (url: string) => `Delete the webhook ${url} with its messages?`,
+  },
   errors: {
     unexpected: "Something went wrong in the page",
     outdated: {

@@ -1,0 +1,106 @@
+/** For admins: the addresses that are told what happens, and the messages that did not arrive. */
+import { useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { NewWebhook, Webhook } from "../api/types";
+import { ActionButton, Button, Empty, Name, ProblemNote, Show, timeText, Title, Toggle } from "../components/basics";
+import { TextField } from "../components/fields";
+import { type Row, Rows } from "../components/list";
+import { TableCard } from "../components/table";
+import { useAction } from "../state/action";
+import { useLoad } from "../state/load";
+import { text } from "../i18n";
+
+const words = text.webhooks;
+const EVENTS = ["run.succeeded", "run.failed", "alarm.raised", "worker.lost"] as const satisfies Webhook["events"];
+
+export function WebhooksView() {
+  const hooks = useLoad((signal) => api.webhooks(signal), []);
+  const [url, setUrl] = useState("");
+  const [events, setEvents] = useState<readonly string[]>(EVENTS);
+  const [made, setMade] = useState<NewWebhook | null>(null);
+  const add = useAction(async () => {
+    setMade(await api.addWebhook({ url: url.trim(), events }));
+    setUrl("");
+    hooks.reload();
+  });
+  const remove = useAction(async (hook: Webhook) => {
+    if (!confirm(words.sure(hook.url))) return;
+    await api.deleteWebhook(hook.id);
+    hooks.reload();
+  });
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <section class="card form">
+        <p>{words.intro}</p>
+        <TextField label={words.url} value={url} change={setUrl} placeholder="https://…" maxLength={2000} />
+        <div class="toggles">
+          {EVENTS.map((event) => (
+            <Toggle
+              label={words.events[event]}
+              checked={events.includes(event)}
+              change={(on) => setEvents(EVENTS.filter((one) => (one === event ? on : events.includes(one))))}
+            />
+          ))}
+        </div>
+        <ActionButton look="primary" action={add} disabled={!url.trim() || events.length === 0}>
+          {words.add}
+        </ActionButton>
+        {made && (
+          <p class="note good">
+            {words.secret} <code>{made.secret}</code>
+          </p>
+        )}
+      </section>
+      {remove.problem && <ProblemNote problem={remove.problem} />}
+      <Show of={hooks}>
+        {({ items }) =>
+          items.length === 0 ? (
+            <Empty title={words.none} hint={words.noneHint} />
+          ) : (
+            <>
+              <div class="fleet">
+                <Rows rows={items.map((hook) => rowOf(hook, () => remove.run(hook)))} />
+              </div>
+              <Undelivered hooks={items.filter(({ undelivered }) => undelivered.length > 0)} />
+            </>
+          )
+        }
+      </Show>
+    </>
+  );
+}
+
+function rowOf(hook: Webhook, remove: () => void): Row {
+  const [latest] = hook.undelivered;
+  const state = !latest ? "succeeded" : latest.state === "dead" ? "failed" : "queued";
+  return {
+    id: hook.id,
+    name: hook.url,
+    what: <Name>{hook.url}</Name>,
+    note: words.delivered(hook.delivered),
+    how: hook.events.map((event) => words.events[event]).join(", "),
+    at: hook.created_at,
+    standing: <span class={`state ${state}`}>{words.states[latest?.state ?? "delivered"]}</span>,
+    actions: (
+      <Button look="quiet" aria-label={`${text.run.delete}: ${hook.url}`} onClick={remove}>
+        {text.run.delete}
+      </Button>
+    ),
+  };
+}
+
+function Undelivered({ hooks }: { hooks: Webhook[] }) {
+  if (hooks.length === 0) return null;
+  const rows = hooks.flatMap(({ url, undelivered }) =>
+    undelivered.map((one) => [
+      url,
+      words.events[one.type],
+      words.states[one.state],
+      timeText(one.created_at),
+      String(one.attempts),
+      one.error ?? words.notYet,
+    ]),
+  );
+  return <TableCard title={words.undelivered} table={{ columns: words.columns.map((title) => ({ title })), rows }} />;
+}
