@@ -58,6 +58,16 @@ BENCHMARKS = {
     "replication": Benchmark("studies.replication", "the paper's study; docs/replication.md"),
     "invariance": Benchmark("studies.invariance", "docs/no-characteristic-length.md"),
     "assessment": Benchmark("studies.assessment", "verdicts on planted mistakes and clean sets; 10 minutes"),
+    "default_clean": Benchmark(
+        "studies.defaults", "runs without options: clean campaigns", "run_clean", in_parts=True
+    ),
+    "default_beams": Benchmark(
+        "studies.defaults", "runs without options: flexible links", "run_beams", in_parts=True
+    ),
+    "default_mended": Benchmark(
+        "studies.defaults", "planted mistakes and their actions", "run_mended", in_parts=True
+    ),
+    "default_fanuc": Benchmark("studies.defaults", "the real set without options", "run_fanuc"),
     "mutants": Benchmark("studies.mutants", "small changes of the numerical core; an hour", in_parts=True),
     "integrity": Benchmark("studies.integrity", "mistakes found and named"),
     "importing": Benchmark("studies.importing", "files of readings, as written and mutated; docs/import.md"),
