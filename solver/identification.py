@@ -151,25 +151,27 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
         refuse_unless_posed(measurements)
     if settings.method == "decoupled_partial_pose":
         spherical_wrist(robot)
-    if settings.prior is not None and settings.weighting != "covariance":
-        raise UnsupportedMethodError(
-            f"weighting {settings.weighting} has no uncertainty of a reading to weigh a prior against",
-            where="weighting",
-            remedy="use weighting covariance, or omit `priors`",
-        )
-    if measurements.encoders is not None and settings.weighting != "covariance":
-        raise UnsupportedMethodError(
-            f"weighting {settings.weighting} cannot combine encoder readings (angles) with positions "
-            "(lengths)",
-            where="weighting",
-            remedy="use weighting covariance, or omit the encoder readings",
-        )
-    if settings.weighting == "characteristic_length" and settings.method != "complete_pose":
-        raise UnsupportedMethodError(
-            f"weighting characteristic_length needs rotations, which method {settings.method} does not use",
-            where="weighting",
-            remedy="use weighting covariance, or method complete_pose",
-        )
+    weighting = settings.weighting
+    others, length = weighting != "covariance", weighting == "characteristic_length"
+    for refused, why, remedy in (
+        (
+            others and settings.prior is not None,
+            "has no uncertainty of a reading to weigh a prior against",
+            "use weighting covariance, or omit `priors`",
+        ),
+        (
+            others and measurements.encoders is not None,
+            "cannot combine encoder readings (angles) with positions (lengths)",
+            "use weighting covariance, or omit the encoder readings",
+        ),
+        (
+            length and settings.method != "complete_pose",
+            f"needs rotations, which method {settings.method} does not use",
+            "use weighting covariance, or method complete_pose",
+        ),
+    ):
+        if refused:
+            raise UnsupportedMethodError(f"weighting {weighting} {why}", where="weighting", remedy=remedy)
 
 
 def spherical_wrist(robot: Robot) -> Wrist:

@@ -64,6 +64,11 @@ def _rows_of(kind: type[Built]) -> TypeAdapter[list[Built]]:
     return TypeAdapter(list[kind])  # type: ignore[valid-type]
 
 
+def finite(value: float) -> float | None:
+    """Return a number as messages take it: None for one that is not finite."""
+    return float(value) if isfinite(value) else None
+
+
 def _column(values: Sequence[Any] | np.ndarray[Any, Any]) -> list[Any]:
     if isinstance(values, np.ndarray) and (values.dtype.kind != "f" or np.isfinite(values).all()):
         return list(values.tolist())
@@ -74,7 +79,7 @@ def _plain(value: object) -> object:
     if value is None or isinstance(value, str | int | dict | Message):
         return value
     if isinstance(value, float):
-        return float(value) if isfinite(value) else None
+        return finite(value)
     if isinstance(value, np.ndarray):
         return value.tolist() if value.dtype.kind != "f" or np.isfinite(value).all() else None
     if isinstance(value, np.generic):

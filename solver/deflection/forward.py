@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Final
 
 import numpy as np
-from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fitting.scale import student_quantile
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -80,10 +80,7 @@ class ForwardModel(ABC):
             raise RequestError(
                 f"the confidence is {confidence}", where="confidence", remedy="give it between 0 and 1"
             )
-        probability = 0.5 * (1.0 + confidence)
-        if self.degrees_of_freedom is None:
-            return float(special.ndtri(probability))
-        return float(special.stdtrit(self.degrees_of_freedom, probability))
+        return student_quantile(0.5 * (1.0 + confidence), self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fitting.iteration import Iteration
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.regression.regressor import (
-    BLOCK_LENGTH,
-    RegressorBlock,
-    regressor_blocks,
-)
+from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks
 from jointstiff.solver.robot.model import Robot, displaced_axis
 
 CommonSource = Literal[
@@ -65,7 +61,8 @@ def common_errors(
     pairs = list(_displaced(robot, uncertainty))
     sources: tuple[CommonSource, ...] = ()
     responses = np.zeros((robot.n, 0))
-    for block in _blocks(robot, measurements, last, complementary_stiffness):
+    balanced = last.fit.compliance if complementary_stiffness else None
+    for block in last.blocks(robot, measurements, balanced):
         found = list(_errors(block, uncertainty, last.fit.compliance))
         found += _axis_errors(block, pairs, last.fit.compliance, complementary_stiffness)
         sources = tuple(source for source, _ in found)
@@ -75,28 +72,21 @@ def common_errors(
     return CommonErrors(sources, responses)
 
 
-def _blocks(
-    robot: Robot, measurements: Measurements, last: Iteration, complementary_stiffness: bool
-) -> Iterator[RegressorBlock]:
-    if len(measurements) <= BLOCK_LENGTH:
-        yield last.first_block
-        return
-    weighed = measurements if last.robust is None else last.robust.weigh(measurements)
-    yield from regressor_blocks(robot, weighed, last.fit.compliance if complementary_stiffness else None)
-
-
 def _errors(
     block: RegressorBlock, uncertainty: CommonUncertainty, compliance: FloatArray
 ) -> Iterator[tuple[CommonSource, RegressorBlock]]:
     """Yield the observations with the deflections that one standard uncertainty of each error adds."""
     for source, torque in _torques(block, uncertainty):
-        yield source, _with_torque(block, compliance, torque)
+        bent = compliance * torque
+        yield source, _with_deflection(block, np.einsum("btij,bj->bti", block.jacobian, bent), bent)
     if uncertainty.target_places:
         rotation = np.einsum("bij,bj->bi", block.configurations.angular_jacobian, compliance * block.torque)
-        for axis in _flange_axes(block):
+        for axis in np.moveaxis(block.configurations.flange_rotation, -1, 0):
             moved = np.cross(rotation, uncertainty.target_places * axis)
             for target in range(block.measurements.present.shape[1]):
-                yield "target_places", _with_target_moved(block, moved, target)
+                deflection = np.zeros_like(block.measurements.deflection)
+                deflection[:, target] = moved
+                yield "target_places", _with_deflection(block, deflection, np.zeros_like(block.torque))
 
 
 def _torques(
@@ -114,16 +104,10 @@ def _torques(
         for axis in uncertainty.direction * np.eye(3):
             yield "force_direction", torque(np.cross(axis, part.force), np.cross(axis, part.moment))
     if uncertainty.load_point:
-        for axis in _flange_axes(block):
+        for axis in np.moveaxis(block.configurations.flange_rotation, -1, 0):
             moment = np.cross(uncertainty.load_point * axis, part.force)
             source: CommonSource = "assumed_load_point" if uncertainty.load_point_assumed else "load_point"
             yield source, torque(np.zeros_like(moment), moment)
-
-
-def _flange_axes(block: RegressorBlock) -> FloatArray:
-    """Return the axes (3, B, 3) of the flange frame in R0."""
-    axes: FloatArray = np.moveaxis(block.configurations.flange_rotation, -1, 0)
-    return axes
 
 
 def _displaced(robot: Robot, uncertainty: CommonUncertainty) -> Iterator[tuple[Robot, Robot]]:
@@ -155,19 +139,6 @@ def _axis_errors(
             for one, other in zip(*((b.A @ compliance, b.torque * compliance) for b in blocks), strict=True)
         )
         yield "axes", _with_deflection(block, moved, bent)
-
-
-def _with_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> RegressorBlock:
-    """Return the observations with the deflections that other torques (B, n) cause."""
-    bent = compliance * torque
-    return _with_deflection(block, np.einsum("btij,bj->bti", block.jacobian, bent), bent)
-
-
-def _with_target_moved(block: RegressorBlock, moved: FloatArray, target: int) -> RegressorBlock:
-    """Return the observations with the deflection (B, 3) of one target alone."""
-    deflection = np.zeros_like(block.measurements.deflection)
-    deflection[:, target] = moved
-    return _with_deflection(block, deflection, np.zeros_like(block.torque))
 
 
 def _with_deflection(block: RegressorBlock, moved: FloatArray, bent: FloatArray) -> RegressorBlock:

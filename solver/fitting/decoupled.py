@@ -113,10 +113,25 @@ class DecoupledPartialPose:
         n = len(null)
         visible = np.flatnonzero(~null)
         arm, wrist = visible[visible < self._arm_joints], visible[visible >= self._arm_joints]
-        _refuse_unseen_arm(arm[self._seen_from_centre.observability().null[arm]], self._names)
+        unseen = arm[self._seen_from_centre.observability().null[arm]]
+        if len(unseen):
+            raise UnsupportedMethodError(
+                f"the wrist centre does not move when {', '.join(self._names[j] for j in unseen)} turns, so "
+                "its displacement does not show the compliance of that joint",
+                where="method",
+                remedy="use method partial_pose",
+            )
         R, z = self._arm.rows.matrix[:, arm], self._arm.rows.rhs
         first = fit_stage(R, z, arm, constraints.select(arm), prior, n)
-        _refuse_undetermined_arm(first, self._names)
+        if first and first.undetermined:
+            joints = sorted(j for group in first.undetermined for j in group.joints)
+            raise UnsupportedMethodError(
+                "the displacement of the wrist centre determines only a combination of "
+                f"{', '.join(self._names[j] for j in joints)}, so the arm's share of the deflection is "
+                "unknown",
+                where="method",
+                remedy="use method partial_pose, or add postures and load directions",
+            )
         R, z = self._targets.rows.matrix, self._targets.rows.rhs
         known, free = np.zeros(len(arm)), np.zeros(len(arm))
         if first:
@@ -161,25 +176,3 @@ class DecoupledPartialPose:
         covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ arm_covariance @ leak.T - both - both.T
         covariance[np.ix_(wrist.joints, arm.joints)] = shared - leak @ arm_covariance
         covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
-
-
-def _refuse_undetermined_arm(arm: StageFit | None, names: tuple[str, ...]) -> None:
-    if arm and arm.undetermined:
-        joints = ", ".join(names[j] for j in sorted(j for group in arm.undetermined for j in group.joints))
-        raise UnsupportedMethodError(
-            f"the displacement of the wrist centre determines only a combination of {joints}, so the "
-            "arm's share of the deflection is unknown",
-            where="method",
-            remedy="use method partial_pose, or add postures and load directions",
-        )
-
-
-def _refuse_unseen_arm(unseen: IndexArray, names: tuple[str, ...]) -> None:
-    if len(unseen):
-        joints = ", ".join(names[j] for j in unseen)
-        raise UnsupportedMethodError(
-            f"the wrist centre does not move when {joints} turns, so its displacement does not show "
-            "the compliance of that joint",
-            where="method",
-            remedy="use method partial_pose",
-        )

@@ -5,6 +5,7 @@ What is known beforehand joins the readings as further rows (method.md §5).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -117,6 +118,20 @@ class Iteration:
     robust: RobustFit | None  #: what the Huber loss made of the readings; None for the squared loss
     targets: TargetRows | None  #: the rows of that loss
     first_block: RegressorBlock  #: the first observations, with their regressors
+
+    def blocks(
+        self,
+        robot: Robot,
+        measurements: Measurements,
+        compliance: FloatArray | None = None,
+        most: int = sys.maxsize,
+    ) -> Iterator[RegressorBlock]:
+        """Yield the observations that were fitted, as they were weighted; of many blocks `most` at most."""
+        if len(measurements) <= BLOCK_LENGTH:
+            yield self.first_block
+            return
+        weighed = measurements if self.robust is None else self.robust.weigh(measurements)
+        yield from regressor_blocks(robot, weighed.evenly(most), compliance)
 
 
 def fit_once(
@@ -250,7 +265,7 @@ def neglected_shift(
     fit = neglected.fit
     estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
     shift, share = np.zeros(robot.n), min(1.0, SHIFT_OBSERVATIONS / len(measurements))
-    for block in _even_part(robot, measurements, neglected):
+    for block in neglected.blocks(robot, measurements, most=SHIFT_OBSERVATIONS):
         left_out = replace(block, measurements=neglected_readings(block, fit.compliance))
         shift -= neglected.method.responses([left_out], estimated, prior)[:, 0]
     return shift / share
@@ -259,17 +274,6 @@ def neglected_shift(
 def _noise(last: Iteration) -> float:
     """Return sigma by the residuals of a fit [m]; zero where there is no freedom."""
     return scale_of(last.fit, last.method.judged.rows, None).sigma or 0.0
-
-
-def _even_part(robot: Robot, measurements: Measurements, neglected: Iteration) -> Iterator[RegressorBlock]:
-    """At most `SHIFT_OBSERVATIONS` of the observations, as they were weighted in the fit."""
-    if len(measurements) <= BLOCK_LENGTH:
-        yield neglected.first_block
-        return
-    weighed = measurements if neglected.robust is None else neglected.robust.weigh(measurements)
-    if len(weighed) > SHIFT_OBSERVATIONS:
-        weighed = weighed[np.linspace(0, len(weighed) - 1, SHIFT_OBSERVATIONS).astype(np.intp)]
-    yield from regressor_blocks(robot, weighed)
 
 
 def require_observable(excitation: Excitation) -> Observability:

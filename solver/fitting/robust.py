@@ -41,7 +41,7 @@ SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
 """Limit of a suspicious reading, 4.03 sigma: one good reading of three coordinates in a thousand exceeds
 it."""
 
-_MEDIAN_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
+MEDIAN_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
 """1.538: median of the norm of three standard normal coordinates."""
 _LEAST_SCALE = 1e-6
 """Smallest scale relative to the rms deflection: no tracker measures better, and exact readings have no
@@ -223,12 +223,6 @@ def _least_squares(problem: _HuberProblem) -> FloatArray:
     return solve_step(_squared(problem)).compliance
 
 
-def _stated(problem: _HuberProblem) -> FloatArray | None:
-    """Return Clarabel's optimum of the Huber problem as it is stated in cvxpy; None if it fails."""
-    S, t = problem.squared[:, :-1], problem.squared[:, -1]
-    return huber_point(problem.A, problem.d, S, t, _squared(problem))
-
-
 def _squared(problem: _HuberProblem) -> IdentificationProblem:
     """Return the same problem with the squared loss."""
     rows = Compression(problem.A.shape[2] + 1)
@@ -242,7 +236,10 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
 
     Of more than `MOST_STATED` targets the rounds start at least squares, with full damping, which is faster.
     """
-    stated = _stated(problem) if len(problem.d) <= MOST_STATED else None
+    stated = None
+    if len(problem.d) <= MOST_STATED:
+        S, t = problem.squared[:, :-1], problem.squared[:, -1]
+        stated = huber_point(problem.A, problem.d, S, t, _squared(problem))
     compliance = _least_squares(problem) if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
@@ -277,7 +274,7 @@ def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
             where="loss",
             remedy="state `noise`, or add observations",
         )
-    unit = np.sqrt(rows / freedom) / _MEDIAN_NORM
+    unit = np.sqrt(rows / freedom) / MEDIAN_NORM
     least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.d**2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):

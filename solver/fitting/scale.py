@@ -19,6 +19,13 @@ _LEAST_FREEDOM = 0.5
 """Least degrees of freedom; they are integers, or nearly, for every method."""
 
 
+def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
+    """Return the quantile in standard uncertainties: Student's, or the normal one for None."""
+    if degrees_of_freedom is None:
+        return float(special.ndtri(probability))
+    return float(special.stdtrit(degrees_of_freedom, probability))
+
+
 @dataclass(frozen=True)
 class Scale:
     """Sigma and the residuals under it."""
@@ -32,9 +39,7 @@ class Scale:
 
     def quantile(self, probability: float) -> float:
         """Return the quantile in standard uncertainties: normal, or Student's where sigma is estimated."""
-        if self.given:
-            return float(special.ndtri(probability))
-        return float(special.stdtrit(self.degrees_of_freedom, probability))
+        return student_quantile(probability, None if self.given else self.degrees_of_freedom)
 
 
 @dataclass(frozen=True)

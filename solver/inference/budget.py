@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
-from scipy import special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.fitting.common import CommonSource
-from jointstiff.solver.fitting.scale import Scale
+from jointstiff.solver.fitting.scale import student_quantile
 from jointstiff.solver.inference.estimate import Estimate
 
 BudgetSource = Literal["readings", CommonSource, "model_error", "complementary_stiffness"]
@@ -97,7 +96,9 @@ class UncertaintyBudget:
         readings = estimate.covariance
         if common is not None:
             readings = readings - common.responses @ common.responses.T
-        components = [_of_readings(estimate, readings)]
+        given = estimate.sigma_given
+        own_freedom = None if given else estimate.degrees_of_freedom
+        components = [BudgetComponent("readings", "B" if given else "A", True, Spread(readings), own_freedom)]
         if common is not None:
             for source in get_args(CommonSource):
                 own = common.of(source)
@@ -110,30 +111,18 @@ class UncertaintyBudget:
         if size is not None and not size.included and size.shift is not None:
             shift = Spread(np.outer(size.shift, size.shift))
             components.append(BudgetComponent("complementary_stiffness", "B", False, shift))
-        factor = _coverage_factor(estimate, components, 0.5 * (1.0 + probability))
+        level = 0.5 * (1.0 + probability)
+        factor = max(
+            student_quantile(level, part.degrees_of_freedom)
+            for part in components
+            if part.source == "readings" or (part.source == "model_error" and part.included)
+        )
         return cls(joints, tuple(components), probability, factor)
 
     def total(self, *, whole: bool = False) -> Spread:
         """Return all included components together; of the `whole` budget, the others too."""
         parts = [part.spread.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
-
-
-def _coverage_factor(estimate: Estimate, components: list[BudgetComponent], level: float) -> float:
-    """Return the factor of the fewest degrees of freedom, those of an included model error among them."""
-    scale = Scale(estimate.sigma, estimate.sigma_given, estimate.chi_square, estimate.degrees_of_freedom)
-    freedom = [
-        part.degrees_of_freedom
-        for part in components
-        if part.source == "model_error" and part.included and part.degrees_of_freedom is not None
-    ]
-    return max([scale.quantile(level), *(float(special.stdtrit(each, level)) for each in freedom)])
-
-
-def _of_readings(estimate: Estimate, covariance: FloatArray) -> BudgetComponent:
-    if estimate.sigma_given:
-        return BudgetComponent("readings", "B", True, Spread(covariance))
-    return BudgetComponent("readings", "A", True, Spread(covariance), estimate.degrees_of_freedom)
 
 
 def _model_error(

@@ -16,7 +16,7 @@ from jointstiff.solver.fitting.common import CommonErrors
 from jointstiff.solver.fitting.fit import Fit, Likelihood
 from jointstiff.solver.fitting.iteration import prior_to_data
 from jointstiff.solver.fitting.robust import RobustFit
-from jointstiff.solver.fitting.scale import Scale, SigmaTest, scale_of, sigma_test
+from jointstiff.solver.fitting.scale import SigmaTest, scale_of, sigma_test
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.verdict import Evidence, JointCompliance, verdicts
 from jointstiff.solver.observability.identifiability import (
@@ -156,7 +156,14 @@ def assemble(
         scale, errors = replace(scale, sigma=sigma), common(sigma)
         fit = fit.with_common(errors.responses / sigma)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
-    _refuse_overflow(scale, fit, covariance)
+    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    numbers += [] if covariance is None else [covariance]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise MeasurementError(
+            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
+            where="units",
+            remedy="check the units of force, length and sigma",
+        )
     ratios = np.full(len(names), np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
         ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
@@ -178,14 +185,3 @@ def assemble(
         likelihood=fit.likelihood,
         common=errors,
     )
-
-
-def _refuse_overflow(scale: Scale, fit: Fit, covariance: FloatArray | None) -> None:
-    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
-    numbers += [] if covariance is None else [covariance]
-    if not all(np.isfinite(array).all() for array in numbers):
-        raise MeasurementError(
-            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
-            where="units",
-            remedy="check the units of force, length and sigma",
-        )

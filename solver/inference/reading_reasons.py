@@ -144,9 +144,7 @@ def _undone(robot: Robot, better: BetterAlternative) -> tuple[str, str, Action]:
 
 def load_reasons(robot: Robot, measurements: Measurements) -> Iterator[Reason]:
     """Report a load at one of several targets, where a reflector sits; one target may be the tool's point."""
-    part, count = measurements, len(measurements)
-    if count > _PLACES:
-        part = measurements[np.linspace(0, count - 1, _PLACES).astype(np.intp)]
+    part = measurements.evenly(_PLACES)
     if part.present.shape[1] < 2 or not part.force.any():
         return
     apart = np.linalg.norm(places_on_flange(robot, part) - part.load_point[:, None], axis=2)

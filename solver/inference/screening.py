@@ -20,8 +20,7 @@ from jointstiff.solver.errors import SolverError
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.observability.identifiability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks, whitener
-from jointstiff.solver.robot.configuration import joint_frames
+from jointstiff.solver.regression.regressor import RegressorBlock, link_motion, regressor_blocks, whitener
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.rotations import skew
 
@@ -118,7 +117,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
 
     Without a balance under the load, or without residual freedom, no test is significant.
     """
-    part, compliance = _sample(measurements), np.maximum(estimate.compliance, 0.0)
+    part, compliance = measurements.evenly(_OBSERVATIONS), np.maximum(estimate.compliance, 0.0)
     try:
         block = next(regressor_blocks(robot, part, compliance))
     except SolverError:  # no balance: other reasons say so
@@ -131,14 +130,6 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
                 mistakes.append(_followed(robot, part, columns, kind))
     best = min(mistakes, key=lambda each: each.ratio, default=None)
     return Screening(columns.links_p_value(), best)
-
-
-def _sample(measurements: Measurements) -> Measurements:
-    """Choose observations evenly, so that the work does not grow with the set."""
-    count = len(measurements)
-    if count <= _OBSERVATIONS:
-        return measurements
-    return measurements[np.linspace(0, count - 1, _OBSERVATIONS).astype(np.intp)]
 
 
 def _followed(robot: Robot, part: Measurements, columns: _Columns, kind: LoadMistakeKind) -> LoadMistake:
@@ -187,9 +178,10 @@ class _Columns:
             axis=2,
         )
         load = block.jacobian @ (compliance[:, None] * torque)[:, None]
-        rows = np.concatenate(
-            [block.A, load, _link_columns(robot, block), part.deflection[..., None]], axis=-1
-        )
+        # Deflections by the diagonal compliances of each joint's link
+        moves, wrench, _ = link_motion(robot, block)
+        links = np.concatenate(list(moves * wrench[:, :, None, None]), axis=-1)
+        rows = np.concatenate([block.A, load, links, part.deflection[..., None]], axis=-1)
         rows = (whitener(part.covariance) @ rows)[part.present].reshape(-1, rows.shape[-1])
         length = np.linalg.norm(rows[:, :-1], axis=0)
         length[length == 0.0] = 1.0
@@ -257,19 +249,3 @@ def _basis(columns: FloatArray, least: float = _INDEPENDENT) -> FloatArray:
     """Orthonormal basis of what columns tell by more than the least singular value, largest first."""
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(U[:, s > least])
-
-
-def _link_columns(robot: Robot, block: RegressorBlock) -> FloatArray:
-    """(B, T, 3, 6 n) deflections by the diagonal compliances of each joint's link: three of each kind."""
-    part, q = block.measurements, block.configurations.q
-    R, origin = joint_frames(robot, q)
-    lever = block.configurations.to_base(part.load_point[:, None]) - origin
-    moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
-    wrench = np.stack([np.broadcast_to(part.force[:, None], moment.shape), moment], axis=2) @ R
-    # Translations move a target along the frame's axes, rotations across its arm.
-    arm = block.points[:, :, None] - origin[:, None]
-    turn = -skew(arm) @ R[:, None]
-    moves = np.stack([np.broadcast_to(R[:, None], turn.shape), turn], axis=4)
-    columns = moves * wrench[:, None, :, None]
-    count, targets, n = turn.shape[:3]
-    return np.asarray(columns.transpose(0, 1, 3, 2, 4, 5).reshape(count, targets, 3, 6 * n))

@@ -153,29 +153,26 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
     name, value = evidence.names[j], float(evidence.fit.compliance[j])
     held = _held(evidence, j, ends)
     ratio = float(evidence.prior_to_data[j])
-    interval = None if ends is None else _pair(ends[0])
-    one_sided = None if ends is None else OneSidedBounds(*_pair(ends[1]))
+    two_sided, one_sided = (None, None) if ends is None else ends.tolist()
     unsure = None if held else _uncertain(evidence, j, ends)
     reasons = [
         held,
         unsure,
         _NO_UNCERTAINTY if ends is None and held is None else None,
-        _prior_alone(evidence, j),
+        f"the readings show {name} only in combination with other joints: only its prior separates them"
+        if np.isinf(ratio)
+        else None,
     ]
     return JointCompliance(
         name,
         "at_bound" if held else "uncertain" if unsure else "identified",
         value,
         evidence.uncertainty(j),
-        interval,
-        one_sided,
+        None if two_sided is None else (two_sided[0], two_sided[1]),
+        None if one_sided is None else OneSidedBounds(*one_sided),
         None if np.isnan(ratio) else ratio,
         "; ".join(reason for reason in reasons if reason) or None,
     )
-
-
-def _pair(ends: FloatArray) -> tuple[float, float]:
-    return float(ends[0]), float(ends[1])
 
 
 def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
@@ -226,15 +223,6 @@ def _rounded_down(stiffness: float) -> str:
     step = 10.0 ** (floor(log10(stiffness)) - 2)
     lower = floor(stiffness / step) * step
     return f"{lower / 1e6:.3g} · 10⁶ N·m/rad" if stiffness >= 1e4 else f"{lower:.3g} N·m/rad"
-
-
-def _prior_alone(evidence: Evidence, j: int) -> str | None:
-    if not np.isinf(evidence.prior_to_data[j]):
-        return None
-    return (
-        f"the readings show {evidence.names[j]} only in combination with other joints: only its "
-        "prior separates them"
-    )
 
 
 def _hidden(evidence: Evidence, j: int) -> str | None:

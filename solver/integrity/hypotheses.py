@@ -11,8 +11,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.finding import M_AS_MM, MM_AS_M, FindingCode
 
-Rows = IndexArray
-
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
@@ -23,7 +21,7 @@ class Hypothesis:
     length: float  #: factor on the positions
     figure: str  #: what was done, for the message: "with ... ".
     remedy: str  #: the proposed correction
-    rows: Rows  #: (M,) rows that it can explain, as places among those asked for
+    rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
 
 
 def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
@@ -46,7 +44,7 @@ def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
         yield Hypothesis("angle_unit_suspect", angles, 1.0, changed, remedy, rows)
 
 
-def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
+def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
     """A joint's sign, two joints' columns, rows shifted against the readings.
 
     Args:
@@ -70,7 +68,7 @@ def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> 
             )
 
 
-def _signs(asked: FloatArray, every: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
+def _signs(asked: FloatArray, every: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
     for j, name in enumerate(names):
         sign = np.ones(len(names))
         sign[j] = -1.0
@@ -84,7 +82,7 @@ def _signs(asked: FloatArray, every: Rows, names: tuple[str, ...]) -> Iterator[H
         )
 
 
-def _exchanges(asked: FloatArray, every: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
+def _exchanges(asked: FloatArray, every: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
     for j, k in combinations(range(len(names)), 2):
         order = np.arange(len(names))
         order[[j, k]] = k, j

@@ -19,8 +19,6 @@ from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses,
 from jointstiff.solver.integrity.view import View, median, seen_from_flange
 from jointstiff.solver.robot.configuration import Configurations
 
-Rows = IndexArray
-
 LARGEST_MODEL_ERROR: Final = 0.02
 """Largest plausible deviation from the model's position [m]: more is a wrong frame, map, unit or angle."""
 OUTLIER: Final = 10.0
@@ -95,7 +93,7 @@ def inspect_places(view: View) -> Places:
     return _row_by_row(view, rows, seen, as_posted)
 
 
-def _row_by_row(view: View, rows: Rows, seen: FloatArray, consensus: _Consensus) -> Places:
+def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, consensus: _Consensus) -> Places:
     """The rows that disagree one by one: names exchanged, or the readings of another posture."""
     bad = np.flatnonzero(~consensus.agree)
     good = np.ones(len(view.measured), dtype=np.bool_)
@@ -153,7 +151,7 @@ def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
         )
 
 
-def _exchanged(view: View, i: int, order: Rows) -> Finding:
+def _exchanged(view: View, i: int, order: IndexArray) -> Finding:
     wrong = [t for t in np.flatnonzero(view.measured[i]).tolist() if order[t] != t]
     pairs = ", ".join(f"'{view.targets[t]}' is '{view.targets[order[t]]}'" for t in wrong)
     return Finding(
@@ -165,7 +163,7 @@ def _exchanged(view: View, i: int, order: Rows) -> Finding:
     )
 
 
-def _loaded_under_other_names(view: View, rows: Rows, place: FloatArray) -> Iterator[Finding]:
+def _loaded_under_other_names(view: View, rows: IndexArray, place: FloatArray) -> Iterator[Finding]:
     """Unloaded readings are right, and loaded ones sit where other targets do."""
     length = np.linalg.norm(view.measurements.deflection[rows], axis=2)
     far = rows[(length > LARGEST_MODEL_ERROR).any(axis=1)]
@@ -176,7 +174,7 @@ def _loaded_under_other_names(view: View, rows: Rows, place: FloatArray) -> Iter
             yield _exchanged(view, i, order)
 
 
-def _outliers(rows: Rows, apart: FloatArray) -> Iterator[Finding]:
+def _outliers(rows: IndexArray, apart: FloatArray) -> Iterator[Finding]:
     """A mistyped angle moves all targets at once, further than the model's errors do elsewhere."""
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(apart, axis=2), axis=1)
@@ -223,7 +221,7 @@ def _median(seen: FloatArray) -> FloatArray:
     return place
 
 
-def _places_under(view: View, rows: Rows, hypothesis: Hypothesis) -> FloatArray:
+def _places_under(view: View, rows: IndexArray, hypothesis: Hypothesis) -> FloatArray:
     """(M, T, 3) places on the flange, had that mistake been made [m]."""
     asked = rows[hypothesis.rows]
     q = view.robot.joint_map.model_angles(hypothesis.joints)
@@ -231,7 +229,7 @@ def _places_under(view: View, rows: Rows, hypothesis: Hypothesis) -> FloatArray:
     return seen_from_flange(Configurations(view.robot, q), position, view.measured[asked])
 
 
-def _swapped(seen: FloatArray, place: FloatArray) -> Rows | None:
+def _swapped(seen: FloatArray, place: FloatArray) -> IndexArray | None:
     """(T,) the target that each one really is; None if that explains nothing."""
     order = np.arange(len(place))
     read = np.flatnonzero(~np.isnan(seen[:, 0]))

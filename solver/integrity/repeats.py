@@ -12,8 +12,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.view import FALSE_ALARM, View
 
-Rows = IndexArray
-
 SAME_ANGLE: Final = 1e-5
 """Tolerance of angles [rad] of the same posture: 20 µm at 2 m."""
 
@@ -34,7 +32,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
         yield from _positions(view, placed)
 
 
-def _deflections(view: View, group: Rows) -> Iterator[Finding]:
+def _deflections(view: View, group: IndexArray) -> Iterator[Finding]:
     """Repeated deflections hold the tracker's noise alone: where the robot stands cancels."""
     m = view.measurements
     squares, freedom, count = _scatter(m.deflection, m.present, group)
@@ -57,7 +55,7 @@ def _deflections(view: View, group: Rows) -> Iterator[Finding]:
     )
 
 
-def _positions(view: View, group: Rows) -> Iterator[Finding]:
+def _positions(view: View, group: IndexArray) -> Iterator[Finding]:
     squares, freedom, count = _scatter(view.measurements.position, view.measured, group)
     if not freedom or not squares:
         return
@@ -72,14 +70,14 @@ def _positions(view: View, group: Rows) -> Iterator[Finding]:
     )
 
 
-def _groups(keys: FloatArray) -> Rows | None:
+def _groups(keys: FloatArray) -> IndexArray | None:
     """(N,) number of the group of equal keys (N, k); None if all differ."""
     first: dict[bytes, int] = {}
     group = [first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)]
     return np.array(group) if len(first) < len(group) else None
 
 
-def _scatter(values: FloatArray, read: BoolArray, group: Rows) -> tuple[float, int, int]:
+def _scatter(values: FloatArray, read: BoolArray, group: IndexArray) -> tuple[float, int, int]:
     """Sum of squares about the groups' means, its degrees of freedom, and how many rows repeat others."""
     squares, freedom, count = 0.0, 0, 0
     numbers, sizes = np.unique(group, return_counts=True)

@@ -12,14 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.hypotheses import angle_hypotheses
-from jointstiff.solver.integrity.springs import Shift, SpringModel, Springs, exchanged_pair, find_shift
+from jointstiff.solver.integrity.springs import Shift, SpringModel, Springs, exchanged_pair, find_shift, norms
 from jointstiff.solver.integrity.view import MODEL_ALLOWANCE, View, median, vector_quantile, vector_scale
 from jointstiff.solver.readings.measurements import Measurements
-
-Rows = IndexArray
 
 UNEXPLAINED: Final = 0.5
 """Unexplained share of the median deflection: joints explain 80 % of a real robot's, the paper's worst
@@ -58,15 +56,15 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         yield of_the_set
         return
     # (M,) observations that are explained much better with the load reversed
-    predicted, residual = _norms(springs.predicted), _norms(springs.residual)
-    turned = _norms(springs.residual + 2.0 * springs.predicted)
+    predicted, residual = norms(springs.predicted), norms(springs.residual)
+    turned = norms(springs.residual + 2.0 * springs.predicted)
     against = np.asarray((turned < FLIPPED * residual) & (predicted > noise))
     yield from (_turned(int(rows[k]), part, springs, int(k)) for k in np.flatnonzero(against))
     yield from _outliers(view, rows, part, springs, ~against)
 
 
 def _of_the_set(
-    view: View, rows: Rows, part: Measurements, model: SpringModel, springs: Springs
+    view: View, rows: IndexArray, part: Measurements, model: SpringModel, springs: Springs
 ) -> Finding | None:
     """A mistake in all rows or many; where positions were read, they have told those in the angles."""
     if not view.measured.any():
@@ -100,7 +98,7 @@ def _force_sign(part: Measurements, springs: Springs) -> Finding:
 
 
 def _turned(i: int, part: Measurements, springs: Springs, k: int) -> Finding:
-    size, other = _norms(springs.predicted)[k], _norms(springs.residual + 2.0 * springs.predicted)[k]
+    size, other = norms(springs.predicted)[k], norms(springs.residual + 2.0 * springs.predicted)[k]
     force = float(np.linalg.norm(part.force[k]))
     return Finding(
         "deflection_against_force",
@@ -114,7 +112,7 @@ def _turned(i: int, part: Measurements, springs: Springs, k: int) -> Finding:
 
 
 def _outliers(
-    view: View, rows: Rows, part: Measurements, springs: Springs, usual: BoolArray
+    view: View, rows: IndexArray, part: Measurements, springs: Springs, usual: BoolArray
 ) -> Iterator[Finding]:
     """Readings far beyond the others' residuals; a robust fit leaves them where they are."""
     norm = np.linalg.norm(springs.residual, axis=2)
@@ -169,7 +167,7 @@ def _shift(model: SpringModel, springs: Springs) -> Shift | None:
     return max(found, key=lambda shift: len(shift.rows), default=None)
 
 
-def _shifted(rows: Rows, shifted: Shift) -> Finding:
+def _shifted(rows: IndexArray, shifted: Shift) -> Finding:
     neighbour = "before" if shifted.by < 0 else "after"
     first, last = int(rows[shifted.rows[0]]), int(rows[shifted.rows[-1]])
     return Finding(
@@ -201,7 +199,3 @@ def _mistake(view: View, part: Measurements, springs: Springs) -> Finding | None
         best.remedy,
         "error",
     )
-
-
-def _norms(rows: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(rows.reshape(len(rows), -1), axis=1))

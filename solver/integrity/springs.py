@@ -74,7 +74,7 @@ class SpringModel:
         )
         predicted = self.A @ compliance
         residual = self.deflection - predicted
-        left, moved = (median(_norms(x)) for x in (residual, self.deflection))
+        left, moved = (median(norms(x)) for x in (residual, self.deflection))
         return Springs(
             predicted=predicted,
             residual=residual,
@@ -121,10 +121,10 @@ def find_shift(deflection: FloatArray, springs: Springs) -> Shift | None:
     Returns:
         The longest run, or None.
     """
-    own = _norms(springs.residual)
+    own = norms(springs.residual)
     best: Shift | None = None
     for by in (-1, 1):
-        other = _norms(deflection - np.roll(springs.predicted, -by, axis=0))
+        other = norms(deflection - np.roll(springs.predicted, -by, axis=0))
         better = other < BETTER * own
         better[0 if by < 0 else -1] = False  # the neighbour of the end is not beside it
         run = _longest_run(better)
@@ -164,5 +164,6 @@ def _longest_run(marked: BoolArray) -> IndexArray:
     return np.arange(starts[k], ends[k])
 
 
-def _norms(rows: FloatArray) -> FloatArray:
+def norms(rows: FloatArray) -> FloatArray:
+    """Return the lengths (N,) of all that belongs to each observation."""
     return np.asarray(np.linalg.norm(rows.reshape(len(rows), -1), axis=1))

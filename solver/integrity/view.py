@@ -17,6 +17,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.fitting.robust import MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import unloaded_configurations
 from jointstiff.solver.robot.configuration import Configurations
@@ -93,8 +94,6 @@ MODEL_ALLOWANCE: Final = 1.5
 """Factor for deviations that are not noise: they are not normal, and their extremes may be larger."""
 MEDIAN_EFFICIENCY: Final = 0.37
 """Confidence of a scale estimated by medians, as the standard deviation of that share of the readings."""
-_MEDIAN_NORM: Final = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
-"""Median of the norm of three standard normal coordinates."""
 _MEDIAN_SIZE: Final = 0.6744897501960817
 """Median of the absolute value of one."""
 
@@ -124,7 +123,7 @@ def median(sizes: FloatArray) -> float:
 
 def vector_scale(norms: FloatArray) -> float:
     """Standard deviation of a coordinate, by the median of the norms (K,) of vectors of three; 0 for none."""
-    return median(norms) / _MEDIAN_NORM if norms.size else 0.0
+    return median(norms) / MEDIAN_NORM if norms.size else 0.0
 
 
 def length_scale(sizes: FloatArray) -> float:

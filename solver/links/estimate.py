@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fitting.scale import student_quantile
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.links.model import ElasticModel, Formulation
 
@@ -78,10 +78,7 @@ class Companion:
 
     def quantile(self, confidence: float) -> float:
         """Return half the width of a two-sided interval in standard uncertainties."""
-        probability = 0.5 * (1.0 + confidence)
-        if self.degrees_of_freedom is None:
-            return float(special.ndtri(probability))
-        return float(special.stdtrit(self.degrees_of_freedom, probability))
+        return student_quantile(0.5 * (1.0 + confidence), self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,9 +26,9 @@ from jointstiff.solver.links.estimate import (
     LinkCompliance,
     principal,
 )
-from jointstiff.solver.links.losses import LossFit, LossProblem
+from jointstiff.solver.links.losses import LossProblem
 from jointstiff.solver.links.model import ElasticModel, Formulation
-from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks
+from jointstiff.solver.links.regressor import ElasticRows, elastic_blocks
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
@@ -88,21 +88,28 @@ def estimate_elastic(
     rows, problem = folds.all_rows, folds.problem(model)
     formulation = problem.formulation
     scale = _scale(formulation, rows, measurements.sigma)
-    fitted = _solved(problem, weight, scale / problem.size)
-    solution = fitted.solution
+    unit = scale / problem.size
+    try:  # as exactly as rounding allows, and certified in any case
+        fitted = problem.fit(weight, gap=_DESIRED_GAP * unit, accepted=_SOLVED_GAP * unit)
+    except SolverError as error:
+        raise _uncertified(weight) from error
+    solution, columns = fitted.solution, model.columns
     compliances, least = _returned(formulation.compliances(solution.x), model)
-    gap = _judged(problem, fitted, weight, compliances, scale)
+    gap = problem.gap_at(compliances, weight, fitted) / unit
+    if not gap <= CERTIFIED_GAP:
+        raise _uncertified(weight)
     weighted, shared, shared_weight = problem.companion(rows, compliances, weight, fitted.threshold)
     freedom, left, sigma, chi_square = _residuals(
         weighted, shared, shared_weight, compliances, measurements.sigma
     )
     elements, prediction = _explained(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
+    joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
         model=model,
         penalty=weight,
-        compliance=np.where(seen, _joint_compliances(compliances, model.columns), np.nan),
-        coupled_joints=_coupled(compliances, model),
+        compliance=np.where(seen, np.diagonal(joints), np.nan),
+        coupled_joints=joints if model.name == "coupled_joints" else None,
         entries=compliances,
         links=tuple(_links(compliances, model, freedom)),
         elements=elements,
@@ -177,14 +184,6 @@ def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> 
     return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
 
 
-def _solved(problem: LossProblem, weight: float, scale: float) -> LossFit:
-    """As exactly as rounding allows, and certified in any case."""
-    try:
-        return problem.fit(weight, gap=_DESIRED_GAP * scale, accepted=_SOLVED_GAP * scale)
-    except SolverError as error:
-        raise _uncertified(weight) from error
-
-
 def _uncertified(weight: float) -> UnsupportedMethodError:
     return UnsupportedMethodError(
         f"with a penalty of {weight:.3g} rounding hides which links bend: no optimum can be certified",
@@ -203,20 +202,6 @@ def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray,
             out[own] = raised(out[own], size)
             least.append(float(np.linalg.eigvalsh(to_matrix(out[own], size)).min()))
     return out, min(least)
-
-
-def _judged(
-    problem: LossProblem, fitted: LossFit, weight: float, compliances: FloatArray, scale: float
-) -> float:
-    """Gap of what is returned, in units of the scale.
-
-    Raises:
-        UnsupportedMethodError: it is not the optimum after all.
-    """
-    gap = problem.gap_at(compliances, weight, fitted) * problem.size / scale
-    if not gap <= CERTIFIED_GAP:
-        raise _uncertified(weight)
-    return gap
 
 
 def effective_compliances(robot: Robot, elastic: ElasticEstimate) -> FloatArray:
@@ -243,20 +228,6 @@ def effective_intervals(
             quantile=companion.quantile(confidence),
         )
     return None
-
-
-def _joint_compliances(compliances: FloatArray, columns: ElasticColumns) -> FloatArray:
-    """(n,) the joints' own, with their part of a coupled compliance."""
-    coupled = compliances[columns.coupling][diagonal(columns.n)]
-    own: FloatArray = compliances[columns.joints] + coupled
-    return own
-
-
-def _coupled(compliances: FloatArray, model: ElasticModel) -> FloatArray | None:
-    if model.name != "coupled_joints":
-        return None
-    columns = model.columns
-    return to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
 
 
 def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) -> Iterator[LinkCompliance]:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
@@ -19,14 +18,13 @@ from jointstiff.solver.convex.semidefinite.robust import NormSum, RobustProgram,
 from jointstiff.solver.convex.semidefinite.solve import ConeSolution, certify_cone, solve_cone
 from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting.robust import MEDIAN_NORM
 from jointstiff.solver.links.model import ElasticModel, Formulation, Loss, formulate
 from jointstiff.solver.links.regressor import ElasticRows, ElasticTargets
 from jointstiff.solver.readings.measurements import Measurements
 
 MOST_TARGETS: Final = 500
 """Targets up to which robust losses are supported: a program takes about 0.5 s there."""
-_MEDIAN_NORM: Final = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
-"""1.538: median of the norm of three standard normal coordinates."""
 _LEAST_SCALE: Final = 1e-6
 """Least robust scale relative to the mean deflection: exact readings have none."""
 _LEAST_WEIGHT: Final = 1e-9
@@ -169,7 +167,7 @@ class LossProblem:
     def scale_of(self, norms: FloatArray) -> float:
         """Return the robust scale [m] of residuals with these norms (K,)."""
         least = _LEAST_SCALE * self._fits.total / max(1, len(norms))
-        return max(float(np.median(norms)) / _MEDIAN_NORM, least)
+        return max(float(np.median(norms)) / MEDIAN_NORM, least)
 
     def companion(
         self, rows: ElasticRows, compliances: FloatArray, weight: float, threshold: float

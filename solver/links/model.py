@@ -125,39 +125,27 @@ def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> For
     sizes = []
     seen = np.isin(np.arange(len(visible)), joints)
     for columns, coupled, full in model.elements(seen):
-        root = (
-            np.sqrt(2.0 / 3.0) * lever[coupled]
-            if coupled is not None
-            else _link_metric(lever, model, columns)
-        )
+        if coupled is not None:
+            root = np.sqrt(2.0 / 3.0) * lever[coupled]
+        else:
+            joint = next(each for each in model.columns.links if columns[0] in model.columns.link(each))
+            root = np.repeat([1.0, np.sqrt(2.0 / 3.0) * float(lever[joint])], 3)
         if full:
             i, j = entries(len(root))
             blocks.append((columns, scale / (root[i] * root[j])))
             sizes.append(len(root))
         else:
             scalars.append((columns, scale / root**2))
-    return _assembled(triangle / size, z / size, scalars, blocks, tuple(sizes), len(joints), size)
-
-
-def _assembled(
-    R: FloatArray,
-    z: FloatArray,
-    scalars: list[tuple[IndexArray, FloatArray]],
-    blocks: list[tuple[IndexArray, FloatArray]],
-    sizes: tuple[int, ...],
-    joints: int,
-    size: float,
-) -> Formulation:
-    columns = np.concatenate([columns for columns, _ in scalars + blocks])
+    of_parameters = np.concatenate([columns for columns, _ in scalars + blocks])
     unit = np.concatenate([unit for _, unit in scalars + blocks])
     count = sum(len(columns) for columns, _ in scalars)
     return Formulation(
-        fit=LeastSquares(R[:, columns] * unit, z),
-        cone=Cone(count, sizes),
-        penalised=np.arange(count) >= joints,
-        columns=columns,
+        fit=LeastSquares((triangle / size)[:, of_parameters] * unit, z / size),
+        cone=Cone(count, tuple(sizes)),
+        penalised=np.arange(count) >= len(joints),
+        columns=of_parameters,
         unit=unit,
-        width=R.shape[1],
+        width=triangle.shape[1],
         size=size,
     )
 
@@ -175,12 +163,6 @@ def _scale(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
     if force == 0.0:
         raise _no_scale()
     return float(np.sqrt(rows.deflection / rows.targets / (force / rows.configurations))), lever
-
-
-def _link_metric(lever: FloatArray, model: ElasticModel, columns: IndexArray) -> FloatArray:
-    """(6,) roots of the metric of the link that has these columns."""
-    joint = next(joint for joint in model.columns.links if columns[0] in model.columns.link(joint))
-    return np.repeat([1.0, np.sqrt(2.0 / 3.0) * float(lever[joint])], 3)
 
 
 def _no_scale() -> UnsupportedMethodError:

@@ -17,10 +17,8 @@ from jointstiff.solver.convex.semidefinite.cone import entries, weights
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks, whitener
-from jointstiff.solver.robot.configuration import joint_frames
+from jointstiff.solver.regression.regressor import RegressorBlock, link_motion, regressor_blocks, whitener
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import skew
 
 MOST_JOINTS = 12
 """Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""
@@ -200,22 +198,13 @@ def elastic_rows_of(robot: Robot, measurements: Measurements) -> Iterator[tuple[
 
 
 def _block(robot: Robot, base: RegressorBlock, columns: ElasticColumns) -> ElasticBlock:
-    part = base.measurements
-    rotation, origin = joint_frames(robot, robot.joint_map.model_angles(part.joints))
-    load_point = base.configurations.to_base(part.load_point[:, None])
-    lever = load_point - origin
-    moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
+    moves, wrench, lever = link_motion(robot, base)
     rows = np.empty((*base.A.shape[:3], columns.width))
     rows[..., columns.joints] = base.A
     rows[..., columns.coupling] = products(base.jacobian, base.torque[:, None, None])
     for joint in columns.links:
-        R, at = rotation[:, joint], origin[:, joint]
-        wrench = np.concatenate([part.force[:, None] @ R, moment[:, joint, None] @ R], axis=-1)
-        R = R[:, None]
-        turn = -skew(base.points - at[:, None]) @ R
-        moves = np.concatenate([np.broadcast_to(R, turn.shape), turn], axis=-1)
-        rows[..., columns.link(joint)] = products(moves, wrench[:, None])
-    rows[~part.present] = 0.0
+        rows[..., columns.link(joint)] = products(moves[joint], wrench[joint, :, None, None])
+    rows[~base.measurements.present] = 0.0
     return ElasticBlock(rows, np.linalg.norm(lever, axis=-1), base)
 
 

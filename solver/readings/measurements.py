@@ -197,6 +197,11 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.joints)
 
+    def evenly(self, most: int) -> Measurements:
+        """Return at most so many of the observations, evenly spread; the set itself if it has no more."""
+        count = len(self)
+        return self if count <= most else self[np.linspace(0, count - 1, most).astype(np.intp)]
+
     def __getitem__(self, rows: slice | IndexArray) -> Measurements:
         """Some of the observations, in the given order."""
         covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[rows]

@@ -17,8 +17,9 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, SolverError
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.regression.balance import balance
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.rotations import skew
 
 BLOCK_LENGTH = 2048
 """Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
@@ -152,6 +153,25 @@ def _assembled(
     if not part.present.all():
         A[~part.present] = 0.0
     return RegressorBlock(configurations, torque, load_jacobian, points, jacobian, A, part)
+
+
+def link_motion(robot: Robot, block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how the links' frames move the targets, and how the load pulls at them (method.md §7).
+
+    Returns:
+        (n, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each joint;
+        (n, B, 6) wrench of the load in it, force then moment about its origin [N, N·m]; and (B, n, 3) the
+        load point from the origins, axes of R0 [m].
+    """
+    part = block.measurements
+    axes, origin = joint_frames(robot, block.configurations.q)
+    lever = block.configurations.to_base(part.load_point[:, None]) - origin
+    moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
+    R = axes.transpose(1, 0, 2, 3)  # (n, B, 3, 3)
+    wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
+    turn = -skew(block.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
+    moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
+    return moves, wrench[:, :, 0], lever
 
 
 _ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))

@@ -21,6 +21,7 @@ from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.convex.weighed import ends
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.finding import length_text
+from jointstiff.solver.fitting.scale import student_quantile
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseState
@@ -220,7 +221,7 @@ def identify_weight(
     reasons = tuple(reasons_of(fit, rank, freedom, stated=poses.sigma))
     noisy = poses.sigma is None or any(reason.code == "residuals_exceed_sigma" for reason in reasons)
     scale = factor if noisy else 1.0
-    radius = stats.t.ppf(0.5 + 0.5 * confidence, freedom) if noisy else stats.norm.ppf(0.5 + 0.5 * confidence)
+    radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
     joints = joints_of(robot, fit, scale, (scale * radius) ** 2)
     unit = poses.sigma or 1.0
     sagging = replace(whitened, angles=angles + fit.sag)

@@ -15,10 +15,10 @@ from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
-from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
+from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.run.work import run_identification
-from jointstiff.service.kinds.work import Span, SteppedWork
+from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.problems.table import problem_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
@@ -75,11 +75,11 @@ class ComparisonWork(SteppedWork[Part]):
 
     def encode(self, part: Part) -> str:
         """Return draws or a problem as text."""
-        return part.model_dump_json() if isinstance(part, Problem) else encode(part)
+        return part.model_dump_json() if isinstance(part, Problem) else pack(vars(part))
 
     def decode(self, text: str) -> Part:
         """Return what `encode` wrote."""
-        return Problem.model_validate_json(text) if text.startswith("{") else decode(text)
+        return Problem.model_validate_json(text) if text.startswith("{") else Resamples(**unpack(text))
 
     def conclude(self, parts: Sequence[Part]) -> ComparisonResult:
         """Return the fits side by side."""

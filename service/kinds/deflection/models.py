@@ -13,7 +13,7 @@ from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
-from jointstiff.service.conversion import message
+from jointstiff.service.conversion.message import finite, rows
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
@@ -38,16 +38,16 @@ _LIMITS: Final = {"lower": -np.inf, "upper": np.inf}
 def to_identified_model(model: JointModel, error: ModelError | JointstiffError) -> IdentifiedModel:
     """Return a model as it is stored with its run, with its model error or the reason why it has none."""
     names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
-    rows = None if likelihood is None or likelihood.given_rows is None else likelihood.given_rows.tolist()
+    given = None if likelihood is None else likelihood.given_rows
     return IdentifiedModel(
         joints=list(names),
         compliance=model.compliance.tolist(),
         seen=[] if likelihood is None else [names[j] for j in likelihood.joints],
         estimate=[] if likelihood is None else likelihood.centre.tolist(),
         covariance=[] if likelihood is None else likelihood.covariance.tolist(),
-        information_root=rows,
-        lower=[_finite(value) for value in bounds.lower],
-        upper=[_finite(value) for value in bounds.upper],
+        information_root=None if given is None else given.tolist(),
+        lower=[finite(value) for value in bounds.lower],
+        upper=[finite(value) for value in bounds.upper],
         order=list(model.constraints.order),
         degrees_of_freedom=model.degrees_of_freedom,
         error=_stored_error(error) if isinstance(error, ModelError) else None,
@@ -58,7 +58,7 @@ def to_identified_model(model: JointModel, error: ModelError | JointstiffError) 
 def _stored_error(error: ModelError) -> StoredModelError:
     return StoredModelError(
         postures=error.postures,
-        steps=message.rows(ScoreStep, score=error.score, share=error.share),
+        steps=rows(ScoreStep, score=error.score, share=error.share),
         force=error.force,
         moment=error.moment,
         least_load=error.least_load,
@@ -257,7 +257,3 @@ def moment_factor(units: Units, moments: FloatArray) -> float:
 
 def _bound(values: list[float | None], limit: float) -> FloatArray:
     return np.array([limit if value is None else value for value in values], dtype=np.float64)
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

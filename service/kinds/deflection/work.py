@@ -11,6 +11,7 @@ from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.service.conversion.message import finite
 from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.kinds.deflection.models import (
     to_directions,
@@ -251,11 +252,11 @@ def _stiffnesses(
     return [
         messages.DirectionalStiffness(
             direction=tuple(direction.tolist()),
-            lateral_free=_finite(free),
-            lateral_blocked=_finite(lateral),
-            rotation_blocked=_finite(rotation),
+            lateral_free=finite(free),
+            lateral_blocked=finite(lateral),
+            rotation_blocked=finite(rotation),
             compliance=float(along),
-            standard_uncertainty=_finite(deviation),
+            standard_uncertainty=finite(deviation),
         )
         if there
         else None
@@ -284,12 +285,8 @@ def _compliance(
             "worst": {
                 "direction": worst.direction[b].tolist(),
                 "compliance": float(worst.compliance[b]),
-                "compliance_uncertainty": _finite(worst.compliance_uncertainty[b]),
-                "direction_uncertainty": _finite(worst.direction_uncertainty[b]),
+                "compliance_uncertainty": finite(worst.compliance_uncertainty[b]),
+                "direction_uncertainty": finite(worst.direction_uncertainty[b]),
             },
         }
     )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import map as messages
 from jointstiff.schemas.assessment import Assessment
+from jointstiff.service.conversion.message import finite
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
@@ -130,9 +131,9 @@ def _place(index: int, places: FloatArray, tool: FloatArray, found: DeflectionMa
         deflection=float(found.length[index]),
         readings_only=_pair(found.readings[index]),
         with_model_error=_pair(found.with_model_error[index]),
-        compliance_along=_finite(found.along[index]),
-        compliance_across=_finite(found.across[index]),
-        extrapolation=_finite(found.extrapolation[index]),
+        compliance_along=finite(found.along[index]),
+        compliance_across=finite(found.across[index]),
+        extrapolation=finite(found.extrapolation[index]),
     )
 
 
@@ -171,7 +172,3 @@ def _unit(vector: Sequence[float], where: str) -> FloatArray:
 
 def _pair(ends: FloatArray) -> tuple[float, float] | None:
     return (float(ends[0]), float(ends[1])) if np.isfinite(ends).all() else None
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

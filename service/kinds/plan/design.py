@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final, TypeAlias
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.assessment import Assessment
+from jointstiff.service.conversion.message import finite
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.campaign_plan import CampaignPlan
@@ -125,9 +125,9 @@ def to_plan_result(
                 name=robot.joint_names[j],
                 standard_uncertainty=float(c[i] * plan.uncertainty[i]),
                 relative=float(plan.uncertainty[i]) if known[i] else None,
-                before=_finite(c[i] * plan.before[i]),
-                random=_finite(c[i] * plan.random.uncertainty[i]),
-                one_at_a_time=_finite(c[i] * plan.one_at_a_time.uncertainty[i]),
+                before=finite(c[i] * plan.before[i]),
+                random=finite(c[i] * plan.random.uncertainty[i]),
+                one_at_a_time=finite(c[i] * plan.one_at_a_time.uncertainty[i]),
             )
             for i, j in enumerate(chosen.tolist())
         ],
@@ -154,10 +154,6 @@ def to_plan_result(
 def _point(place: FloatArray) -> tuple[float, float, float]:
     x, y, z = place.tolist()
     return x, y, z
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def named_targets(

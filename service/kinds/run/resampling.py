@@ -9,7 +9,7 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.resampling import Resampling
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.run.settings import identified, to_settings
-from jointstiff.service.kinds.work import Span, pack, unpack
+from jointstiff.service.kinds.work import Span
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.resampling.blocks import GramBlocks, blocks_of_identified, refuse_nonlinear
@@ -74,20 +74,3 @@ class ResamplingWork:
             JointstiffError: as the identification of the whole set does.
         """
         return resample(self._blocks, self._plan, self._settings.bounds if bounds is None else bounds, *span)
-
-
-def encode(resamples: Resamples) -> str:
-    """Return draws as text that an engine can keep."""
-    return pack(
-        {
-            "compliance": resamples.compliance,
-            "active": resamples.active,
-            "compensation": resamples.compensation,
-        }
-    )
-
-
-def decode(text: str) -> Resamples:
-    """Return the draws that `encode` wrote."""
-    arrays = unpack(text)
-    return Resamples(arrays["compliance"], arrays["active"], arrays["compensation"])

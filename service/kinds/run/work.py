@@ -16,11 +16,11 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.elastic import ElasticWork
 from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_columns
-from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
+from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.run.weight import identified_by_weight
-from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork
+from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork, pack, unpack
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
 from jointstiff.solver.design.advice import advise
@@ -94,11 +94,11 @@ class RunWork(SteppedWork[Resamples]):
 
     def encode(self, part: Resamples) -> str:
         """Return draws as text."""
-        return encode(part)
+        return pack(vars(part))
 
     def decode(self, text: str) -> Resamples:
         """Return the draws that `encode` wrote."""
-        return decode(text)
+        return Resamples(**unpack(text))
 
     def conclude(self, parts: Sequence[Resamples]) -> RunResult:
         """Identify from the whole set, with the statistics of the draws and the model that predicts.
