@@ -150,6 +150,7 @@ class ProgramWork(SteppedWork[Corrections]):
             ProgramError: a corrected target is not reached.
         """
         found = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
+        del parts  # as large again
         quantile = self._model.quantile(self._request.confidence)
         contents, points = rewritten(self._path, found, self._model, self._inverse, quantile)
         program, verdict = self._program, self._assessment.verdict
