@@ -65,14 +65,11 @@ _FREE_RAPID: Final = re.compile(r"\bConfJ\s*+\\\s*+Off\b", re.IGNORECASE)
 
 
 class StatedConfigurations:
-    """Read what the targets of a program say of the arm's configuration.
-
-    Attributes:
-        decides: whether the controller takes a joint move to the configuration that is stated.
-    """
+    """Read what the targets of a program say of the arm's configuration."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
+        # whether the controller takes a joint move to the configuration that is stated
         self.decides = program.format != "rapid" or not any(
             _FREE_RAPID.search(source.text) for source in program.sources
         )

@@ -212,14 +212,13 @@ class _Program(Script):
 def _statement(c: Cursor) -> Statement:
     """Parse a line."""
     is_global = c.accept("GLOBAL") is not None
+    if c.peek().text in _FORMS:
+        return _FORMS.take(c)
     name = c.word()
     if name in _MOVES:
         return _move(c, name)
     if name in _RULES:
         return _RULES[name](c, name)
-    if name in _FORMS:
-        c.attempt(c.place - 1)
-        return _FORMS.take(c)
     if name.endswith("_REL"):
         raise Misread("a relative move")
     if c.at(":") and c.peek(1).kind == "end":
@@ -321,10 +320,9 @@ def _declared(c: Cursor) -> Statement:
     changed: set[str] = set()
     gives: tuple[str, Literal] | None = None
     while True:
-        array = c.accept("[") is not None
-        while array and not c.accept("]"):
-            if c.accept(",") is None:
-                c.expression(",", "]", used=used)
+        array = c.accept("[")
+        if array:
+            c.listed("]", used)
         if c.accept("="):
             literal = _value(c, used, ",")
             if literal is None or array or gives is not None:
@@ -371,9 +369,7 @@ def _index(c: Cursor, used: Used) -> tuple[int | None, bool]:
             index = -1
             if c.peek().kind == "number" and c.peek(1).text == "]" and whole:
                 index = c.number()
-            while not c.accept("]"):
-                if not c.accept(","):
-                    c.expression("]", ",", used=used)
+            c.listed("]", used)
         else:
             c.expect(".")
             c.name()

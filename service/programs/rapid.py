@@ -290,12 +290,10 @@ def _declared(c: Cursor) -> Statement:
 
 def _indices(c: Cursor, used: Used) -> bool:
     """Take `{2,3}` behind a name; return whether it stands there."""
-    if not c.accept("{"):
-        return False
-    while not c.accept("}"):
-        if not c.accept(","):
-            c.expression("}", ",", used=used)
-    return True
+    begins = c.accept("{")
+    if begins:
+        c.listed("}", used)
+    return begins is not None
 
 
 # instructions

@@ -111,13 +111,7 @@ class Reader:
     """Parts of a program that were read so far."""
 
     def __init__(self, kind: str, sources: tuple[Source, ...], allowed: Collection[str] = ()) -> None:
-        """Begin with nothing.
-
-        Args:
-            kind: name of the format.
-            sources: files of the program.
-            allowed: routines that the user says neither move the robot nor change frames, in capitals.
-        """
+        """Begin with nothing; the user says that no `allowed` routine moves the robot or changes frames."""
         self.format, self.sources, self.allowed = kind, sources, allowed
         self.numerals: list[Numerals] = []  # of each file, once a language has found them
         self.faults: list[Fault] = []
@@ -167,14 +161,9 @@ class Reader:
         )
 
     def target(self, name: str, place: Place, literal: Literal, frames: Frames, used: int) -> int | None:
-        """Add a target, or find it by its name; None where it was refused.
+        """Add a target that a line has used, or find it by its name; None where it was refused.
 
-        Args:
-            name: as the program calls it; empty for numbers that stand in a move.
-            place: where its numbers stand.
-            literal: which numbers they are.
-            frames: base and tool.
-            used: line of the move that uses it.
+        It has no name where its numbers stand in the move.
         """
         index = len(self._target_names)
         if name and self._names.setdefault(name, index) != index:
@@ -212,14 +201,11 @@ class Reader:
             self.moves.extend((line, _MOTIONS[motion], len(self._visits)))
 
     def repeat(self, lines: IndexArray, first: IndexArray) -> bool:
-        """Do the last move, which has targets of its own, again at other places.
+        """Do the last move, which has targets of its own, again; False if there is no room for all of them.
 
         Args:
             lines: (k,) its line, then those of the others.
             first: (k,) the places of their first numbers.
-
-        Returns:
-            False if there is no room for all of them.
         """
         more, end = len(lines) - 1, len(self._visits)
         targets = end - (self.moves[-4] if len(self.moves) > 3 else 0)

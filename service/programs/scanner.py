@@ -276,6 +276,12 @@ class Cursor:
             used.passed.add(sign)
         return True
 
+    def listed(self, closing: str, used: Used) -> None:
+        """Take expressions, commas between, and the sign behind them."""
+        while not self.accept(closing):
+            if not self.accept(","):
+                self.expression(closing, ",", used=used)
+
     def arguments(self, used: Used) -> None:
         """Take the arguments of a call, in their brackets.
 

@@ -13,6 +13,7 @@ from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Motion
 from jointstiff.service.programs.reader import Place, Reader, runs
 from jointstiff.service.programs.scanner import NUMBER
+from jointstiff.solver.arrays import IndexArray
 
 _KINDS: Final = {
     "x y z a b c": (Orientation.EULER_ZYX, "lllaaa"),
@@ -44,13 +45,16 @@ def read_table(reader: Reader) -> None:
     source = reader.sources[0]
     numerals = Numerals.of(source.text, NUMBER)
     parts, first = numerals.shapes(source.starts, source.ends)
-    shapes = list(parts)
-    rows = [i for i, shape in enumerate(shapes) if shape.strip() and not shape.lstrip().startswith("#")]
-    if not rows:
+    known: dict[str, int] = {}
+    of_line = np.fromiter((known.setdefault(shape, len(known)) for shape in parts), dtype=np.intp)
+    shapes = list(known)
+    says = [bool(shape.strip()) and not shape.lstrip().startswith("#") for shape in shapes]
+    rows = np.flatnonzero(np.array(says)[of_line])
+    if not len(rows):
         return
     header = source.text[source.starts[rows[0]] : source.ends[rows[0]]]
     delimiter = max(";\t,", key=header.count)
-    columns = _columns(reader, rows[0] + 1, header, delimiter)
+    columns = _columns(reader, int(rows[0]) + 1, header, delimiter)
     if columns is None:
         return
     notation, places, width = columns
@@ -59,10 +63,9 @@ def read_table(reader: Reader) -> None:
     motion = Motion.JOINT if notation.is_joints else Motion.LINEAR
     reader.numerals = [numerals]
     literals: dict[str, Literal | None] = {}
-    of_row = np.array(rows[1:], dtype=np.intp)
-    number = {shape: k for k, shape in enumerate(shapes)}
-    for begin, end in runs(np.array([number[shapes[i]] for i in rows[1:]], dtype=np.intp)):
-        shape = shapes[of_row[begin]]
+    of_row = rows[1:]
+    for begin, end in runs(of_line[of_row]):
+        shape = shapes[of_line[of_row[begin]]]
         for k, i in enumerate(of_row[begin:end].tolist(), begin):
             if literals.get(shape) is None:
                 text = source.text[source.starts[i] : source.ends[i]]
@@ -76,11 +79,11 @@ def read_table(reader: Reader) -> None:
                     break
 
 
-def _refuse_changes(reader: Reader, rows: list[int], header: str, delimiter: str) -> None:
+def _refuse_changes(reader: Reader, rows: IndexArray, header: str, delimiter: str) -> None:
     """Refuse rows whose tool, base or external axes are others than in the first one."""
     source, first = reader.sources[0], None
     held = [k for k, cell in enumerate(header.split(delimiter)) if _HELD.match(cell)]
-    for i in rows[1:] if held else ():
+    for i in rows[1:].tolist() if held else ():
         cells = source.text[source.starts[i] : source.ends[i]].split(delimiter)
         stated = [cells[k].strip() for k in held if k < len(cells)]
         first = stated if first is None else first

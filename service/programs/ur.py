@@ -179,15 +179,14 @@ def _parse(c: Cursor) -> Iterator[Statement]:
 
 
 def _statement(c: Cursor) -> Statement:
+    if c.peek().text in _FORMS and not (c.at("halt") and c.peek(1).text == "("):
+        return _FORMS.take(c)
     scope = c.accept("global", "local")
     name = c.name() if scope else c.word()
     if scope:
         return _assigned(c, name)
     if name in _RULES:
         return _RULES[name](c, name)
-    if name in _FORMS and not (name == "halt" and c.at("(")):
-        c.attempt(c.place - 1)
-        return _FORMS.take(c)
     if name in _MOVING:
         raise Misread(f"{name} moves the robot where no target says", "use movej, movel, movep or movec")
     if not c.at("("):

@@ -158,10 +158,10 @@ class WrittenPoints:
         places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
         content = io.BytesIO()
         # Neighbours differ little: the differences of their bits, byte by byte, take a third of the room.
-        steps = np.diff(numbers.view(np.uint32), prepend=np.uint32(0)).view(np.uint8)
-        steps = steps.reshape(len(numbers), -1, 4).transpose(0, 2, 1)
+        steps = np.diff(numbers.view(np.uint32), prepend=np.uint32(0))
+        planes = steps.view(np.uint8).reshape(len(numbers), -1, 4).transpose(0, 2, 1)
         for array in (
-            np.ascontiguousarray(steps),
+            np.ascontiguousarray(planes),
             remark,
             *places,
             files,
