@@ -117,7 +117,7 @@ def formats(robot: Robot, run: Run, count: int) -> Iterator[tuple[str, ...]]:
         text = program_text(kind, goal, FULL_DIGITS)
         program = read_program([(name, text.encode())])
         (notation,) = program.targets.notations
-        numbers = program.numbers(range(count))
+        numbers = program.targets.values[:, : 3 + notation.count]
         parsed = np.abs(numbers[:, :3] * notation.length - goal[:, :3, 3]).max()
         if notation.has_pose:
             parsed = max(parsed, np.abs(notation.poses(numbers) - goal).max())
@@ -129,7 +129,7 @@ def formats(robot: Robot, run: Run, count: int) -> Iterator[tuple[str, ...]]:
         off = "-"
         if notation.has_pose:
             new = read_program([(name, unpacked(result.files[0]))])
-            poses = notation.poses(new.numbers(range(count)))
+            poses = notation.poses(new.targets.values[:, : 3 + notation.count])
             angles, _ = inverse.polished(poses @ np.linalg.inv(to_tool), joints)
             off = f"{np.linalg.norm(loaded_poses(angles)[:, :3, 3] - goal[:, :3, 3], axis=1).max():.1e}"
         certificate = result.residual.greatest if result.residual else np.nan

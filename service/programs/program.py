@@ -134,11 +134,6 @@ class Targets:
         """(t,) radians in the units of the targets' angles."""
         return np.array([each.angle for each in self.notations])[self.notation]
 
-    def angles(self, rows: IndexArray) -> FloatArray:
-        """Return the controller's angles (m, 6) [rad] of joint targets; numbers without meaning of others."""
-        angles: FloatArray = self.values[rows, :6] * self.angle_unit[rows, None]
-        return angles
-
     def __len__(self) -> int:
         return len(self.line)
 
@@ -183,12 +178,6 @@ class Program:
     targets: Targets
     moves: Moves
     left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in
-
-    def numbers(self, indices: Sequence[int] | IndexArray) -> FloatArray:
-        """Return the numbers (m, k) of targets of one notation, as written."""
-        rows = np.asarray(indices, dtype=np.intp)
-        count = 3 + self.targets.notations[self.targets.notation[rows[0]]].count if len(rows) else 0
-        return self.targets.values[rows, :count]
 
     @property
     def files(self) -> tuple[bytes, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, NamedTuple
 
 _FRACTION: Final = r"(?:\.\d{0,20}+)?+"
@@ -58,21 +59,19 @@ class Lexicon:
     # words that begin statements: none of them is a variable
     reserved: Collection[str] = ()
     functions: Collection[str] = ()  # routines of the controller that only tell a value
-    numbers: re.Pattern[str] = field(init=False)  # all numbers, also of comments and texts
-    _pattern: re.Pattern[str] = field(init=False)
 
-    def __post_init__(self) -> None:
-        parts = (
-            ("blank", r"\s++"),
-            ("comment", self.comment),
-            ("text", self.text),
-            ("number", self.number),
-            ("word", self.word),
-            ("sign", f"(?:{self.signs})|."),
+    @cached_property
+    def numbers(self) -> re.Pattern[str]:
+        """All numbers, also of comments and texts."""
+        return re.compile(self.number)
+
+    @cached_property
+    def _pattern(self) -> re.Pattern[str]:
+        return re.compile(
+            rf"(?P<blank>\s++)|(?P<comment>{self.comment})|(?P<text>{self.text})|(?P<number>{self.number})"
+            rf"|(?P<word>{self.word})|(?P<sign>(?:{self.signs})|.)",
+            re.DOTALL,
         )
-        pattern = "|".join(f"(?P<{name}>{part})" for name, part in parts)
-        object.__setattr__(self, "_pattern", re.compile(pattern, re.DOTALL))
-        object.__setattr__(self, "numbers", re.compile(self.number))
 
     def tokens(self, text: str) -> list[Token]:
         """Return the tokens of a statement."""

@@ -32,7 +32,7 @@ def test_a_long_program_is_corrected_in_steps_by_workers(services):
         (corrected,) = client.programs.files(found).values()
         program = read_program([("path.csv", corrected)])
         old = read_program([("path.csv", text)])
-        moved = program.numbers(range(POINTS))[:, :3] - old.numbers(range(POINTS))[:, :3]
+        moved = program.targets.values[:, :3] - old.targets.values[:, :3]
         assert 0.1 < np.linalg.norm(moved, axis=1).max() < 5.0  # mm
         assert client.programs.points(found).count("\n") == POINTS + 1
         assert found.id in {listed.id for listed in client.programs.list(robot_id=stored.robot_id)}

@@ -89,7 +89,7 @@ class ProgramFrames:
         poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
         found = np.full((len(indices), NUMBERS), np.nan)
         for notation, rows in program.targets.by_notation(indices):
-            near = program.numbers(indices[rows])
+            near = program.targets.values[indices[rows], : 3 + notation.count]
             if notation.is_joints:
                 continue
             if notation.has_pose:

@@ -182,8 +182,9 @@ def _postures(
     visits: IndexArray,
 ) -> FloatArray:
     """Return the wanted posture (v, 6) of each visit: controller's angles [rad]."""
-    by_joints = program.targets.by_joints[visits]
-    given = np.where(by_joints[:, None], program.targets.angles(visits), np.nan)
+    targets, unit = program.targets, program.targets.angle_unit[visits, None]
+    by_joints = targets.by_joints[visits]
+    given = np.where(by_joints[:, None], targets.values[visits, :6] * unit, np.nan)
     _refuse_new_letters(program, visits, by_joints)
     poses = frames.flange_poses(program, visits)
     ranges = stated.ranges(visits)
