@@ -309,11 +309,7 @@ def _group(c: Cursor, *, own: bool) -> Literal:
 def _whole(
     numbers: dict[str, int], texts: dict[str, str], units: dict[str, str], said: tuple[tuple[str, int], ...]
 ) -> Literal:
-    """Return a position of the arm.
-
-    Raises:
-        Misread: something of it is missing.
-    """
+    """Return a position of the arm."""
     if any(text == "*" and not name.startswith("E") for name, text in texts.items()):
         raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
     if not numbers.keys() | texts.keys() >= {"UF", "UT"}:
@@ -355,6 +351,7 @@ def _configuration(c: Cursor) -> tuple[str, tuple[tuple[str, int], ...]]:
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
 _LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
+_POSITION: Final = re.compile(r"(P(?:[^}]++|\}(?!;))*+\};)|\S[^P]*+")
 _ARC: Final = re.compile(r"\s*+P\s*+\[")
 
 
@@ -399,20 +396,11 @@ def _instructions(reader: Reader, line: int, start: int, text: str) -> list[tupl
 
 def _positions(reader: Reader, place: int, end: int) -> list[tuple[int, int]]:
     """Return first and last + 1 character of the positions of /POS."""
-    source, found = reader.sources[0], []
-    while place < end:
-        first = source.text.find("P", place, end)
-        between = source.text[place : first if first >= 0 else end]
-        if between.strip():
-            reason = f"what stands between positions, {shown(between)}, is not known"
-            reader.refuse(source.line(place), reason, _AGAIN)
+    source, spans = reader.sources[0], list[tuple[int, int]]()
+    for found in _POSITION.finditer(source.text, place, end):
+        if found[1] is None:
+            reason = f"{shown(found[0])} between positions is not known, or is one that has no end"
+            reader.refuse(source.line(found.start()), reason, _AGAIN)
             break
-        if first < 0:
-            break
-        closing = source.text.find("};", first, end)
-        if closing < 0:
-            reader.refuse(source.line(first), "a position has no end", "close it with };")
-            break
-        place = closing + 2
-        found.append((first, place))
-    return found
+        spans.append(found.span())
+    return spans

@@ -36,11 +36,7 @@ class Forms:
         return word in self._forms
 
     def take(self, c: Cursor) -> Statement:
-        """Take the statement that begins here.
-
-        Raises:
-            Misread: it has none of the forms.
-        """
+        """Take the statement that begins here."""
         begin, fault = (
             c.place,
             Misread("the statement is not known: it may move the robot, targets or frames"),

@@ -99,7 +99,10 @@ class Used:
 
 
 class Cursor:
-    """The tokens of a statement, taken one by one; whatever is not taken is not understood."""
+    """The tokens of a statement, taken one by one; whatever is not taken is not understood.
+
+    A method that takes something raises a `Misread` where something else stands.
+    """
 
     def __init__(self, lexicon: Lexicon, text: str) -> None:
         """Begin with the first token."""
@@ -130,41 +133,25 @@ class Cursor:
         return self.take() if self.at(*texts) else None
 
     def expect(self, *texts: str) -> Token:
-        """Take one of these signs or words.
-
-        Raises:
-            Misread: the next token is another one.
-        """
+        """Take one of these signs or words."""
         if not self.at(*texts):
             raise self.misread()
         return self.take()
 
     def word(self) -> str:
-        """Take a word.
-
-        Raises:
-            Misread: the next token is none.
-        """
+        """Take a word."""
         if self.peek().kind != "word":
             raise self.misread()
         return self.take().text
 
     def name(self) -> str:
-        """Take a word that begins no statement.
-
-        Raises:
-            Misread: the next token is none.
-        """
+        """Take a word that begins no statement."""
         if self.peek().text in self.lexicon.reserved:
             raise self.misread()
         return self.word()
 
     def number(self) -> int:
-        """Take a number; return its place among the numbers of the statement.
-
-        Raises:
-            Misread: the next token is none.
-        """
+        """Take a number; return its place among the numbers of the statement."""
         if self.peek().kind != "number":
             raise self.misread()
         return self.take().ordinal
@@ -203,11 +190,7 @@ class Cursor:
         return self._place >= len(self._tokens)
 
     def finish(self) -> None:
-        """Require that all tokens are taken.
-
-        Raises:
-            Misread: some are left.
-        """
+        """Require that all tokens are taken."""
         if not self.ended:
             raise self.misread()
 
@@ -223,9 +206,6 @@ class Cursor:
 
         Operands and operators alternate, so that no statement hides behind one; a word before a bracket is a
         call.
-
-        Raises:
-            Misread: it is none.
         """
         closing: list[tuple[str, bool]] = []  # brackets that are open, and whether they are of a call
         operand = False  # whether the token before ends an operand
@@ -282,11 +262,7 @@ class Cursor:
                 self.expression(closing, ",", used=used)
 
     def arguments(self, used: Used) -> None:
-        """Take the arguments of a call, in their brackets.
-
-        Raises:
-            Misread: there are none.
-        """
+        """Take the arguments of a call, in their brackets."""
         self.expect("(")
         while not self.accept(")"):
             if not self.at(",", ")"):

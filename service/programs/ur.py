@@ -310,11 +310,7 @@ def _target(c: Cursor) -> _Target:
 
 
 def _numbers(c: Cursor) -> Literal | str:
-    """Take a literal, or the name of a variable.
-
-    Raises:
-        Misread: there is neither.
-    """
+    """Take a literal, or the name of a variable."""
     literal = _literal(c)
     if literal is not None:
         return literal
