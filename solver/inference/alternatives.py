@@ -106,11 +106,13 @@ def _best(
 ) -> tuple[BetterAlternative | None, float]:
     """Compare alternatives: the best that is significant, and the compensation as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = _sample(measurements, min(_OBSERVATIONS, affordable))
+    part = measurements[_chosen(measurements, min(_OBSERVATIONS, affordable))]
     freedom = _coordinates(part) - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
-    ratio = min(LARGEST_RATIO, _noise_ratio(robot.n, freedom, len(alternatives)))
+    # Noise alone goes below that ratio of residual sums with probability `FALSE_ALARM`.
+    quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
+    ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     alternatives, plain = _screened(robot, part, alternatives)
     if not alternatives:
         return None, plain
@@ -122,6 +124,9 @@ def _best(
         left, compensation = _fit(rows[k], grams[k])
         if left < needed and compensation >= LEAST_COMPENSATION:
             best, needed = BetterAlternative(alternatives[k - 1], left / as_given, compensation, plain), left
+    # Where every force is reversed, much explains more than nothing; the integrity checks find the sign.
+    if best is not None and _fit(rows[0] * np.append(np.ones(robot.n), -1.0), grams[0])[0] < needed:
+        return None, plain
     return best, plain
 
 
@@ -191,11 +196,6 @@ def _joint_maps(n: int) -> tuple[Alternative, ...]:
                 matrix = np.diag(signs) @ coupling
                 found.append(Alternative("joint_map", tuple(sorted(concerned)), matrix, np.zeros(n)))
     return tuple(found)
-
-
-def _sample(measurements: Measurements, most: int) -> Measurements:
-    """Choose observations evenly, so that the work does not grow with the set."""
-    return measurements if len(measurements) <= max(most, 1) else measurements[_chosen(measurements, most)]
 
 
 def _chosen(measurements: Measurements, most: int) -> IndexArray:
@@ -282,9 +282,3 @@ def _fit(rows: FloatArray, gram: FloatArray) -> tuple[float, float]:
     left = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
     moved = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
     return float(residual @ residual), float(1.0 - left / moved) if moved > 0.0 else 0.0
-
-
-def _noise_ratio(n: int, freedom: int, alternatives: int) -> float:
-    """Compute the ratio of residual sums that noise goes below with probability `FALSE_ALARM`."""
-    quantile = float(special.fdtri(n, freedom, 1.0 - FALSE_ALARM / alternatives))
-    return 1.0 / (1.0 + n * quantile / freedom)

@@ -84,6 +84,7 @@ def _identified(estimate: Estimate) -> Iterator[Reason]:
         "as these loads would move them"
         if opposed
         else "add postures and loads that twist the joints",
+        Action("exchange_readings") if opposed else None,
     )
 
 

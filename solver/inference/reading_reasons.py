@@ -221,6 +221,10 @@ def _gross_errors(measurements: Measurements, findings: Sequence[Finding]) -> It
     kinds = sorted(_by_code(findings, "error"), key=lambda same: same[0].observation is not None)
     for same in kinds:
         first, observations = same[0], _observations(same)
+        if first.code == "target_moved" and first.observation is not None:
+            before, after = range(first.observation), range(first.observation, count)
+            # A target that stays elsewhere is two targets.
+            observations = tuple(before if len(before) < len(after) else after)
         some = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * count
         yield Reason(
             "length_unit_suspect" if first.code in _LENGTHS else "gross_error",

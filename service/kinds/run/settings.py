@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -29,6 +28,8 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
             contradicts itself or the bounds.
     """
     order = _order(options, robot)
+    # With links the loss belongs to the elastic model.
+    huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
     settings = Settings(
         method=options.method,
         weighting=options.weighting,
@@ -37,7 +38,7 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
         confidence=options.confidence,
         order=order,
         prior=_prior(options, robot),
-        loss=_joint_loss(options),
+        loss="huber" if huber else "squared",
         huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
         complementary_stiffness=options.complementary_stiffness == "included",
     )
@@ -68,11 +69,6 @@ def identified(prepared: PreparedSet, settings: Settings) -> tuple[Settings, Est
             raise
         size = replace(estimate.complementary_stiffness, obstacle=error.reason)
         return neglected, replace(estimate, complementary_stiffness=size)
-
-
-def _joint_loss(options: RunOptions) -> Literal["squared", "huber"]:
-    """Return the loss of a fit of joints alone; with links it belongs to the elastic model."""
-    return "huber" if options.loss == "huber" and options.elasticity in {"joints", "automatic"} else "squared"
 
 
 def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:

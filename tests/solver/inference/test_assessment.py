@@ -16,6 +16,7 @@ from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.identification import identify
+from jointstiff.solver.inference.alternatives import better_alternative
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import predict
@@ -173,6 +174,16 @@ class TestAlternatives:
         action = reason_of(assessment, "alternative_explains_better").action
         assert (action.kind, action.target) == ("exchange_load_and_target", 1)
 
+    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    def test_forces_of_the_wrong_sign_are_no_other_zero_of_a_joint(self, load):
+        for seed in (0, 3):
+            campaign = simulate_campaign(default_arm(), load=load, seed=seed, configurations=20)
+            robot, measurements = prepare(campaign)
+            reversed_force = replace(measurements, force=-measurements.force)
+            assert better_alternative(robot, reversed_force) is None
+            assessment, _ = assessed(robot, reversed_force)
+            assert "exchange_readings" in {r.action.kind for r in assessment.reasons if r.action}
+
     def test_a_load_at_a_reflector_is_suspicious(self, pulls):
         robot, measurements = pulls
         place = np.broadcast_to(list(TARGETS.values())[2], measurements.load_point.shape)
@@ -237,6 +248,12 @@ class TestReadings:
         wrong = replace(measurements, deflection=1e3 * measurements.deflection)
         assessment, _ = assessed(robot, wrong, complementary_stiffness="neglected")
         assert reason_of(assessment, "length_unit_suspect").weight == "do_not_use"
+
+    @pytest.mark.parametrize(("row", "left_out"), [(2, (0, 1)), (17, (17, 18)), (9, None)])
+    def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
+        moved = Finding("target_moved", row, "m", "r", "error")
+        action = reason_of(assessed(*pulls, findings=(moved,))[0], "gross_error").action
+        assert (action and action.observations) == left_out
 
     def test_notes_are_no_reasons(self, pulls):
         note = Finding("repeated_readings", None, "m", "r", "note")
