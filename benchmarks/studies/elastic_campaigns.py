@@ -16,7 +16,6 @@ from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_ou
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.links.cross_validation import (
-    FoldFit,
     Folds,
     Plan,
     chosen_weight,
@@ -143,30 +142,29 @@ class _Campaign:
             loss: self._fitted(loss, plan) for loss in {each for some in compared.values() for each in some}
         }
         self.held, self.width = dict[str, BoolArray](), dict[str, FloatArray]()
-        self.ball = dict[str, tuple[float, float]]()
+        self.chosen = dict[str, ElasticEstimate]()
         for name, losses in compared.items():
-            _, estimate, fits = min((found[loss] for loss in losses), key=lambda each: each[0])
+            _, estimate = min((found[loss] for loss in losses), key=lambda each: each[0])
             intervals = effective_intervals(self.robot, estimate, 0.95)
             ends = np.full((6, 2), np.nan) if intervals is None else intervals.ends
             self.held[name] = (ends[:, 0] <= truth) & (truth <= ends[:, 1])
             self.width[name] = 0.5 * np.ptp(ends, axis=1) / truth
-            self.ball[name] = self._ball(estimate, fits)
+            self.chosen[name] = estimate
 
-    def _fitted(self, loss: Loss, plan: Plan) -> tuple[float, ElasticEstimate, list[FoldFit]]:
-        """Return the held-out error, the fit to the whole set and those of the folds."""
+    def _fitted(self, loss: Loss, plan: Plan) -> tuple[float, ElasticEstimate]:
+        """Return the held-out error, and the fit to the whole set."""
         model = ElasticModel("joints_and_links", _COLUMNS, loss)
         fits = [fit_fold(self.folds, model, fold, plan.weights) for fold in range(len(self.folds))]
         plan, fits = refined(self.folds, model, fits, plan)
         errors = np.array([fit.error for fit in fits])
         place = chosen_weight(errors, plan.rule)
         estimate = first_certified(self.robot, self.measurements, self.folds, model, plan.weights[place:])
-        at_best = [FoldFit(fit.compliances[[place]], fit.error[[place]]) for fit in fits]
-        return float(errors[:, place].mean()), estimate, at_best
+        return float(errors[:, place].mean()), estimate
 
-    def _ball(self, estimate: ElasticEstimate, fits: list[FoldFit]) -> tuple[float, float]:
+    def ball(self, estimate: ElasticEstimate) -> tuple[float, float]:
         """Return how often the ball for 90 % holds exact beams elsewhere, and its radius over need."""
         model = ElasticPredictor.of(self.robot, estimate)
-        error = folds_left_out(self.robot, self.measurements, self.folds, fits, estimate)
+        error = folds_left_out(self.robot, self.measurements, estimate)
         other = plan_experiment(self.beams.arm, configurations=100, load="pull", seed=self.seed + 50_000)
         unloaded, loaded = elastic_positions(self.beams, other, TARGETS, sigma=0.0, seed=0)
         count = unloaded.shape[1]
@@ -191,7 +189,8 @@ def run_ball(*, quick: bool, part: Part) -> list[Section]:
             _Campaign(count, seed, {"squared": ("squared",)}) for seed in part.of(2 if quick else 24)
         ]
         covers, over = (
-            np.array(each) for each in zip(*(each.ball["squared"] for each in campaigns), strict=True)
+            np.array(each)
+            for each in zip(*(each.ball(each.chosen["squared"]) for each in campaigns), strict=True)
         )
         rows.append((str(count), f"{100 * covers.mean():.1f}", f"{np.median(over):.2f}", f"{over.max():.2f}"))
         what = f"ball of 90 %, {count} postures:"

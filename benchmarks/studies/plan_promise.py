@@ -19,7 +19,7 @@ from jointstiff.solver.design.experiment import Equipment, Loads, drawn_postures
 from jointstiff.solver.design.pool import PlanRequest
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.links.cross_validation import Folds, Plan, chosen_weight, fit_fold
+from jointstiff.solver.links.cross_validation import Folds, Plan, chosen_weight, fit_fold, refined
 from jointstiff.solver.links.estimation import first_certified
 from jointstiff.solver.links.model import ElasticModel
 from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks
@@ -31,7 +31,7 @@ _SIGMA, _FORCE = 2e-5, 1500.0
 _PLACES = np.array(list(TARGETS.values()))
 _COLUMNS = ElasticColumns(6, tuple(range(6)))
 _MODEL = ElasticModel("joints_and_links", _COLUMNS)
-_PENALTIES = Plan(folds=4)
+_PENALTIES = Plan()
 _WORK_AREA = np.array([[0.5, -2.0, 0.2], [3.0, 2.0, 2.2]])
 _WAYS = ("links as nuisance", "joints alone", "random", "random in the work area")
 
@@ -203,8 +203,9 @@ class _Beams:
         robot, measured = default_robot(self.elastic.arm), self._read(joints, force, _SIGMA)
         folds = Folds(robot, measured, _COLUMNS, np.ones(6, dtype=np.bool_), _PENALTIES)
         fits = [fit_fold(folds, _MODEL, fold, _PENALTIES.weights) for fold in range(len(folds))]
-        first = chosen_weight(np.array([fit.error for fit in fits]), _PENALTIES.rule)
-        found = first_certified(robot, measured, folds, _MODEL, _PENALTIES.weights[first:])
+        plan, fits = refined(folds, _MODEL, fits, _PENALTIES)
+        first = chosen_weight(np.array([fit.error for fit in fits]), plan.rule)
+        found = first_certified(robot, measured, folds, _MODEL, plan.weights[first:])
         held_out = self._read(*self._random(200, 74), 0.0)
         predicted = [block.rows @ found.entries for block in elastic_blocks(robot, held_out, _COLUMNS)]
         return float(np.sqrt(np.square(np.concatenate(predicted) - held_out.deflection).sum(axis=2).mean()))

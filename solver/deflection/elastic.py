@@ -21,7 +21,7 @@ from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, Forwa
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError, leave_folds_out
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links.cross_validation import FoldFit, Folds
+from jointstiff.solver.links.cross_validation import Folds, Plan, fit_fold
 from jointstiff.solver.links.estimate import Companion, ElasticEstimate
 from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns
@@ -42,6 +42,8 @@ _STEPS: Final = 20
 _REACHED: Final = 1e-12
 """Distance [m] and angle [rad] from the wanted pose that is rounding."""
 _DAMPING: Final = 1e-12
+_PARTS: Final = 20
+"""Parts of the postures that are left out in turn for the model error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,30 +230,28 @@ def _root(companion: Companion, entries: FloatArray) -> FloatArray:
     return np.asarray((form.unit * prior)[:, None] * inverse.T)
 
 
-def folds_left_out(
-    robot: Robot, measurements: Measurements, folds: Folds, fits: list[FoldFit], elastic: ElasticEstimate
-) -> ModelError:
-    """Return the model error by the postures of each fold, predicted by the fits to the other folds.
+def folds_left_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
+    """Return the model error by the postures of `_PARTS` parts, each predicted by a fit to the others.
 
-    Without the readings of a fold, whitened rows A, the covariance ``C = L Lᵀ`` is ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
+    So many leave hardly smaller sets to fit than the whole. Without the readings of a part, whitened rows A,
+    the covariance ``C = L Lᵀ`` is ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        folds: of them.
-        fits: one a fold, each for one weight of the penalty.
-        elastic: fitted to the whole set.
+        elastic: fitted to them.
 
     Raises:
         RequestError: nothing loads the robot.
+        UnsupportedMethodError: there is one posture only.
     """
     model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
+    plan = Plan(folds=_PARTS, draws=1, weights=(elastic.penalty,))
+    folds = Folds(robot, measurements, elastic.model.columns, model.seen, plan)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     residuals, halves = [], []
-    # One draw of the folds holds each posture once.
-    held_out = folds.held_out[: folds.per_draw]
-    for indices, fit in zip(held_out, fits[: folds.per_draw], strict=True):
-        part = measurements[indices]
+    for number, indices in enumerate(folds.held_out):
+        part, fit = measurements[indices], fit_fold(folds, elastic.model, number, plan.weights)
         residual, rows = elastic_residuals(robot, part, folds.columns, fit.compliances[0])
         half = np.zeros((len(rows), 3, 1))
         if model.root is not None and sigma is not None:
@@ -262,4 +262,4 @@ def folds_left_out(
             half = half @ np.linalg.inv(factor).T
         residuals.append(residual)
         halves.append(half)
-    return leave_folds_out(measurements, held_out, residuals, halves)
+    return leave_folds_out(measurements, folds.held_out, residuals, halves)

@@ -160,7 +160,7 @@ def leave_postures_out(
     squares = np.square(blocks.deflection[:, loaded[read]] - predicted).sum(axis=0)
     variance = np.square(half[read]).sum(axis=(1, 2))
     noise = _reading_variance(measurements)[loaded[read]] + variance / (postures - 1)
-    found = _with_scores(summary, size[read], posture[read], squares, noise, variance)
+    found = _with_scores(summary, size[read], posture[read], squares, noise)
     greatest = float((greatest_deviation(half) / size).max())
     return replace(found, leverage=greatest, left_out=LeftOut(fits, postures))
 
@@ -194,8 +194,8 @@ def leave_folds_out(
     variance = np.square(half).sum(axis=(1, 2))
     share = lacked[np.argsort(np.concatenate(parts))][observation]
     noise = _reading_variance(measurements)[order] + share * variance
-    size, least = load[observation], (1.0 - share) * variance
-    found = _with_scores(summary, size, posture.reshape(-1)[observation], squares, noise, least)
+    size = load[observation]
+    found = _with_scores(summary, size, posture.reshape(-1)[observation], squares, noise)
     return replace(found, leverage=float((greatest_deviation(half) / size).max()))
 
 
@@ -223,18 +223,13 @@ def _measured_loads(measurements: Measurements) -> tuple[ModelError, FloatArray]
 
 
 def _with_scores(
-    summary: ModelError,
-    size: FloatArray,
-    posture: IndexArray,
-    squares: FloatArray,
-    noise: FloatArray,
-    least: FloatArray,
+    summary: ModelError, size: FloatArray, posture: IndexArray, squares: FloatArray, noise: FloatArray
 ) -> ModelError:
     """Return a model error with the scores of R readings, without what is the readings' own in them.
 
     A residual is the sum of the prediction's error and of the reading's own, which no ball about a prediction
     has to hold. Their squares add up in the mean only: all scores shrink alike, so that quantiles keep
-    their order. No more is taken off than leaves what the readings themselves leave open.
+    their order. That mean is known to a standard error, by which less is taken off.
 
     Args:
         summary: unit of the loads.
@@ -243,12 +238,15 @@ def _with_scores(
         squares: (R,) of the residuals [m²]; NaN where undetermined.
         noise: (R,) expected square of the reading's error, and of that of the prediction for the readings
             that its fit lacks [m²].
-        least: (R,) expected square of the prediction's error by the readings' alone [m²].
     """
     known = np.isfinite(squares)
-    whole, own, least_left = (float((each / size)[known].mean()) for each in (squares, noise, least))
-    left = max(whole - own, min(least_left, whole)) / whole if known.any() and whole > 0.0 else 1.0
-    score = np.sqrt(np.where(known, left * squares / size, np.inf))
+    of_load, left = squares / size, 1.0
+    if known.any() and (whole := float(of_load[known].mean())) > 0.0:
+        counts = np.bincount(posture[known])
+        means = np.bincount(posture[known], of_load[known])[counts > 0] / counts[counts > 0]
+        error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else whole
+        left = min(1.0, max(0.0, 1.0 - float((noise / size)[known].mean()) / whole) + error / whole)
+    score = np.sqrt(np.where(known, left * of_load, np.inf))
     steps, share = merged_steps(posture, score)
     return replace(
         summary,

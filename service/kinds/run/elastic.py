@@ -196,7 +196,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         if chosen.model == "joints":
             result = joints_alone(chosen.loss).conclude_with(screening)
         else:
-            result = self._result(chosen, fits[model.key], plan.weights, screening)
+            result = self._result(chosen, plan.weights, screening)
         return result.model_copy(update={"selection": to_selection(selection, chosen), "choice": choice})
 
     @property
@@ -234,9 +234,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
     def _model_of(self, chosen: HeldOut) -> ElasticModel:
         return next(model for model in self._models if model.key == (chosen.model, chosen.loss))
 
-    def _result(
-        self, chosen: HeldOut, fits: Sequence[FoldFit], grid: Sequence[float], screening: Screening
-    ) -> RunResult:
+    def _result(self, chosen: HeldOut, grid: Sequence[float], screening: Screening) -> RunResult:
         prepared, options, model = self._prepared, self._options, self._model_of(chosen)
         robot, weight = prepared.robot, chosen.penalty or grid[0]
         elastic = first_certified(
@@ -261,21 +259,14 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
         )
         links = to_links_result(elastic, robot.joint_names, options, self._losses)
-        place = grid.index(weight)
-        held_out = [FoldFit(fit.compliances[[place]], fit.error[[place]]) for fit in fits]
-        return result.model_copy(
-            update={
-                "links": links,
-                "model": self._model(elastic, held_out),
-            }
-        )
+        return result.model_copy(update={"links": links, "model": self._model(elastic)})
 
-    def _model(self, elastic: ElasticEstimate, held_out: list[FoldFit]) -> IdentifiedModel:
+    def _model(self, elastic: ElasticEstimate) -> IdentifiedModel:
         robot, measurements = self._prepared.robot, self._prepared.measurements
         predictor = ElasticPredictor.of(robot, elastic)
         error: ModelError | JointstiffError
         try:
-            error = folds_left_out(robot, measurements, self._folds, held_out, elastic)
+            error = folds_left_out(robot, measurements, elastic)
         except JointstiffError as none:  # the run stands without it, and predictions say why
             error = none
         return to_elastic_model(predictor, error)
