@@ -32,6 +32,7 @@ from jointstiff.service.problems.errors import ServiceError, StoreError
 from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
+from jointstiff.service.threads import give_memory_back
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers.queue import JobQueue
 from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor
@@ -107,6 +108,7 @@ def run_server(
         ServerError: the address cannot be listened on.
     """
     set_log_format(log_format)
+    give_memory_back()
     posture = _posture(
         host, allowed_hosts, access_control=access_control, require_key=require_key or keys_file is not None
     )

@@ -158,15 +158,11 @@ class WrittenPoints:
         places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
         content = io.BytesIO()
         # Neighbours differ little: the differences of their bits, byte by byte, take a third of the room.
-        steps = np.diff(numbers.view(np.uint32), prepend=np.uint32(0))
-        planes = steps.view(np.uint8).reshape(len(numbers), -1, 4).transpose(0, 2, 1)
-        for array in (
-            np.ascontiguousarray(planes),
-            remark,
-            *places,
-            files,
-            np.frombuffer(names, dtype=np.uint8),
-        ):
+        steps = (np.diff(column.view(np.uint32), prepend=np.uint32(0)) for column in numbers)
+        planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in steps)
+        for plane in planes:
+            np.save(content, plane, allow_pickle=False)
+        for array in (remark, *places, files, np.frombuffer(names, dtype=np.uint8)):
             np.save(content, array, allow_pickle=False)
         return content.getvalue()
 
@@ -174,16 +170,18 @@ class WrittenPoints:
 def points_sheet(content: bytes) -> Sheet:
     """Return the points that `WrittenPoints.table` wrote; NaN, an empty cell, where there is no number."""
     stored = io.BytesIO(content)
-    steps, remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(6))
-    bits = (np.ascontiguousarray(each.T).view(np.uint32)[:, 0] for each in steps)
-    numbers = (np.cumsum(each, dtype=np.uint32).view(np.float32) for each in bits)
+    numbers = dict[str, FloatArray]()
+    for name in _POSTURE + _LOADED:
+        steps = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
+        numbers[name] = np.cumsum(steps, dtype=np.uint32).view(np.float32)
+    remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
     columns: dict[str, Any] = {
         "point": np.arange(1, len(line) + 1),
         "name": names.tobytes().decode("latin-1").split("\n"),
         "file": files.astype(object)[source],
         "line": line,
     }
-    columns |= dict(zip(_POSTURE + _LOADED, numbers, strict=True))
+    columns |= numbers
     columns["remark"] = np.array(_REMARKS, dtype=object)[remark]
     return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
 
