@@ -51,7 +51,13 @@ class DecoupledPartialPose:
         targets = readings.select(self._order)
         self._arm.add(arm)
         self._targets.add(targets)
-        self._add_encoders(block)
+        # The arm's encoders to the first stage, the wrist's to the second: no reading is used twice. Their
+        # noise is their own, so they add nothing to the covariance between the stages' readings.
+        joints = np.arange(len(self._order))
+        own, last = joints[: self._arm_joints], joints[self._arm_joints :]
+        self.judged.add_encoders(block, joints, joints)
+        self._arm.add_encoders(block, own, own)
+        self._targets.add_encoders(block, last, self._order)
         # Covariance between the readings of both stages, weighted: A_wᵀ Ω₂ Σ Eᵀ Ω₁ A_a.
         if self._uniform:
             left = targets.spread(np.ones(3))[..., :WRIST_JOINTS]
@@ -61,17 +67,6 @@ class DecoupledPartialPose:
             right = arm.whitener.transpose(0, 2, 1) @ (arm.whitener @ arm.A)
         met = carried @ left.reshape(len(block.torque), -1, WRIST_JOINTS)
         self._cross += met.reshape(-1, WRIST_JOINTS).T @ right.reshape(-1, self._arm_joints)
-
-    def _add_encoders(self, block: RegressorBlock) -> None:
-        """The arm's encoders to the first stage, the wrist's to the second: no reading is used twice.
-
-        Their noise is their own, so they add nothing to the covariance between the stages' readings.
-        """
-        joints = np.arange(len(self._order))
-        arm, wrist = joints[: self._arm_joints], joints[self._arm_joints :]
-        self.judged.add_encoders(block, joints, joints)
-        self._arm.add_encoders(block, arm, arm)
-        self._targets.add_encoders(block, wrist, self._order)
 
     def responses(
         self, blocks: Sequence[RegressorBlock], joints: IndexArray, prior: PriorRows | None = None

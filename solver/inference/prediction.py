@@ -10,7 +10,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.finding import Finding
-from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.robot.model import Robot
 
@@ -134,7 +134,7 @@ def predict_encoders(
     return _torques(robot, measurements, compliance if complementary_stiffness else None) * compliance
 
 
-def inspect_encoders(robot: Robot, measurements: Measurements) -> list[Finding]:
+def inspect_encoders(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
     """Look for encoders that cannot be right: against the load's torque, or further than joints bend.
 
     A spring gives way to its torque, so ``τ_j δθ_j`` is work done on it, and not negative but by noise.
@@ -143,29 +143,20 @@ def inspect_encoders(robot: Robot, measurements: Measurements) -> list[Finding]:
         robot: n joints.
         measurements: N observations.
 
-    Returns:
+    Yields:
         At most one finding of each kind a joint.
     """
     encoders = measurements.encoders
     if encoders is None:
-        return []
+        return
     torque = _torques(robot, measurements)
     against = encoders.present & (
         -encoders.deflection * np.sign(torque) > AGAINST_SIGMAS * np.sqrt(2.0) * encoders.sigma
     )
-    return [*_against(robot, encoders, against, torque), *_large(robot, encoders)]
-
-
-def _torques(robot: Robot, measurements: Measurements, compliance: FloatArray | None = None) -> FloatArray:
-    return np.concatenate([block.torque for block in regressor_blocks(robot, measurements, compliance)])
-
-
-def _against(
-    robot: Robot, encoders: EncoderReadings, against: BoolArray, torque: FloatArray
-) -> Iterator[Finding]:
+    size = np.abs(encoders.deflection)
     for j in np.flatnonzero(against.any(axis=0)):
         rows = np.flatnonzero(against[:, j])
-        worst = int(rows[np.abs(encoders.deflection[rows, j]).argmax()])
+        worst = int(rows[size[rows, j].argmax()])
         yield Finding(
             "encoder_against_torque",
             worst if len(rows) == 1 else None,
@@ -175,10 +166,6 @@ def _against(
             "check the encoder's sign, which is that of the model's joint, not the controller's; that "
             "unloaded and loaded are not exchanged; and the signs of the force",
         )
-
-
-def _large(robot: Robot, encoders: EncoderReadings) -> Iterator[Finding]:
-    size = np.abs(encoders.deflection)
     for j in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
         worst = int(size[:, j].argmax())
         yield Finding(
@@ -187,3 +174,7 @@ def _large(robot: Robot, encoders: EncoderReadings) -> Iterator[Finding]:
             f"the encoder of {robot.joint_names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
             "check `units.angle`, and that unloaded and loaded readings are of the same posture",
         )
+
+
+def _torques(robot: Robot, measurements: Measurements, compliance: FloatArray | None = None) -> FloatArray:
+    return np.concatenate([block.torque for block in regressor_blocks(robot, measurements, compliance)])

@@ -17,6 +17,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting.methods import displacement_readings
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, spherical_wrist
 from jointstiff.solver.inference.estimate import Estimate
@@ -24,17 +25,9 @@ from jointstiff.solver.observability.identifiability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.pose import fit_displacement
 from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks
-from jointstiff.solver.regression.stage_rows import (
-    DerivedReadings,
-    encoder_readings,
-    pose_readings,
-    target_readings,
-    wrist_centre_readings,
-)
+from jointstiff.solver.regression.stage_rows import encoder_readings, target_readings, wrist_centre_readings
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.wrist import WRIST_JOINTS
-
-JointIndices = IndexArray
 
 TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
@@ -48,8 +41,8 @@ class StageBlocks:
     diagonal entry of a sum of `gram` is the share of the full set's information on that column.
     """
 
-    joints: JointIndices  #: (p,) the joints that it estimates
-    known: JointIndices  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
+    joints: IndexArray  #: (p,) the joints that it estimates
+    known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
     #: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read
     rows: FloatArray
     gram: FloatArray  #: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows
@@ -74,7 +67,7 @@ class GramBlocks:
 
     parameters: int  #: n, number of joints
     stages: tuple[StageBlocks, ...]  #: of the method, in the order in which they are solved
-    visible: JointIndices  #: (v,) the joints that leave a trace in the full set
+    visible: IndexArray  #: (v,) the joints that leave a trace in the full set
     #: (v, 3, M) of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
     #: compensation is judged on these whatever a method fits
     regressor: FloatArray
@@ -143,8 +136,7 @@ def blocks_of_identified(
     length = estimate.characteristic_length
     compliance = estimate.compliance if settings.complementary_stiffness else None
     excitation = Excitation(robot.joint_names)
-    weighted: list[tuple[FloatArray, ...]] = []
-    regressors, deflections = [], []
+    weighted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, compliance):
         excitation.add(block)
         weighted.append(_weighted_rows(robot, settings, length, block))
@@ -185,38 +177,33 @@ def refuse_nonlinear(settings: Settings) -> None:
 
 def _weighted_rows(
     robot: Robot, settings: Settings, length: float | None, block: RegressorBlock
-) -> tuple[FloatArray, ...]:
-    """(B, r, n + 1) rows for each stage, weighted as `jointstiff.solver.fitting.methods` does."""
-    uniform = settings.weighting == "uniform"
-    count, equal = len(block.torque), np.ones(3) if uniform else None
-    joints = np.arange(robot.n)
+) -> list[FloatArray]:
+    """(B, r, n + 1) rows for each stage, weighted as `jointstiff.solver.fitting.methods` does.
+
+    After those of a stage come the rows of the encoders of its joints.
+    """
+    uniform, joints = settings.weighting == "uniform", np.arange(robot.n)
+    equal = np.ones(3) if uniform else None
     if settings.method == "partial_pose":
-        return (_with_encoders(_weigh(target_readings(block), equal, count), block, joints),)
-    displacement = fit_displacement(block)
-    if settings.method == "complete_pose":
+        stages = [(target_readings(block), equal, joints)]
+    elif settings.method == "complete_pose":
         length = 1.0 if uniform else length
         weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
-        return (_with_encoders(_weigh(pose_readings(block, displacement), weight, count), block, joints),)
-    centre, *_ = wrist_centre_readings(block, displacement, spherical_wrist(robot).centre)
-    return (
-        _with_encoders(_weigh(centre, equal, count), block, joints[:-WRIST_JOINTS]),
-        _with_encoders(_weigh(target_readings(block), equal, count), block, joints[-WRIST_JOINTS:]),
-    )
+        stages = [(displacement_readings(block), weight, joints)]
+    else:
+        centre, *_ = wrist_centre_readings(block, fit_displacement(block), spherical_wrist(robot).centre)
+        arm, wrist = joints[:-WRIST_JOINTS], joints[-WRIST_JOINTS:]
+        stages = [(centre, equal, arm), (target_readings(block), equal, wrist)]
+    parts = []
+    for readings, root_weight, own in stages:
+        rows = readings.whitened() if root_weight is None else readings.weighted(root_weight)
+        rows = rows.reshape(len(block.torque), -1, rows.shape[-1])
+        encoders = encoder_readings(block, own)
+        parts.append(rows if encoders is None else np.concatenate([rows, encoders.whitened()], axis=1))
+    return parts
 
 
-def _with_encoders(rows: FloatArray, block: RegressorBlock, joints: JointIndices) -> FloatArray:
-    """The rows (B, r, n + 1) of a stage, and after them those of the encoders of some joints."""
-    encoders = encoder_readings(block, joints)
-    return rows if encoders is None else np.concatenate([rows, encoders.whitened()], axis=1)
-
-
-def _weigh(readings: DerivedReadings, root_weight: FloatArray | None, count: int) -> FloatArray:
-    """Rows weighted by covariance, or by the given factors, configuration by configuration."""
-    rows = readings.whitened() if root_weight is None else readings.weighted(root_weight)
-    return rows.reshape(count, -1, rows.shape[-1])
-
-
-def _stages(rows: list[FloatArray], visible: JointIndices, arm_joints: int) -> tuple[StageBlocks, ...]:
+def _stages(rows: list[FloatArray], visible: IndexArray, arm_joints: int) -> tuple[StageBlocks, ...]:
     """One stage for all joints, or two: the arm from the wrist centre, then the wrist from the targets."""
     if len(rows) == 1:
         return (_stage(rows[0], visible, visible[:0]),)
@@ -225,7 +212,7 @@ def _stages(rows: list[FloatArray], visible: JointIndices, arm_joints: int) -> t
     return tuple(_stage(of_stage, joints, known) for of_stage, joints, known in stages if len(joints))
 
 
-def _stage(rows: FloatArray, joints: JointIndices, known: JointIndices) -> StageBlocks:
+def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageBlocks:
     columns = np.concatenate([joints, known])
     chosen = rows[..., [*columns, -1]]
     largest = np.abs(chosen).max(axis=(0, 1))

@@ -219,11 +219,6 @@ _SOURCES = {
 }
 
 
-def _range(values: list[float]) -> str:
-    ends = sorted({f"{min(values):.2g}", f"{max(values):.2g}"}, key=float)
-    return " to ".join(ends)
-
-
 def _budget(result: RunResult) -> Iterator[str]:
     """Yield what the joints' uncertainties consist of, relative to the compliance."""
     budget = result.budget
@@ -233,10 +228,11 @@ def _budget(result: RunResult) -> Iterator[str]:
     for part in budget.components:
         shares = [100 * u / abs(c) for u, c in zip(part.contributions, sizes, strict=True) if c]
         if shares:
+            ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
             beside = "" if part.included else ", not in the intervals"
             yield (
                 f"uncertainty from {_SOURCES[part.source]} (type {part.evaluation}{beside}): "
-                f"{_range(shares)} % of a compliance"
+                f"{' to '.join(ends)} % of a compliance"
             )
 
 
