@@ -19,7 +19,7 @@ export interface Opening {
 }
 
 /** A drawing above each name, over one axis; a column says its `lines` when it is pointed at, over its whole height. */
-function ByName({
+export function ByName({
   names,
   range,
   width,
@@ -97,7 +97,7 @@ export function Bars({
 }
 
 /** What a column says when it is pointed at, over its whole height: small bars are hard to hit. */
-export function Columns({
+function Columns({
   names,
   place,
   step,

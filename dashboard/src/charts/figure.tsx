@@ -51,16 +51,7 @@ export function Figure({
         </div>
         {tools && <div class="tools">{tools}</div>}
       </figcaption>
-      {legend.length > 0 && (
-        <ul class="legend">
-          {legend.map((item) => (
-            <li>
-              <i class={`mark ${item.mark}`} aria-hidden="true" />
-              {item.label}
-            </li>
-          ))}
-        </ul>
-      )}
+      {legend.length > 0 && <Legend items={legend} />}
       <div class="drawing" ref={box}>
         {width > 0 && children(width)}
       </div>
@@ -79,6 +70,17 @@ export function Figure({
     </figure>
   );
 }
+
+export const Legend = ({ items }: { items: LegendItem[] }) => (
+  <ul class="legend">
+    {items.map(({ mark, label }) => (
+      <li>
+        <i class={`mark ${mark}`} aria-hidden="true" />
+        {label}
+      </li>
+    ))}
+  </ul>
+);
 
 const SAVED_WIDTH = 1000;
 

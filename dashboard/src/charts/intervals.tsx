@@ -1,6 +1,6 @@
 /** Values with intervals on a logarithmic axis, a row each; an end that is open is an arrow. */
 import type { JointResult } from "../api/types";
-import { shownStiffness } from "../lib/stiffness";
+import { axisStiffness, shownStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
 import { verdictOf } from "../lib/verdict";
 import { text } from "../i18n";
@@ -30,14 +30,7 @@ export interface IntervalRow {
 const MARK_HEIGHT = 26;
 const ROW_GAP = 22;
 
-export function Intervals({
-  rows,
-  width,
-  label,
-  unit,
-  format,
-  reference,
-}: {
+interface IntervalsProps {
   rows: IntervalRow[];
   width: number;
   label: string;
@@ -45,7 +38,9 @@ export function Intervals({
   format: (value: number) => string;
   /** Where a dashed line stands, such as no change. */
   reference?: number;
-}) {
+}
+
+export function Intervals({ rows, width, label, unit, format, reference }: IntervalsProps) {
   const narrow = width < 480;
   const left = narrow ? 14 : 96;
   const right = width - 28;
@@ -89,6 +84,14 @@ export function Intervals({
     </Chart>
   );
 }
+
+/** Stiffnesses in the unit of the page. */
+export const StiffnessIntervals = ({
+  unit,
+  ...rest
+}: Pick<IntervalsProps, "rows" | "width" | "label"> & { unit: StiffnessUnit }) => (
+  <Intervals {...rest} unit={STIFFNESS_UNITS[unit].label} format={axisStiffness(unit)} />
+);
 
 /** The axis of rows that stand in a table. */
 export function intervalAxis(rows: IntervalRow[], width: number, margin: number): Scale {

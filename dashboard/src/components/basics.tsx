@@ -4,7 +4,7 @@ import { useEffect, useId, useRef } from "preact/hooks";
 import type { Problem, QualityWarning, RunState } from "../api/types";
 import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
-import { hasNavigated } from "../state/router";
+import { hasNavigated, link } from "../state/router";
 import { placeName, sentence } from "../lib/said";
 import { text } from "../i18n";
 
@@ -12,6 +12,13 @@ import { text } from "../i18n";
 export function Name({ children }: { children: string }) {
   return <bdi class="name">{children}</bdi>;
 }
+
+/** A name that leads to what has it. */
+export const NameLink = ({ to, children }: { to: string[]; children: string }) => (
+  <a href={link(to)}>
+    <Name>{children}</Name>
+  </a>
+);
 
 /** Text of the service or of ours; what stands between backticks is code. */
 export function Prose({ text: prose }: { text: string }) {
@@ -63,6 +70,28 @@ export const ActionButton = ({
       {action.busy && going ? going : children}
     </Button>
   </>
+);
+
+/** Fields of an action, which the Enter key begins, too. */
+export const Form = ({
+  action,
+  class: look = "row",
+  children,
+}: {
+  action: Action<[]>;
+  class?: string;
+  children: ComponentChildren;
+}) => (
+  <form
+    class={look}
+    onSubmit={(event) => {
+      event.preventDefault();
+      action.run();
+    }}
+  >
+    {children}
+    {action.problem && <ProblemNote problem={action.problem} />}
+  </form>
 );
 
 /** A way to another place that looks like a button. */

@@ -63,7 +63,7 @@ interface Typed extends Hints {
 
 /** Of the box, where it is not plain. */
 interface Box {
-  type?: "text" | "search" | "number" | "date" | "datetime-local";
+  type?: "text" | "password" | "search" | "number" | "date" | "datetime-local";
   inputMode?: "decimal" | "numeric";
   placeholder?: string | undefined;
   maxLength?: number | undefined;
@@ -145,6 +145,40 @@ export const NumberField = ({ value, ...rest }: Typed & Box) => (
 /** Three numbers along x, y and z in one box. */
 export const VectorField = ({ value, ...rest }: Typed & Box) => (
   <TextField placeholder="0, 0, 0" {...rest} value={value} aria-invalid={vectorIn(value) === undefined} />
+);
+
+/** One place of many in a row, by a handle below its name. */
+export const Handle = ({
+  label,
+  said,
+  look = "field",
+  count,
+  value,
+  change,
+  children,
+}: {
+  label: string;
+  /** The place in words. */
+  said?: string;
+  look?: string;
+  count: number;
+  value: number;
+  change: (value: number) => void;
+  children: ComponentChildren;
+}) => (
+  <label class={look}>
+    <span>{children}</span>
+    <input
+      type="range"
+      min={0}
+      max={count - 1}
+      step={1}
+      value={value}
+      aria-label={label}
+      aria-valuetext={said}
+      onInput={(event) => change(Number(event.currentTarget.value))}
+    />
+  </label>
 );
 
 /** The box of a number: marked where it holds none. */

@@ -3,12 +3,8 @@ import type { ComponentChildren } from "preact";
 import { significant } from "../lib/format";
 import type { Cell } from "../lib/csv";
 
-export interface Column {
-  title: string;
-  unit?: string;
-  /** How a number is shown; the CSV has all its digits. */
-  show?: (value: number) => string;
-}
+/** Its title; with the unit, and how a number is shown: the CSV has all its digits. */
+export type Column = string | { title: string; unit?: string; show?: (value: number) => string };
 
 export interface Table {
   columns: Column[];
@@ -16,7 +12,11 @@ export interface Table {
 }
 
 export const heading = (column: Column): string =>
-  column.unit === undefined ? column.title : `${column.title} [${column.unit}]`;
+  typeof column === "string" ? column : column.unit ? `${column.title} [${column.unit}]` : column.title;
+
+/** Columns alike: of one unit, and shown in one way. */
+export const alike = (titles: string[], unit: string | undefined, show?: (value: number) => string): Column[] =>
+  titles.map((title) => ({ title, ...(unit ? { unit } : {}), ...(show ? { show } : {}) }));
 
 export function DataTable({ table, caption }: { table: Table; caption: string }) {
   return (
@@ -71,5 +71,6 @@ export function Scroll({ label, children }: { label: string; children: Component
 
 function shown(cell: Cell, column: Column | undefined): string {
   if (cell === null || cell === undefined) return "–";
-  return typeof cell === "number" ? (column?.show ?? ((value) => significant(value, 4)))(cell) : cell;
+  const show = typeof column === "object" ? column.show : undefined;
+  return typeof cell === "number" ? (show ?? ((value) => significant(value, 4)))(cell) : cell;
 }

@@ -91,7 +91,7 @@ export function CampaignFlow({
             ]}
           />
         )}
-        {opened?.kind === "fault" && <Refused opened={opened} />}
+        {opened?.kind === "fault" && <Refused file={opened.name} why={text.files.faults[opened.fault]} />}
         {facts && (
           <>
             <h3 class="file">

@@ -3,14 +3,14 @@ import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ComparedFit, JointResult } from "../api/types";
 import { Figure } from "../charts/figure";
-import { Intervals, markOf } from "../charts/intervals";
+import { StiffnessIntervals, markOf } from "../charts/intervals";
 import { Choice, LinkButton, Name, Prose } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { Term } from "../components/term";
-import { Scroll, type Table } from "../components/table";
+import { alike, Scroll, type Table } from "../components/table";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
-import { axisStiffness, shownStiffness } from "../lib/stiffness";
+import { shownStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS, type StiffnessUnit, changeIn, inUnit, intervalIn, maybeInUnit } from "../lib/units";
 import { storedSet } from "../state/stored";
 import { link } from "../state/router";
@@ -221,15 +221,7 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
         />
       }
     >
-      {(width) => (
-        <Intervals
-          rows={rows}
-          width={width}
-          label={words.chartTitle}
-          unit={STIFFNESS_UNITS[unit].label}
-          format={axisStiffness(unit)}
-        />
-      )}
+      {(width) => <StiffnessIntervals {...{ rows, width, unit, label: words.chartTitle }} />}
     </Figure>
   );
 }
@@ -238,13 +230,11 @@ function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
   const { column } = STIFFNESS_UNITS[unit];
   return {
     columns: [
-      { title: text.run.method },
-      { title: text.options.constrained },
-      { title: text.run.joint },
-      { title: text.run.value, unit: column },
-      { title: text.run.low, unit: column },
-      { title: text.run.high, unit: column },
-      { title: words.compensation },
+      text.run.method,
+      text.options.constrained,
+      text.run.joint,
+      ...alike([text.run.value, text.run.low, text.run.high], column),
+      words.compensation,
       { title: words.rms, unit: text.units.mm },
     ],
     rows: entries.flatMap((fit) =>

@@ -6,7 +6,6 @@ import type { Action } from "../state/action";
 import { text } from "../i18n";
 import { SETTINGS_FIELDS } from "./advanced";
 import { DropZone } from "../components/drop";
-import type { Opened } from "../state/opened";
 
 const ACCEPTED = ".json,.csv,.tsv,.txt,.asc,.xyz,.dat,.xlsx,application/json,text/csv,text/plain";
 
@@ -24,13 +23,13 @@ export function FileDrop({ again, take }: { again: boolean; take: (...files: Fil
   );
 }
 
-export function Refused({ opened }: { opened: Opened & { kind: "fault" } }) {
-  const [title, remedy] = text.files.faults[opened.fault];
+/** A file that is none of ours: what is wrong, and what to do. */
+export function Refused({ file, why: [title, remedy] }: { file: string; why: readonly string[] }) {
   return (
     <div class="note bad" role="alert">
       <h3>{title}</h3>
       <p>
-        <bdi>{opened.name}</bdi>
+        <bdi>{file}</bdi>
       </p>
       <p>
         <b>{text.errors.remedy}:</b> {remedy}

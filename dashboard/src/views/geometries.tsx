@@ -3,7 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { ActionButton, Busy, Facts, Name, Title } from "../components/basics";
+import { ActionButton, Busy, Facts, Title } from "../components/basics";
 import { Select } from "../components/fields";
 import { DropZone } from "../components/drop";
 import { RobotTabs } from "../components/list";
@@ -17,6 +17,7 @@ import { valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
+import { Refused } from "./file_drop";
 import { JobList } from "./job_list";
 
 const words = text.geometry;
@@ -48,28 +49,13 @@ export function GeometriesView() {
             button={opened ? text.files.another : text.files.choose}
             take={(file) => void take(file)}
           />
-          {opened?.readings === null && <Refused name={opened.name} />}
+          {opened?.readings === null && <Refused file={opened.name} why={words.notReadings} />}
           {opened?.readings && <Understood name={opened.name} facts={opened.readings.facts} />}
         </section>
         {opened?.readings && <Start key={opened.name} readings={opened.readings} />}
       </div>
       <JobList collection="geometries" title={text.earlier.geometries} names={names} row={({ name }) => ({ name })} />
     </>
-  );
-}
-
-function Refused({ name }: { name: string }) {
-  const [title, remedy] = words.notReadings;
-  return (
-    <div class="note bad" role="alert">
-      <h3>{title}</h3>
-      <p>
-        <Name>{name}</Name>
-      </p>
-      <p>
-        <b>{text.errors.remedy}:</b> {remedy}
-      </p>
-    </div>
   );
 }
 
@@ -91,7 +77,7 @@ function Understood({ name, facts }: { name: string; facts: ReadingFacts }) {
           caption={words.readings}
           table={{
             columns: [
-              { title: text.run.joint },
+              text.run.joint,
               { title: words.positions, show: (value) => fixed(value, 0) },
               { title: words.arc, unit: text.units.deg, show: (value) => fixed(value, 0) },
             ],

@@ -1,6 +1,6 @@
 /** A geometry: the axes drawn, the identified model beside the nominal one, findings, and a robot made of it. */
 import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
-import { TableCard } from "../components/table";
+import { alike, TableCard } from "../components/table";
 import { fixed, significant } from "../lib/format";
 import { degrees } from "../lib/units";
 import { text } from "../i18n";
@@ -132,7 +132,7 @@ function LinkTables({ links }: { links: GeometryResult["links"] }) {
         link.difference * 1e3,
         micro(link.standard_uncertainty),
       ]);
-  const first = [{ title: text.run.joint }, { title: words.parameter }];
+  const first = [text.run.joint, words.parameter];
   return (
     <>
       <TableCard
@@ -141,9 +141,7 @@ function LinkTables({ links }: { links: GeometryResult["links"] }) {
         table={{
           columns: [
             ...first,
-            { title: words.nominalValue, unit: mm, show: digits(3) },
-            { title: words.identifiedValue, unit: mm, show: digits(3) },
-            { title: words.difference, unit: mm, show: digits(3) },
+            ...alike([words.nominalValue, words.identifiedValue, words.difference], mm, digits(3)),
             { title: words.uncertainty, unit: micrometre, show: two },
           ],
           rows: rows("m", (value) => value * 1e3),
@@ -154,8 +152,7 @@ function LinkTables({ links }: { links: GeometryResult["links"] }) {
         table={{
           columns: [
             ...first,
-            { title: words.nominalValue, unit: deg, show: digits(4) },
-            { title: words.identifiedValue, unit: deg, show: digits(4) },
+            ...alike([words.nominalValue, words.identifiedValue], deg, digits(4)),
             { title: words.difference, unit: words.mrad, show: digits(3) },
             { title: words.uncertainty, unit: words.microradian, show: two },
           ],
@@ -172,7 +169,7 @@ function AxisTable({ axes }: { axes: GeometryResult["axes"] }) {
       title={words.axes}
       table={{
         columns: [
-          { title: words.axis },
+          words.axis,
           ...["x", "y", "z"].map((title) => ({ title, unit: mm, show: digits(3) })),
           ...["x", "y", "z"].map((title) => ({ title: `${words.direction} ${title}`, show: digits(5) })),
           { title: words.uPosition, unit: micrometre, show: two },
@@ -197,7 +194,7 @@ function SweepTable({ sweeps }: { sweeps: GeometryResult["sweeps"] }) {
       title={words.sweeps}
       table={{
         columns: [
-          { title: text.run.joint },
+          text.run.joint,
           { title: words.positions, show: digits(0) },
           { title: words.arc, unit: deg, show: digits(1) },
           { title: words.angleScale, show: digits(5) },

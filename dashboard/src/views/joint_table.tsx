@@ -1,7 +1,7 @@
 /** The joints of a run as one table and chart: stiffness on a logarithmic axis, in digits, its verdict, its part. */
 import { Fragment } from "preact";
 import type { Contribution, JointResult, Run, RunResult } from "../api/types";
-import { type IntervalRow, Intervals, RowAxis, RowMarks, intervalAxis, markOf } from "../charts/intervals";
+import { StiffnessIntervals, type IntervalRow, RowAxis, RowMarks, intervalAxis, markOf } from "../charts/intervals";
 import { Figure } from "../charts/figure";
 import { Name, Prose } from "../components/basics";
 import { Term } from "../components/term";
@@ -51,15 +51,7 @@ export function JointTable({
       ]
     : [];
   const advice = useAdvice(robot, isElastic(run) ? [] : result.identifiability.advice);
-  const chart = (width: number) => (
-    <Intervals
-      rows={rows}
-      width={width}
-      label={words.stiffness}
-      unit={STIFFNESS_UNITS[unit].label}
-      format={axisStiffness(unit)}
-    />
-  );
+  const chart = (width: number) => <StiffnessIntervals {...{ rows, width, unit, label: words.stiffness }} />;
   return (
     <Figure
       title={words.stiffness}
@@ -250,16 +242,14 @@ export function stiffnessTable(
   const u = { unit: STIFFNESS_UNITS[unit].column };
   return {
     columns: [
-      { title: words.joint },
-      { title: words.verdict },
-      { title: text.options.constrained },
+      words.joint,
+      words.verdict,
+      text.options.constrained,
       { title: words.quantity(unit === "compliance"), ...u },
       { title: words.standardUncertainty, ...u },
       { title: words.low, ...u },
       { title: words.high, ...u },
-      ...(parts.size > 0
-        ? [{ title: words.contributionShare }, { title: words.contributionMean, unit: text.units.mm }]
-        : []),
+      ...(parts.size > 0 ? [words.contributionShare, { title: words.contributionMean, unit: text.units.mm }] : []),
     ],
     rows: sets.flatMap(([name, joints]) =>
       joints.map((joint) => {

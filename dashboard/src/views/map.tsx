@@ -1,10 +1,10 @@
 /** A map: slices with their numbers, the robot at the chosen place, and the same by another run beside it. */
-import { useMemo, useState } from "preact/hooks";
+import { useMemo, useRef, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { goesOn } from "../api/events";
-import type { Map as WorkMap, Posture } from "../api/types";
-import { Choice, Facts, LinkButton, Name, ProblemNote } from "../components/basics";
-import { Select } from "../components/fields";
+import type { Map as WorkMap } from "../api/types";
+import { NameLink, Choice, Facts, LinkButton, ProblemNote } from "../components/basics";
+import { Handle, Select } from "../components/fields";
 import { Going } from "../components/going";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share, SliceChart } from "../components/slice";
@@ -27,6 +27,7 @@ import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction } from "../state/action";
 import { cached, useCached } from "../state/cache";
+import { useKinematics } from "../state/posture";
 import { useLoad, valueOf } from "../state/load";
 import { go, link } from "../state/router";
 import { useWidth } from "../state/size";
@@ -63,11 +64,7 @@ export function MapView({ id, beside }: { id: string; beside: string | null }) {
       head={({ job, own: { run, set } }) => ({
         name: job.request.name ?? words.title(set.name),
         list: link(["runs", run.id]),
-        about: (
-          <a href={link(["runs", run.id])}>
-            <Name>{set.name}</Name>
-          </a>
-        ),
+        about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         actions:
           job.result &&
           (["csv", "npz"] as const).map((extension) => (
@@ -130,18 +127,14 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
             change={(axis) => setAcross(Number(axis) as Axis)}
             options={AXES.map((label, i) => ({ value: String(i), label }))}
           />
-          <label class="field">
-            <span>{words.layer(AXES[across], height)}</span>
-            <input
-              type="range"
-              min={0}
-              max={grid[across] - 1}
-              step={1}
-              value={layer}
-              aria-label={words.across}
-              onInput={(event) => setChosen(moved(grid, across, chosen, Number(event.currentTarget.value)))}
-            />
-          </label>
+          <Handle
+            label={words.across}
+            count={grid[across]}
+            value={layer}
+            change={(to) => setChosen(moved(grid, across, chosen, to))}
+          >
+            {words.layer(AXES[across], height)}
+          </Handle>
           <Beside own={own} other={other} />
         </div>
       </section>
@@ -200,7 +193,10 @@ function Robot({
   scale: readonly [number, number];
 }) {
   const joints = places[chosen]?.joints ?? [];
-  const posture = usePosture(set.robot_id, joints);
+  const last = useRef(joints); // where the robot does not reach, it stays
+  if (joints.length > 0) last.current = joints;
+  const { kinematics } = useKinematics(last.current.length > 0 ? { robot_id: set.robot_id } : null, [last.current]);
+  const posture = kinematics?.postures[0];
   const drawn = useMemo(() => {
     const kept = places.flatMap((place, i) => (Number.isFinite(values[i]) ? [{ place, i }] : []));
     return {
@@ -211,32 +207,24 @@ function Robot({
   }, [places, values, scale[0], scale[1]]);
   const shown = useMemo<Shown | null>(
     () =>
-      posture && {
-        ...ARM_ALONE,
-        axes: false,
-        posture,
-        cloud: drawn,
-        // A force that turns with the flange is not drawn: its direction differs from place to place.
-        load:
-          norm(map.request.force) > 0 && map.request.axes !== "flange"
-            ? { from: places[chosen]?.position ?? [0, 0, 0], along: map.request.force }
-            : null,
-      },
+      posture
+        ? {
+            ...ARM_ALONE,
+            axes: false,
+            posture,
+            cloud: drawn,
+            // A force that turns with the flange is not drawn: its direction differs from place to place.
+            load:
+              norm(map.request.force) > 0 && map.request.axes !== "flange"
+                ? { from: places[chosen]?.position ?? [0, 0, 0], along: map.request.force }
+                : null,
+          }
+        : null,
     [posture, drawn, chosen],
   );
   const room = useMemo(() => [...(posture ? roomOf([posture]) : []), ...map.request.area], [posture, map]);
   if (!shown) return <div class="stage blank">{words.tap}</div>;
   return <ArmView show={shown} room={room} label={words.view} />;
-}
-
-function usePosture(robot: string, joints: number[]): Posture | null {
-  const [last, setLast] = useState<Posture | null>(null);
-  useLoad(async () => {
-    if (joints.length === 0) return;
-    const found = await api.kinematics({ robot_id: robot }, [joints]);
-    setLast(found.postures[0] ?? null);
-  }, [robot, joints.join()]);
-  return last;
 }
 
 function Sliced({
@@ -264,9 +252,7 @@ function Sliced({
   return (
     <section class="card">
       <h3>
-        <a href={link(["runs", run.id])}>
-          <Name>{set.name}</Name>
-        </a>{" "}
+        <NameLink to={["runs", run.id]}>{set.name}</NameLink>{" "}
         <small class="soft">{text.methods[run.request.method]}</small>
       </h3>
       <div ref={box}>

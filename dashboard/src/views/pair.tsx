@@ -3,13 +3,12 @@ import { api } from "../api/client";
 import type { Pair } from "../api/types";
 import { Bars } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { Intervals, markOf } from "../charts/intervals";
-import { LinkButton, Name } from "../components/basics";
+import { StiffnessIntervals, Intervals, markOf } from "../charts/intervals";
+import { NameLink, LinkButton, Name } from "../components/basics";
 import { JobPage } from "../components/job_page";
-import { DataTable } from "../components/table";
+import { alike, DataTable } from "../components/table";
 import { pValue, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
-import { axisStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS, intervalIn, maybeInUnit } from "../lib/units";
 import { storedSet } from "../state/stored";
 import { link } from "../state/router";
@@ -47,12 +46,8 @@ export function PairView({ id }: { id: string }) {
         list: "#/compare/pairs",
         about: (
           <>
-            <a href={link(["sets", job.first_set_id])}>
-              <Name>{first}</Name>
-            </a>
-            <a href={link(["sets", job.second_set_id])}>
-              <Name>{second}</Name>
-            </a>
+            <NameLink to={["sets", job.first_set_id]}>{first}</NameLink>
+            <NameLink to={["sets", job.second_set_id]}>{second}</NameLink>
           </>
         ),
         actions: (
@@ -122,12 +117,11 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
       note={words.ratioNote(level)}
       table={{
         columns: [
-          { title: text.run.joint },
+          text.run.joint,
           { title, show },
-          { title: text.run.low, show },
-          { title: text.run.high, show },
+          ...alike([text.run.low, text.run.high], undefined, show),
           { title: text.evidence.pValue, show: pValue },
-          { title: text.run.verdict },
+          text.run.verdict,
         ],
         rows: result.joints.map((joint) => [
           joint.name,
@@ -171,7 +165,7 @@ const verdict = (p: number | null, reason: string | null): string =>
 
 function Both({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
   const { unit } = useSettings();
-  const { column, label } = STIFFNESS_UNITS[unit];
+  const { column } = STIFFNESS_UNITS[unit];
   const u = { unit: column };
   return (
     <Figure
@@ -183,7 +177,7 @@ function Both({ result, sides, level }: { result: Result; sides: Sides; level: s
       ]}
       table={{
         columns: [
-          { title: text.run.joint },
+          text.run.joint,
           ...sides.flatMap((side) => [
             { title: side, ...u },
             { title: `${side} ${text.run.low}`, ...u },
@@ -200,15 +194,13 @@ function Both({ result, sides, level }: { result: Result; sides: Sides; level: s
       }}
     >
       {(width) => (
-        <Intervals
+        <StiffnessIntervals
           rows={result.joints.map((joint) => ({
             name: joint.name,
             marks: [markOf(joint.first, "method-1", unit), markOf(joint.second, "method-0", unit)],
           }))}
-          width={width}
+          {...{ width, unit }}
           label={words.stiffness}
-          unit={label}
-          format={axisStiffness(unit)}
         />
       )}
     </Figure>
@@ -237,10 +229,8 @@ function ByConfiguration({ result: { avoided } }: { result: Result }) {
       legend={series}
       table={{
         columns: [
-          { title: text.deflection.configuration },
-          { title: words.measured, unit: text.units.share },
-          { title: text.run.uncertainty, unit: text.units.share },
-          { title: words.predicted, unit: text.units.share },
+          text.deflection.configuration,
+          ...alike([words.measured, text.run.uncertainty, words.predicted], text.units.share),
         ],
         rows: avoided.configurations.map((one, i) => [
           one.observation,
@@ -277,12 +267,12 @@ function Ordered({ result: { ordered }, sides, level }: { result: Result; sides:
         caption={words.ordered}
         table={{
           columns: [
-            { title: text.run.joint },
+            text.run.joint,
             { title: sides[0], ...u },
-            { title: text.run.interval(level) },
+            text.run.interval(level),
             { title: sides[1], ...u },
-            { title: text.run.interval(level) },
-            { title: "" },
+            text.run.interval(level),
+            "",
           ],
           rows: ordered.joints.map((joint) => [
             joint.name,

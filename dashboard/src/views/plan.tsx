@@ -93,10 +93,10 @@ function Promise({ result }: { result: PlanResult }) {
   );
   const { columns, compliance: unit } = words;
   const all = [
-    { column: { title: text.run.joint }, cell: (joint: Promised) => joint.name },
+    { column: text.run.joint, cell: (joint: Promised) => joint.name },
     { column: { title: columns.plan, unit, show }, cell: (joint: Promised) => nano(joint.standard_uncertainty) },
     {
-      column: { title: columns.relative },
+      column: columns.relative,
       cell: (joint: Promised) => (joint.relative === null ? null : percent(joint.relative)),
     },
     { column: { title: columns.now, unit, show }, cell: (joint: Promised) => nano(joint.before) },

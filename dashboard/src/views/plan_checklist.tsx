@@ -211,7 +211,7 @@ function HowSure({ found: { run, fitted, held }, result }: { found: Found; resul
       <DataTable
         caption={words.sure}
         table={{
-          columns: [{ title: text.run.joint }, { title: words.sureColumns.now }, { title: words.sureColumns.promised }],
+          columns: [text.run.joint, words.sureColumns.now, words.sureColumns.promised],
           rows: joints.map((joint) => [joint.name, share(joint.now), share(joint.promised)]),
         }}
       />

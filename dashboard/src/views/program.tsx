@@ -3,9 +3,10 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Program, ProgramResult } from "../api/types";
 import { Busy, Choice, Facts, LinkButton } from "../components/basics";
+import { Handle } from "../components/fields";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
-import { DataTable } from "../components/table";
+import { alike, DataTable } from "../components/table";
 import { significant } from "../lib/format";
 import { type PathPoint, pointsOf, thinned } from "../lib/program";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
@@ -147,18 +148,9 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
           ]}
         />
         <RampLegend scale={[0, greatest]} unit={text.units.mm} label={words.off} />
-        <label class="field">
-          <span>{words.point(point.number, point.line)}</span>
-          <input
-            type="range"
-            min={0}
-            max={points.length - 1}
-            step={1}
-            value={chosen}
-            aria-label={words.choosePoint}
-            onInput={(event) => setChosen(Number(event.currentTarget.value))}
-          />
-        </label>
+        <Handle label={words.choosePoint} count={points.length} value={chosen} change={setChosen}>
+          {words.point(point.number, point.line)}
+        </Handle>
       </div>
     </section>
   );
@@ -187,15 +179,20 @@ function Worst({ result }: { result: ProgramResult }) {
   const table = {
     columns: [
       { title: words.columns.number, show: String },
-      { title: words.columns.name },
+      words.columns.name,
       { title: words.columns.line, show: String },
-      { title: words.columns.deflection, unit: mm },
-      { title: words.columns.low, unit: mm },
-      { title: words.columns.high, unit: mm },
-      { title: words.columns.lowModel, unit: mm },
-      { title: words.columns.highModel, unit: mm },
-      { title: words.columns.correction, unit: mm },
-      { title: words.columns.residual, unit: mm },
+      ...alike(
+        [
+          words.columns.deflection,
+          words.columns.low,
+          words.columns.high,
+          words.columns.lowModel,
+          words.columns.highModel,
+          words.columns.correction,
+          words.columns.residual,
+        ],
+        mm,
+      ),
     ],
     rows: result.worst.map((one) => [
       one.number,

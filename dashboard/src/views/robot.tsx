@@ -7,7 +7,7 @@ import { Changes } from "../components/changes";
 import { Empty, Facts, LinkButton, Name, Show, Title } from "../components/basics";
 import { DeleteButton } from "../components/delete_button";
 import { chosen, FilterBar, Rows, useFilter } from "../components/list";
-import { DataTable } from "../components/table";
+import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { degrees } from "../lib/units";
 import { useLoad, valueOf } from "../state/load";
@@ -126,11 +126,7 @@ function Kinematics({ robot }: { robot: Robot }) {
         <DataTable
           caption={words.limits}
           table={{
-            columns: [
-              { title: text.run.joint },
-              { title: words.lower, unit: text.units.deg },
-              { title: words.upper, unit: text.units.deg },
-            ],
+            columns: [text.run.joint, ...alike([words.lower, words.upper], text.units.deg)],
             rows: robot.joints.map((joint) => [joint.name, limit(joint.lower), limit(joint.upper)]),
           }}
         />

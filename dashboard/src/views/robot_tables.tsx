@@ -1,6 +1,6 @@
 /** The kinematics of a robot as tables: rows with limits, and the joint map. */
 import type { DhModel, JointMap } from "../api/types";
-import { DataTable } from "../components/table";
+import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { degrees } from "../lib/units";
 import { text } from "../i18n";
@@ -19,13 +19,12 @@ export function RowsTable({ model }: { model: DhModel }) {
       caption={words.table}
       table={{
         columns: [
-          { title: text.run.joint },
+          text.run.joint,
           { title: words.column.a, unit: mm, show: plain },
           { title: words.column.alpha, unit: deg, show: plain },
           { title: words.column.d, unit: mm, show: plain },
           { title: words.column.theta, unit: deg, show: plain },
-          { title: words.lower, unit: deg },
-          { title: words.upper, unit: deg },
+          ...alike([words.lower, words.upper], deg),
         ],
         rows: model.rows.map((row, i) => [
           String(i + 1),
@@ -48,7 +47,7 @@ export function JointMapTable({ map }: { map: JointMap }) {
     <DataTable
       caption={words.mapTable}
       table={{
-        columns: [{ title: text.run.joint }, ...joints, { title: words.offset, unit: text.units.deg, show: plain }],
+        columns: [text.run.joint, ...joints, { title: words.offset, unit: text.units.deg, show: plain }],
         rows: map.matrix.map((row, i) => [String(i + 1), ...row, degrees(map.offset[i] ?? 0)]),
       }}
     />

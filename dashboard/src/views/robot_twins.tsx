@@ -1,7 +1,7 @@
 /** Robots of the same kinematics side by side: the latest run of each robot and serial number. */
 import { api, every } from "../api/client";
 import type { MeasurementSetSummary, Robot, Run, RunSummary } from "../api/types";
-import { LinkButton, Name, When } from "../components/basics";
+import { NameLink, LinkButton, Name, When } from "../components/basics";
 import { Scroll } from "../components/table";
 import { shownStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS } from "../lib/units";
@@ -89,9 +89,7 @@ export function Twins({ robot }: { robot: Robot }) {
             {twins.map(({ robot: id, name, serial, encoders, at, run }) => (
               <tr>
                 <th scope="row" class="robot-name">
-                  <a href={link(["robots", id])}>
-                    <Name>{name}</Name>
-                  </a>
+                  <NameLink to={["robots", id]}>{name}</NameLink>
                 </th>
                 <td>{serial === null ? "–" : <Name>{serial}</Name>}</td>
                 <td>

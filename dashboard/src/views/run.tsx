@@ -2,7 +2,7 @@
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { AlarmNote } from "../components/alarm";
-import { ActionButton, Name, Tabs } from "../components/basics";
+import { NameLink, ActionButton, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -51,9 +51,7 @@ function About({ run, robot }: Pick<RunContext, "run" | "robot">) {
         {text.methods[method]}, {constraint}
         {isElastic(run) && `, ${text.elasticities[elasticityOf(run)]}`}
       </span>
-      <a href={link(["robots", robot.id])}>
-        <Name>{robot.name}</Name>
-      </a>
+      <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
     </>
   );
 }

@@ -91,7 +91,7 @@ function BeforeAfter({
       note={words.note}
       legend={series}
       table={{
-        columns: [{ title: words.configuration }, ...series.map((one) => ({ title: one.label, unit: text.units.mm }))],
+        columns: [words.configuration, ...series.map((one) => ({ title: one.label, unit: text.units.mm }))],
         rows: names.map((name, i) => [name, ...series.map((one) => one.values[i] ?? null)]),
       }}
     >
@@ -165,7 +165,7 @@ function Parts({
       note={words.byConfigurationNote}
       legend={names.map((name, j) => ({ label: name, mark: `joint-${j % 6}` }))}
       table={{
-        columns: [{ title: words.configuration }, ...names.map((name) => ({ title: name, unit: text.units.mm }))],
+        columns: [words.configuration, ...names.map((name) => ({ title: name, unit: text.units.mm }))],
         rows: labels.map((label, i) => [label, ...parts.map((part) => part.values[i] ?? null)]),
       }}
     >
@@ -207,8 +207,8 @@ function Residuals({ result, opening }: { result: RunResult; opening: Opening })
       ]}
       table={{
         columns: [
-          { title: words.configuration },
-          { title: words.target },
+          words.configuration,
+          words.target,
           ...AXES.map((axis) => ({ title: `${words.length} ${axis}`, unit: um })),
           ...AXES.map((axis) => ({ title: `${words.residual} ${axis}`, unit: um })),
         ],

@@ -4,9 +4,8 @@ import { DataTable } from "../components/table";
 import { fixed, pValue, percent, significant } from "../lib/format";
 import { text } from "../i18n";
 import { entriesOf } from "../lib/json";
-import { Facts, Name, When } from "../components/basics";
+import { NameLink, Facts, Name, When } from "../components/basics";
 import { Term } from "../components/term";
-import { link } from "../state/router";
 import { type RunContext, isElastic } from "./run_context";
 
 const words = text.evidence;
@@ -86,10 +85,7 @@ function Singular({ found, elastic }: { found: RunResult["identifiability"]; ela
         </>
       )}
       <p class="soft">{words.singularNote}</p>
-      <DataTable
-        caption={words.singular}
-        table={{ columns: [{ title: words.singular }, { title: text.run.value }], rows: values }}
-      />
+      <DataTable caption={words.singular} table={{ columns: [words.singular, text.run.value], rows: values }} />
     </>
   );
 }
@@ -154,8 +150,8 @@ function Suspicious({ result }: { result: RunResult }) {
         caption={words.suspicious}
         table={{
           columns: [
-            { title: text.deflection.configuration },
-            { title: text.deflection.target },
+            text.deflection.configuration,
+            text.deflection.target,
             { title: words.weight, show: (v) => fixed(v, 2) },
             { title: words.norm, show: (v) => fixed(v, 1) },
           ],
@@ -180,11 +176,7 @@ function Provenance({ context: { run, set } }: { context: RunContext }) {
         facts={[
           {
             label: text.sets.kind,
-            value: (
-              <a href={link(["sets", set.id])}>
-                <Name>{set.name}</Name>
-              </a>
-            ),
+            value: <NameLink to={["sets", set.id]}>{set.name}</NameLink>,
           },
           { label: words.created, value: <When time={provenance.created_at} /> },
           ...(took === null ? [] : [{ label: words.took, value: `${significant(took, 2)} s` }]),
@@ -223,9 +215,9 @@ function BudgetTable({ budget, joints }: { budget: Budget; joints: JointResult[]
         caption={budgetWords.title}
         table={{
           columns: [
-            { title: budgetWords.source },
-            { title: budgetWords.type },
-            { title: budgetWords.included },
+            budgetWords.source,
+            budgetWords.type,
+            budgetWords.included,
             ...budget.joints.map((name) => ({ title: name, unit: "%", show: shown })),
           ],
           rows: [
@@ -251,7 +243,7 @@ function BudgetTable({ budget, joints }: { budget: Budget; joints: JointResult[]
       <DataTable
         caption={budgetWords.correlation}
         table={{
-          columns: [{ title: text.run.joint }, ...budget.joints.map((name) => ({ title: name, show: shown }))],
+          columns: [text.run.joint, ...budget.joints.map((name) => ({ title: name, show: shown }))],
           rows: budget.correlation.map((row, j) => [budget.joints[j] ?? "", ...row]),
         }}
       />

@@ -1,5 +1,6 @@
 /** The robot in each configuration, its load, and its deflection, measured and predicted. */
 import type { MeasurementSet, Posture, RunResult } from "../api/types";
+import { Legend } from "../charts/figure";
 import { tip } from "../charts/tip";
 import { fixed, significant } from "../lib/format";
 import { useWidth } from "../state/size";
@@ -7,6 +8,7 @@ import { text } from "../i18n";
 import { byObservation } from "./run_deflection";
 import { useCallback, useEffect, useMemo, useState } from "preact/hooks";
 import { Busy, Button, Choice, LinkButton, Toggle } from "../components/basics";
+import { Handle } from "../components/fields";
 import { DataTable } from "../components/table";
 import { type DrawnSet, arrowsOf, magnification } from "../lib/drawn";
 import { bendOf } from "../lib/bend";
@@ -103,48 +105,28 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
           <Button aria-label={words.previous} onClick={() => step(-1)}>
             ‹
           </Button>
-          <label>
-            <span>
-              <bdi>{observation.label}</bdi> <small class="soft">{words.of(index + 1, postures.length)}</small>
-            </span>
-            <input
-              type="range"
-              min={0}
-              max={postures.length - 1}
-              step={1}
-              value={index}
-              aria-label={words.configuration}
-              aria-valuetext={observation.label}
-              onInput={(event) => setIndex(Number(event.currentTarget.value))}
-            />
-          </label>
+          <Handle
+            look=""
+            label={words.configuration}
+            said={observation.label}
+            count={postures.length}
+            value={index}
+            change={setIndex}
+          >
+            <bdi>{observation.label}</bdi> <small class="soft">{words.of(index + 1, postures.length)}</small>
+          </Handle>
           <Button aria-label={words.next} onClick={() => step(1)}>
             ›
           </Button>
         </div>
-        <ul class="legend">
-          <li>
-            <i class="mark load" aria-hidden="true" />
-            {words.load}: {loadText(set, show)}
-          </li>
-          {colour === "kind" ? (
-            <>
-              <li>
-                <i class="mark measured" aria-hidden="true" />
-                {words.measured}
-              </li>
-              <li>
-                <i class="mark predicted" aria-hidden="true" />
-                {words.predicted}
-              </li>
-            </>
-          ) : (
-            <li>
-              <i class="mark ramp" aria-hidden="true" />
-              {words.residualRamp(`${significant(drawn.worst * 1e3, 2)} ${text.units.mm}`)}
-            </li>
-          )}
-        </ul>
+        <Legend
+          items={[
+            { mark: "load", label: `${words.load}: ${loadText(set, show)}` },
+            ...(colour === "kind"
+              ? (["measured", "predicted"] as const).map((mark) => ({ mark, label: words[mark] }))
+              : [{ mark: "ramp", label: words.residualRamp(`${significant(drawn.worst * 1e3, 2)} ${text.units.mm}`) }]),
+          ]}
+        />
         <div class="magnify">
           <Button aria-label={words.scaleDown} onClick={() => setFactor((f) => roundStep(f / 2.2, 1))}>
             −
@@ -215,7 +197,7 @@ function DeflectionTable({ label, result }: { label: string; result: RunResult }
       caption={words.table}
       table={{
         columns: [
-          { title: text.deflection.target },
+          text.deflection.target,
           ...axes.map((a) => ({ title: `${words.measured} ${a}`, unit: text.units.mm, show })),
           ...axes.map((a) => ({ title: `${words.predicted} ${a}`, unit: text.units.mm, show })),
         ],

@@ -2,7 +2,7 @@
 import type { Elasticity, Run, RunResult } from "../api/types";
 import { Shares } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { DataTable, TableCard } from "../components/table";
+import { alike, DataTable, TableCard } from "../components/table";
 import { percent, significant } from "../lib/format";
 import { text } from "../i18n";
 import { useCached } from "../state/cache";
@@ -133,11 +133,10 @@ function Resampled({ result }: { result: RunResult }) {
       note={text.run.resamplingNote(draws.repetitions)}
       table={{
         columns: [
-          { title: text.run.joint },
+          text.run.joint,
           { title: text.run.mean, unit: column },
           { title: text.run.deviation, unit: column, show: (v) => significant(v, 2) },
-          { title: text.run.negativeDraws, show: (v) => percent(v) },
-          { title: text.run.infiniteDraws, show: (v) => percent(v) },
+          ...alike([text.run.negativeDraws, text.run.infiniteDraws], undefined, (v) => percent(v)),
         ],
         rows: draws.joints.map((joint) => [
           joint.name,
@@ -208,7 +207,7 @@ function ElementShares({ links }: { links: Links }) {
         `${significant(links.penalty, 2)} ${linksWords.sources[links.penalty_source]}`,
       )}`}
       table={{
-        columns: [{ title: linksWords.element }, { title: text.run.contributionShare, show: percent }],
+        columns: [linksWords.element, { title: text.run.contributionShare, show: percent }],
         rows: rows.map(({ name, share }) => [name, share]),
       }}
     >
@@ -230,10 +229,9 @@ function ModelChoice({ selection }: { selection: Selection }) {
         caption={linksWords.selection}
         table={{
           columns: [
-            { title: linksWords.model },
-            { title: linksWords.loss },
-            { title: linksWords.heldOut, show: percent },
-            { title: linksWords.deviation, show: percent },
+            linksWords.model,
+            linksWords.loss,
+            ...alike([linksWords.heldOut, linksWords.deviation], undefined, percent),
             { title: linksWords.penalty, show: (value) => significant(value, 2) },
           ],
           rows: selection.models.map(({ model, loss, compensation, standard_error, penalty }) => [

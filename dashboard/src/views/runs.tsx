@@ -1,7 +1,7 @@
 /** Runs as rows, variants beneath the run they vary; and the list of all runs, compared side by side. */
 import { useCallback, useState } from "preact/hooks";
 import type { RunSummary } from "../api/types";
-import { Button, Name, Title, Toggle } from "../components/basics";
+import { NameLink, Button, Title, Toggle } from "../components/basics";
 import { type Row, Rows } from "../components/list";
 import { type Names, useNames } from "../state/names";
 import { valueOf } from "../state/load";
@@ -109,9 +109,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
           return [...groups].map(([set, members]) => [
             set !== undefined && (
               <h2 class="group">
-                <a href={link(["sets", set])}>
-                  <Name>{names?.set(set) ?? set}</Name>
-                </a>
+                <NameLink to={["sets", set]}>{names?.set(set) ?? set}</NameLink>
               </h2>
             ),
             members,

@@ -1,12 +1,11 @@
 /** Runs as columns of a table: what each explains, its verdict, and each joint. */
 import type { Run } from "../api/types";
 import { Badge } from "../components/badge";
-import { Name } from "../components/basics";
+import { NameLink, Name } from "../components/basics";
 import { Scroll } from "../components/table";
 import { fixed, percent } from "../lib/format";
 import { shownStiffness } from "../lib/stiffness";
 import { STIFFNESS_UNITS } from "../lib/units";
-import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 
@@ -44,9 +43,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
             <th scope="col" />
             {columns.map(({ run, name, note }) => (
               <th scope="col">
-                <a href={link(["runs", run.id])}>
-                  <Name>{name}</Name>
-                </a>
+                <NameLink to={["runs", run.id]}>{name}</NameLink>
                 {note && <small class="soft">{note}</small>}
               </th>
             ))}

@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { METADATA, type MeasurementSet } from "../api/types";
 import { api } from "../api/client";
-import { Button, Facts, LinkButton, Name, ProblemNote, Show, Title, Warnings, When } from "../components/basics";
+import { NameLink, Button, Facts, Form, LinkButton, Name, Show, Title, Warnings, When } from "../components/basics";
 import { MetadataForm } from "../components/metadata_form";
 import { notedIn, typedOf } from "../lib/metadata";
 import { useAction } from "../state/action";
@@ -37,9 +37,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
           <Name>{set.name}</Name>
         </Title>
         <p class="meta">
-          <a href={link(["robots", set.robot_id])}>
-            <Name>{names?.robot(set.robot_id) ?? "…"}</Name>
-          </a>
+          <NameLink to={["robots", set.robot_id]}>{names?.robot(set.robot_id) ?? "…"}</NameLink>
           <When time={set.measured_at ?? set.created_at} />
           {set.archived && <span>{text.changes.archived}</span>}
         </p>
@@ -103,22 +101,15 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
     <section class="card">
       <h2>{words.title}</h2>
       {editing ? (
-        <form
-          class="noting"
-          onSubmit={(event) => {
-            event.preventDefault();
-            save.run();
-          }}
-        >
+        <Form action={save} class="noting">
           <MetadataForm typed={typed} change={setTyped} />
-          {save.problem && <ProblemNote problem={save.problem} />}
           <div class="actions">
             <button type="submit" class="button primary" disabled={save.busy || notedIn(typed) === null}>
               {words.save}
             </button>
             <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
           </div>
-        </form>
+        </Form>
       ) : (
         <>
           {known.length === 0 ? (

@@ -2,12 +2,10 @@
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { Figure } from "../charts/figure";
-import { Intervals, markOf } from "../charts/intervals";
+import { StiffnessIntervals, markOf } from "../charts/intervals";
 import { ActionButton, Empty, Show, Title } from "../components/basics";
 import { percent } from "../lib/format";
 import { freshKey } from "../lib/hash";
-import { axisStiffness } from "../lib/stiffness";
-import { STIFFNESS_UNITS } from "../lib/units";
 import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
 import { go, link } from "../state/router";
@@ -85,7 +83,7 @@ function Page({ columns }: { columns: RunColumn[] }) {
         )}
       >
         {(width) => (
-          <Intervals
+          <StiffnessIntervals
             rows={names.map((name) => ({
               name,
               marks: columns.flatMap((column, i) => {
@@ -93,10 +91,8 @@ function Page({ columns }: { columns: RunColumn[] }) {
                 return joint ? [markOf(joint, `method-${i}`, unit)] : [];
               }),
             }))}
-            width={width}
+            {...{ width, unit }}
             label={text.run.stiffness}
-            unit={STIFFNESS_UNITS[unit].label}
-            format={axisStiffness(unit)}
           />
         )}
       </Figure>

@@ -2,7 +2,8 @@
 import { useCallback, useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Session } from "../api/types";
-import { Busy, ProblemNote, Prose, Title } from "../components/basics";
+import { Busy, Form, Prose, Title } from "../components/basics";
+import { TextField } from "../components/fields";
 import { useAction } from "../state/action";
 import { go } from "../state/router";
 import { text } from "../i18n";
@@ -25,38 +26,21 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
     history.replaceState(null, "", "#/sign-in");
     run({ link });
   }, [link]);
-  const enter = (event: Event) => {
-    event.preventDefault();
-    if (key.trim()) run({ key: key.trim() });
-  };
+  const enter = { run: () => void (key.trim() && run({ key: key.trim() })), busy, problem };
   const { signIn: words } = text;
   return (
     <>
       <Title plain={words.title}>{words.title}</Title>
-      <form class="card form" onSubmit={enter}>
+      <Form action={enter} class="card form">
         <p>
           <Prose text={words.hint} />
         </p>
-        <label class="field">
-          <span>{words.key}</span>
-          <input
-            type="password"
-            name="key"
-            autocomplete="off"
-            autocapitalize="none"
-            spellcheck={false}
-            maxLength={200}
-            value={key}
-            placeholder="jst_…"
-            onInput={(event) => setKey(event.currentTarget.value)}
-          />
-        </label>
-        {problem && <ProblemNote problem={problem} />}
+        <TextField type="password" label={words.key} maxLength={200} value={key} placeholder="jst_…" change={setKey} />
         {busy && <Busy label={words.checking} />}
         <button type="submit" class="button primary" disabled={busy || !key.trim()}>
           {words.enter}
         </button>
-      </form>
+      </Form>
     </>
   );
 }

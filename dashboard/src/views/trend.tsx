@@ -6,6 +6,7 @@ import { Figure } from "../charts/figure";
 import { Trend } from "../charts/trend";
 import { Badge } from "../components/badge";
 import { Choice, dayText, Empty, LinkButton, Name, Show, Title } from "../components/basics";
+import { alike } from "../components/table";
 import { Select } from "../components/fields";
 import { Rows } from "../components/list";
 import { pValue } from "../lib/format";
@@ -151,17 +152,12 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
       ]}
       table={{
         columns: [
-          { title: text.sets.kind },
-          { title: text.runs.when },
-          { title: words.role },
-          { title: text.run.value, unit: column },
-          { title: text.run.low, unit: column },
-          { title: text.run.high, unit: column },
-          { title: words.smoothed, unit: column },
-          { title: words.lower, unit: column },
-          { title: words.upper, unit: column },
-          { title: words.changed },
-          { title: text.run.verdict },
+          text.sets.kind,
+          text.runs.when,
+          words.role,
+          ...alike([text.run.value, text.run.low, text.run.high, words.smoothed, words.lower, words.upper], column),
+          words.changed,
+          text.run.verdict,
         ],
         rows: trend.campaigns.map(({ name, at, assessment }, i) => {
           const point = joint.points[i];

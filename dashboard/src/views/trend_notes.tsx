@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
-import { dayText, Name, ProblemNote, When } from "../components/basics";
+import { dayText, Form, Name, When } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
@@ -81,19 +81,12 @@ function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: stri
     reload();
   });
   return (
-    <form
-      class="row"
-      onSubmit={(event) => {
-        event.preventDefault();
-        send.run();
-      }}
-    >
+    <Form action={send}>
       <TextField label={words.note} required maxLength={2000} value={note} change={setNote} />
       <button type="submit" class="button" disabled={send.busy || note.trim() === ""}>
         {words.acknowledge}
       </button>
-      {send.problem && <ProblemNote problem={send.problem} />}
-    </form>
+    </Form>
   );
 }
 
@@ -117,13 +110,7 @@ export function NewBaseline({ trend, reload }: Noted) {
           </li>
         ))}
       </ul>
-      <form
-        class="row"
-        onSubmit={(event) => {
-          event.preventDefault();
-          send.run();
-        }}
-      >
+      <Form action={send}>
         <Select
           label={words.from}
           value={run}
@@ -149,8 +136,7 @@ export function NewBaseline({ trend, reload }: Noted) {
         <button type="submit" class="button" disabled={send.busy || reason.trim() === ""}>
           {words.begin}
         </button>
-        {send.problem && <ProblemNote problem={send.problem} />}
-      </form>
+      </Form>
     </details>
   );
 }
