@@ -5,6 +5,7 @@ import type { Problem, QualityWarning, RunState } from "../api/types";
 import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
 import { hasNavigated, link } from "../state/router";
+import { entriesOf } from "../lib/json";
 import { placeName, sentence } from "../lib/said";
 import { text } from "../i18n";
 
@@ -93,6 +94,9 @@ export const Form = ({
     {action.problem && <ProblemNote problem={action.problem} />}
   </form>
 );
+
+/** A file to take along. */
+export const Download = (of: ComponentProps<typeof LinkButton>) => <LinkButton download {...of} />;
 
 /** A way to another place that looks like a button. */
 export const LinkButton = ({ look, ...rest }: Looks & ComponentProps<"a">) => <a class={classOf(look)} {...rest} />;
@@ -234,12 +238,18 @@ export function Facts({ facts, wide = false }: { facts: Fact[]; wide?: boolean }
   );
 }
 
-interface ChoiceOption<Value extends string> {
+interface Option<Value extends string> {
   value: Value;
   label: string;
   hint?: string;
   disabled?: boolean;
 }
+
+/** Options, or their labels by value. */
+export type Options<Value extends string> = Option<Value>[] | Record<Value, string>;
+
+export const optionsOf = <Value extends string>(options: Options<Value>): Option<Value>[] =>
+  Array.isArray(options) ? options : entriesOf<Value, string>(options).map(([value, label]) => ({ value, label }));
 
 /** One of a few, all in view: radio buttons that look like what they are for. */
 export function Choice<Value extends string>({
@@ -247,20 +257,20 @@ export function Choice<Value extends string>({
   options,
   value,
   change,
-  cards = false,
+  look = "choice",
 }: {
   label: string;
-  options: ChoiceOption<Value>[];
+  options: Options<Value>;
   value: Value;
   change: (value: Value) => void;
-  cards?: boolean;
+  look?: "choice" | "choice cards" | "choice cards arms";
 }) {
   const name = useId();
   return (
-    <fieldset class={cards ? "choice cards" : "choice"}>
+    <fieldset class={look}>
       <legend>{label}</legend>
       <div class="options">
-        {options.map((option) => (
+        {optionsOf(options).map((option) => (
           <label class="option">
             <input
               type="radio"

@@ -2,7 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
 import { numberIn, vectorIn } from "../lib/entered";
-import { Prose } from "./basics";
+import { type Options, optionsOf, Prose } from "./basics";
 
 interface Hints {
   help?: string | undefined;
@@ -114,19 +114,12 @@ export function TextField({
 }
 
 /** One of several, in a list that opens. */
-export function Select({
-  label,
-  value,
-  change,
-  options,
-  help,
-  faults,
-}: Typed & { options: { value: string; label: string; disabled?: boolean }[] }) {
+export function Select({ label, value, change, options, help, faults }: Typed & { options: Options<string> }) {
   return (
     <Field {...{ label, help, faults }}>
       {(control) => (
         <select {...control} value={value} onChange={(event) => change(event.currentTarget.value)}>
-          {options.map((option) => (
+          {optionsOf(options).map((option) => (
             <option value={option.value} selected={option.value === value} disabled={option.disabled ?? false}>
               {option.label}
             </option>

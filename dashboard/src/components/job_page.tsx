@@ -10,7 +10,7 @@ import { useLoad } from "../state/load";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { Badge } from "./badge";
-import { ActionButton, Button, LinkButton, Name, ProblemNote, Show, State, Title, When } from "./basics";
+import { Download, ActionButton, Button, Name, ProblemNote, Show, State, Title, When } from "./basics";
 import { save } from "./download";
 import { Cancelled, Going } from "./going";
 
@@ -145,9 +145,7 @@ function Actions({
     <div class="actions">
       {children}
       {REPORTED.includes(collection) && job.result && (
-        <LinkButton href={api[collection].file(job.id, "report.pdf")} download>
-          {text.run.report}
-        </LinkButton>
+        <Download href={api[collection].file(job.id, "report.pdf")}>{text.run.report}</Download>
       )}
       <Button onClick={share}>{text.run.share}</Button>
       <Button title={text.run.downloadHint} onClick={download}>

@@ -124,7 +124,7 @@ export function Advanced({
             help={text.options.elasticityHint}
             value={options.elasticity}
             change={(elasticity) => change({ elasticity: elasticity as Elasticity })}
-            options={entriesOf(text.elasticities).map(([value, label]) => ({ value, label }))}
+            options={text.elasticities}
             faults={faultsAt(problem, "elasticity")}
           />
           <Select
@@ -146,7 +146,7 @@ export function Advanced({
             help={words.weightingHelp[options.weighting]}
             value={options.weighting}
             change={(weighting) => change({ weighting: weighting as Weighting })}
-            options={entriesOf(text.weightings).map(([value, label]) => ({ value, label }))}
+            options={text.weightings}
             faults={faultsAt(problem, "weighting")}
           />
           {options.weighting === "characteristic_length" && number("characteristicLength")}
@@ -156,21 +156,9 @@ export function Advanced({
             change={(confidence) => change({ confidence })}
             options={["0.9", "0.95", "0.99"].map((value) => ({ value, label: `${Math.round(Number(value) * 100)} %` }))}
           />
-          <Toggle
-            label={text.options.positive}
-            checked={options.positive}
-            change={(positive) => change({ positive })}
-          />
-          <Toggle
-            label={text.options.complementary}
-            checked={options.complementary}
-            change={(complementary) => change({ complementary })}
-          />
-          <Toggle
-            label={text.options.resample}
-            checked={options.resample}
-            change={(resample) => change({ resample })}
-          />
+          {(["positive", "complementary", "resample"] as const).map((name) => (
+            <Toggle label={text.options[name]} checked={options[name]} change={(on) => change({ [name]: on })} />
+          ))}
         </div>
       </fieldset>
       {options.resample && (
@@ -197,12 +185,7 @@ export function Advanced({
             {number("folds")}
             {number("foldDraws")}
             {number("foldSeed")}
-            <Choice
-              label={words.rule}
-              value={options.rule}
-              change={(rule) => change({ rule })}
-              options={entriesOf(words.rules).map(([value, label]) => ({ value, label }))}
-            />
+            <Choice label={words.rule} value={options.rule} change={(rule) => change({ rule })} options={words.rules} />
           </div>
         </fieldset>
       )}

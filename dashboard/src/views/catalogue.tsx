@@ -2,7 +2,8 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Catalogue, NominalArm } from "../api/types";
-import { Facts, Name, Show } from "../components/basics";
+import { Choice, Facts, Name, Show } from "../components/basics";
+import { TextField } from "../components/fields";
 import { fixed } from "../lib/format";
 import { cached } from "../state/cache";
 import { useLoad } from "../state/load";
@@ -26,15 +27,13 @@ export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choo
   const [typed, setTyped] = useState("");
   return (
     <>
-      <label class="field">
-        <span>{words.search}</span>
-        <input
-          type="search"
-          value={typed}
-          placeholder={words.searchPlaceholder}
-          onInput={(event) => setTyped(event.currentTarget.value)}
-        />
-      </label>
+      <TextField
+        type="search"
+        label={words.search}
+        placeholder={words.searchPlaceholder}
+        value={typed}
+        change={setTyped}
+      />
       <Show of={catalogue}>{(known) => <Arms arms={found(known, typed)} chosen={chosen} choose={choose} />}</Show>
     </>
   );
@@ -51,28 +50,13 @@ function Arms({
 }) {
   if (arms.length === 0) return <p class="note warn">{text.robots.noArm}</p>;
   return (
-    <fieldset class="choice cards arms">
-      <legend>{text.robots.arms}</legend>
-      <div class="options">
-        {arms.map((arm) => (
-          <label class="option">
-            <input
-              type="radio"
-              name="arm"
-              value={arm.name}
-              checked={arm.name === chosen?.name}
-              onChange={() => choose(arm)}
-            />
-            <span>
-              <b>{arm.name}</b>
-              <small>
-                {text.robots.reach} {reachOf(arm)}
-              </small>
-            </span>
-          </label>
-        ))}
-      </div>
-    </fieldset>
+    <Choice
+      label={text.robots.arms}
+      look="choice cards arms"
+      value={chosen?.name ?? ""}
+      change={(name) => choose(arms.find((arm) => arm.name === name) as NominalArm)}
+      options={arms.map((arm) => ({ value: arm.name, label: arm.name, hint: `${text.robots.reach} ${reachOf(arm)}` }))}
+    />
   );
 }
 

@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { ComparedFit, JointResult } from "../api/types";
 import { Figure } from "../charts/figure";
 import { StiffnessIntervals, markOf } from "../charts/intervals";
-import { Choice, LinkButton, Name, Prose } from "../components/basics";
+import { Download, Choice, Name, Prose } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { Term } from "../components/term";
 import { alike, Scroll, type Table } from "../components/table";
@@ -35,11 +35,7 @@ export function ComparisonView({ id }: { id: string }) {
         name: set.name,
         list: "#/compare/methods",
         about: <a href={link(["sets", set.id])}>{text.sets.kind}</a>,
-        actions: job.result && (
-          <LinkButton href={api.comparisons.file(id, "table.csv")} download>
-            {text.figure.csv}
-          </LinkButton>
-        ),
+        actions: job.result && <Download href={api.comparisons.file(id, "table.csv")}>{text.figure.csv}</Download>,
       })}
     >
       {({ assessment, warnings, entries }, { job }) => (
@@ -214,10 +210,7 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
           label={text.run.method}
           value={constraint}
           change={setConstraint}
-          options={[
-            { value: "positive", label: text.options.constrained },
-            { value: "unconstrained", label: text.options.unconstrained },
-          ]}
+          options={{ positive: text.options.constrained, unconstrained: text.options.unconstrained }}
         />
       }
     >

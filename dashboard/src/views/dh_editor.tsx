@@ -128,19 +128,13 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
           label={words.lengthUnit}
           value={table.length}
           change={(length) => set({ length })}
-          options={[
-            { value: "mm", label: "mm" },
-            { value: "m", label: "m" },
-          ]}
+          options={{ mm: "mm", m: "m" }}
         />
         <Choice
           label={words.angleUnit}
           value={table.angle}
           change={(angle) => set({ angle })}
-          options={[
-            { value: "deg", label: "°" },
-            { value: "rad", label: "rad" },
-          ]}
+          options={{ deg: "°", rad: "rad" }}
         />
       </div>
       <h3>{words.rowsTitle}</h3>

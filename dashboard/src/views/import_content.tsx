@@ -4,7 +4,6 @@ import { Button, Choice, Toggle } from "../components/basics";
 import { Field, Select } from "../components/fields";
 import { type ImportFault, meaningsFor } from "../lib/columns";
 import { widthOf } from "../lib/lines";
-import { entriesOf } from "../lib/json";
 import { text } from "../i18n";
 import { useMemo } from "preact/hooks";
 import { type Template, fits } from "../lib/template";
@@ -105,7 +104,7 @@ function ImportReading({
           label={readingWords.decimalMark}
           value={options.decimal_mark ?? ""}
           change={(mark) => put({ decimal_mark: mark === "" ? null : mark })}
-          options={entriesOf(readingWords.marks).map(([value, label]) => ({ value, label }))}
+          options={readingWords.marks}
         />
       )}
       {shown("delimiter") && (
@@ -113,7 +112,7 @@ function ImportReading({
           label={readingWords.delimiter}
           value={options.delimiter ?? ""}
           change={(delimiter) => put({ delimiter: (delimiter || null) as NonNullable<ImportOptions["delimiter"]> })}
-          options={entriesOf(readingWords.delimiters).map(([value, label]) => ({ value, label }))}
+          options={readingWords.delimiters}
         />
       )}
       {pair && (

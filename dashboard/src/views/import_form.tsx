@@ -167,10 +167,7 @@ export function FrameForm({
             label={frameWords.forces}
             value={frame.forces}
             change={(forces) => set({ forces })}
-            options={[
-              { value: "base", label: frameWords.forcesBase },
-              { value: "tracker", label: frameWords.forcesTracker },
-            ]}
+            options={{ base: frameWords.forcesBase, tracker: frameWords.forcesTracker }}
           />
           <p class="soft">{frameWords.later}</p>
           <Faults faults={faultsAt(problem, "frame.geometry_id")} />

@@ -3,7 +3,7 @@ import { useMemo, useRef, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { goesOn } from "../api/events";
 import type { Map as WorkMap } from "../api/types";
-import { NameLink, Choice, Facts, LinkButton, ProblemNote } from "../components/basics";
+import { Download, NameLink, Choice, Facts, ProblemNote } from "../components/basics";
 import { Handle, Select } from "../components/fields";
 import { Going } from "../components/going";
 import { JobPage } from "../components/job_page";
@@ -68,9 +68,7 @@ export function MapView({ id, beside }: { id: string; beside: string | null }) {
         actions:
           job.result &&
           (["csv", "npz"] as const).map((extension) => (
-            <LinkButton href={api.maps.file(id, `map.${extension}`)} download>
-              {words[extension]}
-            </LinkButton>
+            <Download href={api.maps.file(id, `map.${extension}`)}>{words[extension]}</Download>
           )),
       })}
     >
@@ -111,15 +109,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
           <Robot loaded={own} chosen={chosen} values={values[0] ?? []} scale={scale} />
         </div>
         <div class="controls">
-          <Choice
-            label={words.quantity}
-            value={quantity}
-            change={setQuantity}
-            options={(Object.keys(words.quantities) as Quantity[]).map((value) => ({
-              value,
-              label: words.quantities[value],
-            }))}
-          />
+          <Choice label={words.quantity} value={quantity} change={setQuantity} options={words.quantities} />
           <RampLegend scale={scale} unit={unit} label={words.quantities[quantity]} />
           <Choice
             label={words.across}

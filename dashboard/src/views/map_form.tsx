@@ -72,10 +72,7 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
         label={words.posture}
         value={posture}
         change={setPosture}
-        options={[
-          { value: "stiffest", label: words.stiffest },
-          { value: "nearest", label: words.nearest },
-        ]}
+        options={{ stiffest: words.stiffest, nearest: words.nearest }}
       />
       {posture === "nearest" && (
         <Select

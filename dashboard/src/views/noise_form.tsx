@@ -2,7 +2,6 @@
 import type { Problem } from "../api/types";
 
 import { NumberField, VectorField, Select } from "../components/fields";
-import { entriesOf } from "../lib/json";
 import { faultsAt } from "../lib/faults";
 import type { StatedNoise } from "../lib/noise";
 import { text } from "../i18n";
@@ -37,7 +36,7 @@ export function NoiseForm({
         label={words.tracker}
         value={noise.kind}
         change={(kind) => set({ kind: kind as StatedNoise["kind"] })}
-        options={entriesOf(words.kinds).map(([value, label]) => ({ value, label }))}
+        options={words.kinds}
       />
       <div class="grid">
         {noise.kind === "sigma" && (

@@ -1,7 +1,7 @@
 /** One plan: its promise beside other plans', its certificate, and its check-list. */
 import { api } from "../api/client";
 import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
-import { Button, LinkButton, Name } from "../components/basics";
+import { Download, Button, Name } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
@@ -78,9 +78,7 @@ function Files({
       >
         {words.fillIn}
       </Button>
-      <LinkButton href={api.plans.file(plan, "readings.csv")} download>
-        {words.csv}
-      </LinkButton>
+      <Download href={api.plans.file(plan, "readings.csv")}>{words.csv}</Download>
     </>
   );
 }

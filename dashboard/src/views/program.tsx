@@ -2,7 +2,7 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Program, ProgramResult } from "../api/types";
-import { Busy, Choice, Facts, LinkButton } from "../components/basics";
+import { Download, Busy, Choice, Facts } from "../components/basics";
 import { Handle } from "../components/fields";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
@@ -48,13 +48,11 @@ export function ProgramView({ id }: { id: string }) {
         actions: job.result && (
           <>
             {job.result.files.map((file) => (
-              <LinkButton look="primary" href={api.programFile(id, file.name)} download>
+              <Download look="primary" href={api.programFile(id, file.name)}>
                 {words.download(file.name)}
-              </LinkButton>
+              </Download>
             ))}
-            <LinkButton href={api.programs.file(id, "points.csv")} download>
-              {words.table}
-            </LinkButton>
+            <Download href={api.programs.file(id, "points.csv")}>{words.table}</Download>
           </>
         ),
       })}
@@ -142,10 +140,7 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
           label={words.colour}
           value={when}
           change={setWhen}
-          options={[
-            { value: "before", label: words.beforeShort },
-            { value: "after", label: words.afterShort },
-          ]}
+          options={{ before: words.beforeShort, after: words.afterShort }}
         />
         <RampLegend scale={[0, greatest]} unit={text.units.mm} label={words.off} />
         <Handle label={words.choosePoint} count={points.length} value={chosen} change={setChosen}>

@@ -59,7 +59,7 @@ export function RobotNewView() {
             change={setName}
           />
           <Choice
-            cards
+            look="choice cards"
             label={words.ways}
             value={format}
             change={setFormat}

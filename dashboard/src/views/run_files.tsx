@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Assessment } from "../api/types";
-import { Button, LinkButton, Name, ProblemNote, When } from "../components/basics";
+import { Download, Button, LinkButton, Name, ProblemNote, When } from "../components/basics";
 import { TextField } from "../components/fields";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
@@ -21,9 +21,7 @@ export function RunFiles({ run, assessment }: { run: string; assessment: Assessm
       <h2>{words.title}</h2>
       <p class="soft">{words.note}</p>
       <div class="actions">
-        <LinkButton href={api.runs.file(run, "report.pdf")} download>
-          {words.pdf}
-        </LinkButton>
+        <Download href={api.runs.file(run, "report.pdf")}>{words.pdf}</Download>
         <LinkButton href={api.runs.file(run, "report.html")} target="_blank" rel="noreferrer">
           {words.html}
         </LinkButton>

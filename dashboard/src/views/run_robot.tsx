@@ -144,10 +144,7 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
           label={words.colour}
           value={colour}
           change={setColour}
-          options={[
-            { value: "kind", label: words.byKind },
-            { value: "residual", label: words.byResidual },
-          ]}
+          options={{ kind: words.byKind, residual: words.byResidual }}
         />
         <div class="toggles">
           <Toggle label={words.labels} checked={labels} change={setLabels} />
