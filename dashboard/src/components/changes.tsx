@@ -1,5 +1,6 @@
 /** Rename or archive a robot or a measurement set: nothing is computed from either. */
 import { useAction } from "../state/action";
+import { useDeletion } from "../state/deletion";
 import { namesChanged } from "../state/names";
 import { storedChanged } from "../state/stored";
 import { toast } from "../state/toasts";
@@ -46,3 +47,60 @@ export function Changes({
     </>
   );
 }
+
+/** Delete a robot or a measurement set: asked first; while others refer to it the service refuses. */
+export function DeleteButton({
+  name,
+  list,
+  remove,
+  restore,
+}: {
+  name: string;
+  list: string;
+  remove: () => Promise<unknown>;
+  restore: () => Promise<unknown>;
+}) {
+  const changed = async (change: () => Promise<unknown>) => {
+    await change();
+    storedChanged();
+    namesChanged();
+  };
+  const deletion = useDeletion({
+    remove: () => changed(remove),
+    restore: () => changed(restore),
+    list,
+    deleted: text.deletion.done(name),
+  });
+  return (
+    <>
+      <Button look="quiet" disabled={deletion.busy} onClick={() => confirm(text.deletion.sure(name)) && deletion.run()}>
+        {text.run.delete}
+      </Button>
+      {deletion.problem && <ProblemNote problem={deletion.problem} />}
+    </>
+  );
+}
+
+interface Stored {
+  change: (id: string, change: Change) => Promise<unknown>;
+  delete: (id: string) => Promise<unknown>;
+  restore: (id: string) => Promise<unknown>;
+}
+
+/** What can be done with any robot and any set. */
+export const StoredActions = ({
+  of: { id, name, archived },
+  api,
+  list,
+  changed,
+}: {
+  of: { id: string; name: string; archived: boolean };
+  api: Stored;
+  list: string;
+  changed: () => void;
+}) => (
+  <>
+    <Changes name={name} archived={archived} change={(change) => api.change(id, change)} changed={changed} />
+    <DeleteButton name={name} list={list} remove={() => api.delete(id)} restore={() => api.restore(id)} />
+  </>
+);

@@ -711,7 +711,7 @@ export const en = {
     promised: "Promised standard uncertainty of each compliance",
     promisedNote: "by the noise of the readings alone; model error comes on top",
     compliance: "nrad/(N·m)",
-    columns: { now: "now", plan: "plan", relative: "relative", random: "random plan", greedy: "one at a time" },
+    columns: { now: "now", plan: "plan", relative: "relative" },
     csv: "List as CSV",
     fillIn: "Campaign to fill in",
     checklist: "Check-list",
@@ -722,6 +722,7 @@ export const en = {
     show: (label: string) => `Show ${label}`,
     tick: (label: string) => `${label} is done`,
     drawn: (label: string) => `3D view of the arm in posture ${label}`,
+    newAlone: "New readings alone: keep the earlier ones in the file, as the campaign to fill in does.",
     readingsTitle: "Readings so far",
     drop: "Drop the file of readings",
     dropHint:

@@ -8,11 +8,9 @@ import { degrees, radians } from "../lib/units";
 import { text } from "../i18n";
 import { useCatalogue } from "./catalogue";
 
-const COLUMNS = ["a", "alpha", "d", "theta"] as const;
-const LIMITS = ["lower", "upper"] as const;
-type Column = (typeof COLUMNS)[number];
-type Limit = (typeof LIMITS)[number];
-type Row = Record<Column | Limit, string>;
+const CELLS = ["a", "alpha", "d", "theta", "lower", "upper"] as const;
+type Column = (typeof CELLS)[number];
+type Row = Record<Column, string>;
 
 /** The table as it is typed: text, so that "-" and "1." can stand while one types. */
 export interface DhTable {
@@ -69,7 +67,7 @@ const typed = (value: number): string => String(Number(value.toFixed(9)));
 /** The robot of a table, or null while something is no number, or no length is given. A blank cell is 0. */
 export function documentOf(name: string, table: DhTable): RobotDocument | null {
   const unit = { a: table.length, d: table.length, alpha: table.angle, theta: table.angle };
-  const si = (column: Column, typed: string) => {
+  const si = (column: keyof typeof unit, typed: string) => {
     const value = numberIn(typed) ?? 0;
     return unit[column] === "mm" ? value / 1e3 : unit[column] === "deg" ? radians(value) : value;
   };
@@ -109,8 +107,9 @@ function resized(table: DhTable): DhTable {
 export function DhEditor({ table, change }: { table: DhTable; change: (table: DhTable) => void }) {
   const words = text.robots;
   const angleUnit = table.angle === "deg" ? "°" : "rad";
+  const named = { ...words.column, lower: words.lower, upper: words.upper };
   const set = (part: Partial<DhTable>) => change({ ...table, ...part });
-  const put = (i: number, column: Column | Limit, typed: string) =>
+  const put = (i: number, column: Column, typed: string) =>
     set({ rows: table.rows.map((row, k) => (k === i ? { ...row, [column]: typed } : row)) });
   return (
     <>
@@ -143,14 +142,9 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
           <thead>
             <tr>
               <th scope="col" aria-label={text.run.joint} />
-              {COLUMNS.map((column) => (
+              {CELLS.map((column) => (
                 <th scope="col">
-                  {words.column[column]} <small>{column === "a" || column === "d" ? table.length : angleUnit}</small>
-                </th>
-              ))}
-              {LIMITS.map((limit) => (
-                <th scope="col">
-                  {words[limit]} <small>{angleUnit}</small>
+                  {named[column]} <small>{column === "a" || column === "d" ? table.length : angleUnit}</small>
                 </th>
               ))}
             </tr>
@@ -159,23 +153,13 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
             {table.rows.map((row, i) => (
               <tr>
                 <th scope="row">{i + 1}</th>
-                {COLUMNS.map((column) => (
+                {CELLS.map((column) => (
                   <td>
                     <NumberBox
-                      aria-label={words.cell(words.column[column] ?? column, i + 1)}
+                      aria-label={words.cell(named[column], i + 1)}
                       value={row[column]}
                       change={(typed) => put(i, column, typed)}
-                      placeholder="0"
-                    />
-                  </td>
-                ))}
-                {LIMITS.map((limit) => (
-                  <td>
-                    <NumberBox
-                      aria-label={words.cell(words[limit], i + 1)}
-                      value={row[limit]}
-                      change={(typed) => put(i, limit, typed)}
-                      placeholder={words.unknown}
+                      placeholder={column === "lower" || column === "upper" ? words.unknown : "0"}
                     />
                   </td>
                 ))}

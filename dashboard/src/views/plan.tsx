@@ -1,14 +1,13 @@
 /** One plan: its promise beside other plans', its certificate, and its check-list. */
 import { api } from "../api/client";
 import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
-import { Download, Button, Name } from "../components/basics";
+import { Download, Button, Name, NameLink } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
 import { toFillIn } from "../lib/checklist";
 import { fileName } from "../lib/csv";
 import { percent, significant } from "../lib/format";
-import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { Checklist } from "./plan_checklist";
@@ -34,11 +33,7 @@ export function PlanView({ id }: { id: string }) {
         name: words.title(subject),
         title: <Name>{subject}</Name>,
         list: "#/plans",
-        about: (
-          <a href={base ? link(["sets", base.id]) : link(["robots", robot.id])}>
-            <Name>{subject}</Name>
-          </a>
-        ),
+        about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
         actions: job.result && (
           <Files {...{ plan: id, request: job.request, result: job.result, base, robot, subject }} />
         ),

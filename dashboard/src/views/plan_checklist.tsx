@@ -49,6 +49,7 @@ export function Checklist({ plan, result, robot }: { plan: Plan; result: PlanRes
         <h2 id="checklist">
           {words.checklist} <small class="soft">{words.checked(done, readings.length)}</small>
         </h2>
+        {plan.request.measurement_set_id && <p class="soft">{words.newAlone}</p>}
         <progress value={done} max={readings.length} aria-label={words.checked(done, readings.length)} />
         <ol class="checklist">
           {readings.map((each) => (

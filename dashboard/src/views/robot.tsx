@@ -3,9 +3,8 @@ import type { Robot } from "../api/types";
 import { api } from "../api/client";
 import { AlarmNote } from "../components/alarm";
 import { Arm } from "../components/arm";
-import { Changes } from "../components/changes";
+import { StoredActions } from "../components/changes";
 import { Empty, Facts, LinkButton, Name, Show, Title } from "../components/basics";
-import { DeleteButton } from "../components/delete_button";
 import { chosen, FilterBar, Rows, useFilter } from "../components/list";
 import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
@@ -48,18 +47,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           </LinkButton>
           <LinkButton href={link(["plans"], { robot: robot.id })}>{text.plan.begin}</LinkButton>
           <LinkButton href={link(["compare", "trend", robot.id])}>{text.robots.trend}</LinkButton>
-          <Changes
-            name={robot.name}
-            archived={robot.archived}
-            change={(change) => api.robots.change(robot.id, change)}
-            changed={changed}
-          />
-          <DeleteButton
-            name={robot.name}
-            list="#/robots"
-            remove={() => api.robots.delete(robot.id)}
-            restore={() => api.robots.restore(robot.id)}
-          />
+          <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
         </div>
       </div>
       <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />

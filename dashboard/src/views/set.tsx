@@ -9,8 +9,7 @@ import { useAction } from "../state/action";
 import { namesChanged, useNames } from "../state/names";
 import { storedChanged, storedSet } from "../state/stored";
 import { text } from "../i18n";
-import { Changes } from "../components/changes";
-import { DeleteButton } from "../components/delete_button";
+import { StoredActions } from "../components/changes";
 import { Preview } from "../components/findings";
 import { factsOf } from "../lib/campaign";
 import { useLoad, valueOf } from "../state/load";
@@ -47,18 +46,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
           </LinkButton>
           <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
           <LinkButton href={link(["plans"], { set: set.id })}>{text.plan.goOn}</LinkButton>
-          <Changes
-            name={set.name}
-            archived={set.archived}
-            change={(change) => api.sets.change(set.id, change)}
-            changed={changed}
-          />
-          <DeleteButton
-            name={set.name}
-            list="#/sets"
-            remove={() => api.sets.delete(set.id)}
-            restore={() => api.sets.restore(set.id)}
-          />
+          <StoredActions of={set} api={api.sets} list="#/sets" changed={changed} />
         </div>
       </div>
       <div class="flow">

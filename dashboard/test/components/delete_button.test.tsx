@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import { ApiError } from "../../src/api/client";
-import { DeleteButton } from "../../src/components/delete_button";
+import { DeleteButton } from "../../src/components/changes";
 import { drawn, press, settled } from "./drawn";
 
 const refused = new ApiError({
