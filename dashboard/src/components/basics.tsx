@@ -176,7 +176,8 @@ export function Warnings({ warnings }: { warnings: QualityWarning[] }) {
   );
 }
 
-const Seen = ({ warning }: { warning: QualityWarning }) => (
+/** A finding or a reason, with its place. */
+export const Seen = ({ warning }: { warning: { where: string | null; message: string } }) => (
   <p>
     {warning.where && (
       <b>

@@ -1,7 +1,7 @@
 /** The files as they were understood, and the templates that fit them. */
 import type { ImportAnswer, ImportOptions } from "../api/types";
 import { Button, Choice, Toggle } from "../components/basics";
-import { Field, Select } from "../components/fields";
+import { Select, TextField } from "../components/fields";
 import { type ImportFault, meaningsFor } from "../lib/columns";
 import { widthOf } from "../lib/lines";
 import { text } from "../i18n";
@@ -145,17 +145,12 @@ function ImportReading({
         />
       )}
       {(["sheet", "point_name", "file_name"] as const).filter(shown).map((option) => (
-        <Field label={readingWords.texts[option]} help={readingWords.textsHelp[option]}>
-          {(control) => (
-            <input
-              type="text"
-              autocomplete="off"
-              {...control}
-              value={options[option] ?? ""}
-              onInput={(event) => put({ [option]: event.currentTarget.value || null })}
-            />
-          )}
-        </Field>
+        <TextField
+          label={readingWords.texts[option]}
+          help={readingWords.textsHelp[option]}
+          value={options[option] ?? ""}
+          change={(typed) => put({ [option]: typed || null })}
+        />
       ))}
     </div>
   );

@@ -10,6 +10,7 @@ import type { SettingsProps } from "./advanced";
 import { Button } from "../components/basics";
 
 const words = text.settings;
+const PATHS = { bounds: "stiffness_bounds", priors: "priors" } as const;
 
 export function JointKnowledge({ options, change, joints, problem }: SettingsProps) {
   const unit = formUnit(useSettings().unit).label;
@@ -22,26 +23,17 @@ export function JointKnowledge({ options, change, joints, problem }: SettingsPro
     );
   return (
     <>
-      <Pairs
-        title={`${words.bounds} [${unit}]`}
-        help={words.boundsHelp}
-        heads={words.boundsHeads}
-        joints={joints}
-        values={options.bounds}
-        change={(bounds) => change({ bounds })}
-        faultsOf={(joint) => faultsAt(problem, `stiffness_bounds.${joint}`)}
-        faults={faultsAt(problem, "stiffness_bounds")}
-      />
-      <Pairs
-        title={`${words.priors} [${unit}]`}
-        help={words.priorsHelp}
-        heads={words.priorsHeads}
-        joints={joints}
-        values={options.priors}
-        change={(priors) => change({ priors })}
-        faultsOf={(joint) => faultsAt(problem, `priors.${joint}`)}
-        faults={faultsAt(problem, "priors")}
-      />
+      {(["bounds", "priors"] as const).map((name) => (
+        <Pairs
+          title={`${words[name]} [${unit}]`}
+          help={words[`${name}Help`]}
+          heads={words[`${name}Heads`]}
+          joints={joints}
+          values={options[name]}
+          change={(values) => change({ [name]: values })}
+          faultsOf={(joint) => faultsAt(problem, [PATHS[name], ...joint].join("."))}
+        />
+      ))}
       <Orders
         orders={options.orders}
         change={(orders) => change({ orders })}
@@ -52,7 +44,7 @@ export function JointKnowledge({ options, change, joints, problem }: SettingsPro
   );
 }
 
-/** A row a joint with two numbers. `faults`: all of the field; those of a joint stand beneath its row. */
+/** A row a joint with two numbers. Faults of a joint stand beneath its row, others of the field at its end. */
 function Pairs({
   title,
   help,
@@ -61,7 +53,6 @@ function Pairs({
   values,
   change,
   faultsOf,
-  faults,
 }: {
   title: string;
   help: string;
@@ -69,10 +60,10 @@ function Pairs({
   joints: string[];
   values: Record<string, Two>;
   change: (values: Record<string, Two>) => void;
-  faultsOf: (joint: string) => string[];
-  faults: string[];
+  /** Of a joint, or of the whole field. */
+  faultsOf: (joint: string[]) => string[];
 }) {
-  const said = new Set(joints.flatMap(faultsOf));
+  const said = new Set(joints.flatMap((joint) => faultsOf([joint])));
   const put = (joint: string, at: 0 | 1, typed: string) => {
     const two: Two = [...(values[joint] ?? ["", ""])];
     two[at] = typed;
@@ -97,13 +88,13 @@ function Pairs({
               <tr>
                 <th scope="row">
                   <bdi>{joint}</bdi>
-                  <Faults faults={faultsOf(joint)} />
+                  <Faults faults={faultsOf([joint])} />
                 </th>
                 {([0, 1] as const).map((at) => (
                   <td>
                     <NumberBox
                       aria-label={`${heads[at]}, ${joint}`}
-                      aria-invalid={faultsOf(joint).length > 0}
+                      aria-invalid={faultsOf([joint]).length > 0}
                       value={values[joint]?.[at] ?? ""}
                       change={(typed) => put(joint, at, typed)}
                     />
@@ -114,7 +105,7 @@ function Pairs({
           </tbody>
         </table>
       </Scroll>
-      <Faults faults={faults.filter((fault) => !said.has(fault))} />
+      <Faults faults={faultsOf([]).filter((fault) => !said.has(fault))} />
     </fieldset>
   );
 }

@@ -130,51 +130,31 @@ function Form({ names, given }: { names: Names; given: string }) {
 }
 
 function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
+  type Typed = "force" | "anchors" | "targets" | "loadPoint" | "sigma" | "station" | "floor";
+  const field = (name: Typed, placeholder: string, box: { lines?: number; inputMode?: "decimal" } = {}) => (
+    <TextField
+      label={words[name]}
+      value={asked[name]}
+      change={(typed) => change({ [name]: typed })}
+      placeholder={placeholder}
+      {...box}
+    />
+  );
   return (
     <>
       <Select
         label={words.load}
         value={asked.kind}
         change={(kind) => change({ kind: kind as Asked["kind"] })}
-        options={Object.entries(words.kinds).map(([value, label]) => ({ value, label }))}
+        options={words.kinds}
       />
-      <TextField
-        label={words.force}
-        value={asked.force}
-        change={(force) => change({ force })}
-        inputMode="decimal"
-        placeholder="900"
-      />
-      {asked.kind === "cable" && (
-        <TextField
-          lines={4}
-          label={words.anchors}
-          value={asked.anchors}
-          change={(anchors) => change({ anchors })}
-          placeholder="3000 0 0"
-        />
-      )}
-      <TextField
-        lines={4}
-        label={words.targets}
-        value={asked.targets}
-        change={(targets) => change({ targets })}
-        placeholder={"P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120"}
-      />
-      <TextField
-        label={words.loadPoint}
-        value={asked.loadPoint}
-        change={(loadPoint) => change({ loadPoint })}
-        placeholder="-60 20 180"
-      />
-      <TextField label={words.sigma} value={asked.sigma} change={(sigma) => change({ sigma })} inputMode="decimal" />
-      <TextField
-        label={words.station}
-        value={asked.station}
-        change={(station) => change({ station })}
-        placeholder="4000 0 1500"
-      />
-      <TextField label={words.floor} value={asked.floor} change={(floor) => change({ floor })} inputMode="decimal" />
+      {field("force", "900", { inputMode: "decimal" })}
+      {asked.kind === "cable" && field("anchors", "3000 0 0", { lines: 4 })}
+      {field("targets", "P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120", { lines: 4 })}
+      {field("loadPoint", "-60 20 180")}
+      {field("sigma", "", { inputMode: "decimal" })}
+      {field("station", "4000 0 1500")}
+      {field("floor", "", { inputMode: "decimal" })}
     </>
   );
 }

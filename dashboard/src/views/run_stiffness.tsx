@@ -90,34 +90,21 @@ function Summary({ result }: { result: RunResult }) {
         : goodness.test.verdict === "residuals_too_large"
           ? words.noiseLarge
           : words.noiseSmall;
+  const figure = (value: string | number, unit: string, said: string) => (
+    <li>
+      <b>
+        {value}
+        <small> {unit}</small>
+      </b>{" "}
+      {said}
+    </li>
+  );
   return (
     <ul class="summary">
-      <li>
-        <b>
-          {found}
-          <small> {words.of(result.joints.length)}</small>
-        </b>{" "}
-        {words.numbered}
-      </li>
-      {result.compensation !== null && (
-        <li>
-          <b>{percent(result.compensation)}</b> {words.compensation}
-        </li>
-      )}
-      <li>
-        <b>
-          {significant(result.rms_residual * 1e3, 2)}
-          <small> {text.units.mm}</small>
-        </b>{" "}
-        {words.rms}
-      </li>
-      <li>
-        <b>
-          {result.sigma === null ? "–" : significant(result.sigma * 1e6, 2)}
-          <small> {text.units.micrometre} σ</small>
-        </b>
-        {noise}
-      </li>
+      {figure(found, words.of(result.joints.length), words.numbered)}
+      {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
+      {figure(significant(result.rms_residual * 1e3, 2), text.units.mm, words.rms)}
+      {figure(result.sigma === null ? "–" : significant(result.sigma * 1e6, 2), `${text.units.micrometre} σ`, noise)}
     </ul>
   );
 }

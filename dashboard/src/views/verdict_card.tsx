@@ -1,8 +1,8 @@
 /** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
 import type { Action, Assessment, Reason, Usability } from "../api/types";
 import { Badge } from "../components/badge";
-import { ActionButton, LinkButton, Prose } from "../components/basics";
-import { placeName, sentence } from "../lib/said";
+import { ActionButton, LinkButton, Prose, Seen } from "../components/basics";
+import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
@@ -61,15 +61,8 @@ function ReasonItem({ reasons, context }: { reasons: Reason[]; context: RunConte
   return (
     <li class={first.weight}>
       <div>
-        {reasons.map(({ where, message }) => (
-          <p>
-            {where && (
-              <b>
-                <bdi>{placeName(where)}</bdi>:
-              </b>
-            )}{" "}
-            <Prose text={where ? message : sentence(message)} />
-          </p>
+        {reasons.map((reason) => (
+          <Seen warning={reason} />
         ))}
         <p class="remedy">
           <Prose text={sentence(first.remedy)} />
