@@ -124,7 +124,14 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
             where="measurement_set.flange_targets",
             remedy="check the load point, and correct it in the set",
         )
-    load = measured.load_point or (0.0, 0.0, 0.0)
+    own = measured.load_point or (0.0, 0.0, 0.0)
+    load, *others = dict.fromkeys(each.load_point or own for each in measured.observations)
+    if others:
+        raise RequestError(
+            f"the load has {1 + len(others)} places, and only one can be that of a target",
+            where="measurement_set.observations",
+            remedy="check the load points, and correct them in the set",
+        )
     return measured.model_copy(
         update={
             "load_point": places[target],

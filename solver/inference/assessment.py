@@ -95,7 +95,7 @@ def assess(
         else:
             screening = None
     found = chain(
-        () if better is None else [alternative_reason(robot, better)],
+        () if better is None else [alternative_reason(robot, measurements, better)],
         () if screening is None else load_mistake_reasons(screening, estimate),
         load_reasons(robot, measurements),
         finding_reasons(measurements, settings, prediction, findings),

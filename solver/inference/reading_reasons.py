@@ -34,9 +34,9 @@ _KILO: Final = 1e3
 _PLACES: Final = 60
 
 
-def alternative_reason(robot: Robot, better: BetterAlternative) -> Reason:
+def alternative_reason(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Reason:
     """Report the mistake that would explain the readings far better."""
-    what, remedy, action = _undone(robot, better)
+    what, remedy, action = _undone(robot, measurements, better)
     return Reason(
         "alternative_explains_better",
         "do_not_use",
@@ -89,30 +89,24 @@ def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[R
     )
 
 
-def _undone(robot: Robot, better: BetterAlternative) -> tuple[str, str, Action]:
+def _undone(robot: Robot, measurements: Measurements, better: BetterAlternative) -> tuple[str, str, Action]:
     """Describe an alternative: what is changed, what to check, what to do at a click."""
     alternative = better.alternative
     names = tuple(robot.joint_names[j] for j in alternative.joints)
     if alternative.kind == "columns_exchanged":
         both = f"the columns of {names[0]} and {names[1]}"
-        return (
-            f"with {both} exchanged",
-            f"check {both}; if they are exchanged, exchange them back",
-            Action("exchange_columns", joints=names),
-        )
+        remedy = f"check {both}; if they are exchanged, exchange them back"
+        return f"with {both} exchanged", remedy, Action("exchange_columns", joints=names)
     if alternative.kind == "load_and_target_exchanged":
         action = Action("exchange_load_and_target", target=alternative.target)
         what = f"with the load applied at target {(alternative.target or 0) + 1}"
-        return (
-            what,
-            (
-                "check the load point and the target's position in the flange frame; if they are "
-                "exchanged, exchange them back"
-            ),
-            action,
-        )
+        remedy = "check the load point and the target's position in the flange frame; if they are exchanged, "
+        return what, remedy + "exchange them back", action
     matrix = robot.joint_map.matrix @ alternative.matrix
     offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
+    if alternative.kind == "zero_offset":  # whole turns bring the angles within the limits
+        off = robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
+        offset = offset + 2.0 * np.pi * np.round(np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi))
     action = Action(
         "apply_joint_map",
         joints=names,
@@ -135,11 +129,8 @@ def _undone(robot: Robot, better: BetterAlternative) -> tuple[str, str, Action]:
     driver, driven = alternative.joints
     sign = "added to" if alternative.matrix[driven, driver] > 0 else "taken from"
     what = f"with the controller's angle of {names[0]} {sign} that of {names[1]}"
-    return (
-        what,
-        "check in the manual whether the controller couples these joints, and correct the joint map",
-        action,
-    )
+    remedy = "check in the manual whether the controller couples these joints, and correct the joint map"
+    return what, remedy, action
 
 
 def load_reasons(robot: Robot, measurements: Measurements) -> Iterator[Reason]:

@@ -79,6 +79,20 @@ def load_and_target_exchanged(measured):
     measured["load_point"], places["P11"] = places["P11"], load
 
 
+def load_and_target_exchanged_by_observation(measured):
+    """Each observation states the same load point itself."""
+    load_and_target_exchanged(measured)
+    load = measured.pop("load_point")
+    for observation in measured["observations"]:
+        observation["load_point"] = load
+
+
+def half_a_turn_elsewhere(measured):
+    """A whole turn more brings the angles within the limits."""
+    for observation in measured["observations"]:
+        observation["joints"][2] += math.pi
+
+
 def load_point_elsewhere(measured):
     measured["load_point"] = np.add(measured["load_point"], (0.03, -0.02, 0.04)).tolist()
 
@@ -114,6 +128,8 @@ MISTAKES = {
     columns_exchanged: "exchange_columns",
     zero_elsewhere: "apply_joint_map",
     load_and_target_exchanged: "exchange_load_and_target",
+    load_and_target_exchanged_by_observation: "exchange_load_and_target",
+    half_a_turn_elsewhere: "apply_joint_map",
     load_point_elsewhere: "correct_load_point",
     load_point_far_elsewhere: "correct_load_point",
     load_point_at_the_flange: "correct_load_point",
