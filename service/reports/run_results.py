@@ -122,12 +122,9 @@ def uncertainty(model: ExportedModel) -> Section:
     sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
 
     def row(source: str, kind: str, values: list[float]) -> list[str]:
-        shares = zip(budget.joints, values, strict=True)
-        return [
-            source,
-            kind,
-            *(_two_digits(100.0 * u / sizes[name]) if sizes[name] else NO_NUMBER for name, u in shares),
-        ]
+        pairs = zip(budget.joints, values, strict=True)
+        shares = [100.0 * u / sizes[name] if sizes[name] else None for name, u in pairs]
+        return [source, kind, *(NO_NUMBER if each is None else rounded(each, each) for each in shares)]
 
     head = ["source", "type", *budget.joints]
     rows = [
@@ -160,10 +157,6 @@ def uncertainty(model: ExportedModel) -> Section:
             "not included above.",
         ],
     )
-
-
-def _two_digits(value: float) -> str:
-    return rounded(value, value)
 
 
 def _correlation(budget: Budget) -> str:

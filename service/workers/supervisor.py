@@ -118,7 +118,8 @@ class Supervisor:
             [sys.executable, "-m", "jointstiff.service.workers", name],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
-            env=_environment(database),
+            # The URL is there, as the arguments of a process are for all to see.
+            env=os.environ | ONE_THREAD | {DATABASE_VARIABLE: database},
             process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
         ) as process:
             self._processes[name] = process
@@ -141,8 +142,3 @@ class Supervisor:
             if silent_looks >= _SILENT_LOOKS:
                 _logger.warning("worker %s is silent; ending it", name)
                 process.kill()
-
-
-def _environment(database: str) -> dict[str, str]:
-    """With the database's URL, as the arguments of a process are for all to see."""
-    return os.environ | ONE_THREAD | {DATABASE_VARIABLE: database}
