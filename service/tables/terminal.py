@@ -85,9 +85,9 @@ def _rich_table(table: Table) -> RichTable:
         rich.add_column(
             Text(header),
             justify="left" if place in texts else "right",
-            overflow="fold" if widest else "ellipsis",
+            overflow="fold",
             max_width=widest,
-            no_wrap=table.plain and place not in texts,  # numbers are never cut; names are folded
+            no_wrap=table.plain and place not in texts,  # names are folded before numbers
         )
     for row in table.rows():
         rich.add_row(*map(_text, row))
