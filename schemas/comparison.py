@@ -7,13 +7,14 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.assessment import Assessment, ResultSummary
-from jointstiff.schemas.fields import Identifier, Message, Metres, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Timestamp
 from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run.joints import JointResult, identified_in
 from jointstiff.schemas.run.options import Method, Weighting
 from jointstiff.schemas.run.resampling import Resampling, ResamplingResult
+from jointstiff.schemas.run.run import MAX_LEFT_OUT
 from jointstiff.schemas.terminal import Terminal, draws_of
 
 MAX_METHODS = 8
@@ -95,6 +96,9 @@ class ComparisonRequest(ComparisonOptions):
     """A comparison as it is posted."""
 
     measurement_set_id: Identifier
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list, description="Labels of observations that are left out, as in a run."
+    )
 
 
 class ComparedFit(Message):

@@ -20,7 +20,7 @@ from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import Certificate
+from jointstiff.schemas.run.run import MAX_LEFT_OUT, Certificate
 
 
 class PairSide(Message):
@@ -33,11 +33,17 @@ class PairSide(Message):
         default=None,
         description="Id of a run: its set, identified with that run's options, but without resampling.",
     )
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list,
+        description="Labels of observations that are left out of a set; a run states its own.",
+    )
 
     @model_validator(mode="after")
     def _one_of_them(self) -> PairSide:
         if (self.measurement_set_id is None) == (self.run_id is None):
             raise ValueError("give either `measurement_set_id` or `run_id`")
+        if self.run_id is not None and self.leave_out:
+            raise ValueError("`leave_out` goes with `measurement_set_id`: a run states its own")
         return self
 
 

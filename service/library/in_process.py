@@ -288,7 +288,9 @@ def do(
     for source in kind.sources:
         request |= _TAKE[source](inputs, waiting)
     stated = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
-    asked = campaigns.parse_document({**stated, **request, **fields}, kind.request)
+    if "leave_out" not in kind.request.model_fields:
+        request.pop("leave_out", None)
+    asked = campaigns.parse_document({**request, **stated, **fields}, kind.request)
     section = "" if "readings" in kind.sources or "files" in kind.sources else None
     return campaigns.carried_out(kind, inputs, asked, on_progress, section)
 
@@ -303,7 +305,14 @@ def function_of(command: str) -> Callable[..., Any]:
 
 
 def _take_set(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
-    return {"measurement_set_id": campaigns.add_campaign(inputs, campaign_of(waiting.pop(0)))}
+    return _set_of(inputs, waiting.pop(0))
+
+
+def _set_of(inputs: FromFile, source: AnyCampaign, file: str = "") -> dict[str, Any]:
+    """Return the set of a campaign and what its run leaves out."""
+    campaign = campaign_of(source)
+    set_id = campaigns.add_campaign(inputs, campaign, file)
+    return {"measurement_set_id": set_id, "leave_out": campaign.run.leave_out}
 
 
 def _take_run(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
@@ -312,10 +321,7 @@ def _take_run(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
 
 
 def _take_pair(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
-    return {
-        name: {"measurement_set_id": campaigns.add_campaign(inputs, campaign_of(waiting.pop(0)), f"{name}.")}
-        for name in ("first", "second")
-    }
+    return {name: _set_of(inputs, waiting.pop(0), f"{name}.") for name in ("first", "second")}
 
 
 def _take_robot_or_set(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:

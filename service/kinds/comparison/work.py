@@ -48,7 +48,7 @@ class ComparisonWork(SteppedWork[Part]):
         Raises:
             RequestError: what cannot be drawn.
         """
-        options = request.model_dump_json(exclude={"measurement_set_id"})
+        options = request.model_dump_json(exclude={"measurement_set_id", "leave_out"})
         self.robot_id, self.input_hash = prepared.robot_id, hash_of(prepared.content, options)
         self._prepared, self._request = prepared, request
         self._fits = [fit for number in range(len(request.methods)) for fit in self._fits_of(number)]
@@ -182,5 +182,5 @@ def work(inputs: Inputs, request: ComparisonRequest) -> ComparisonWork:
     Raises:
         RequestError: there is no such set, or draws that cannot be made.
     """
-    prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+    prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     return ComparisonWork(prepared.with_loads(), request)

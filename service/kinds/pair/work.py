@@ -121,7 +121,7 @@ def work(inputs: Inputs, request: PairRequest) -> QuickWork:
 def _side(inputs: Inputs, name: str, request: PairRequest) -> Side:
     side = request.first if name == "first" else request.second
     set_id, options = side.measurement_set_id, RunOptions.model_validate(request.options)
-    leave_out: list[str] = []
+    leave_out = side.leave_out
     if side.run_id is not None:
         asked = inputs.run(side.run_id, f"{name}.run_id").run.request
         set_id, options, leave_out = asked.measurement_set_id, asked, asked.leave_out

@@ -60,6 +60,21 @@ def test_numbers_and_hashes_are_those_of_a_service():
     assert beside.provenance.input_hash == paired.provenance.input_hash
 
 
+def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_the_file():
+    whole = campaign()
+    held = [each.label for each in whole.measurement_set.observations[9:]]
+    run = whole.run.model_copy(update={"leave_out": held})
+    leaving, less = whole.model_copy(update={"run": run}), campaign()
+    del less.measurement_set.observations[9:]
+    found, expected = (in_process.compare(each, ComparisonOptions()).result for each in (leaving, less))
+    assert found.entries == expected.entries
+    found, expected = (in_process.pair(each, campaign(2), PairOptions()) for each in (leaving, less))
+    assert found.result.joints == expected.result.joints
+    given = in_process.identify(leaving, RunOptions())
+    assert given.request.leave_out == held
+    assert given.result.joints == in_process.identify(less).result.joints
+
+
 def test_a_job_is_the_message_of_a_service():
     found = in_process.compare(campaign(), ComparisonOptions())
     assert found.state == "succeeded"
