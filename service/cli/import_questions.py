@@ -117,7 +117,9 @@ def _vector(text: str, default: str | None) -> tuple[float, ...]:
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     **{option: partial(_choice, *question) for option, question in _CHOICES.items()},
-    "load_point": partial(_vector, "Load point in the flange frame, X,Y,Z in mm", "0,0,0"),
+    "load_point": partial(
+        _vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
+    ),
     "force": partial(_vector, "Force on the robot in R0, X,Y,Z", None),
     "by_order": partial(typer.confirm, "Match rows without names by their order?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),

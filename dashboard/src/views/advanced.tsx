@@ -22,7 +22,7 @@ const NUMBERS = {
   huberThreshold: ["huber_threshold", words.huber, text.glossary.sigma[0], words.huberHelp, "2.8"],
   linkPenalty: ["link_penalty", words.penalty, text.units.none, words.penaltyHelp, words.chosen],
   folds: ["cross_validation.folds", words.folds, undefined, words.foldsHelp, "5"],
-  foldDraws: ["cross_validation.draws", words.foldDraws, undefined, words.foldDrawsHelp, words.chosen],
+  foldDraws: ["cross_validation.draws", words.foldDraws, undefined, words.foldDrawsHelp, "4"],
   foldSeed: ["cross_validation.seed", words.foldSeed, undefined, words.seedHelp, "0"],
   repetitions: ["resampling.repetitions", text.options.repetitions, undefined, undefined, "1000"],
   size: ["resampling.size", text.options.size, undefined, undefined, "10"],

@@ -194,7 +194,7 @@ def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch
     ]
     (folder / "cell.csv").write_text("\n".join(wider) + "\n")
     monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
-    answers = "\n".join(["", "rad", "mm in", "m", "0,0", "0,0,120", "", "robot.json"]) + "\n"
+    answers = "\n".join(["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json"]) + "\n"
     arguments = ["import", "cell.csv", "--output", "new.json", "--save-template", "t.json"]
     shown = CliRunner().invoke(app, arguments, input=answers)
     assert shown.exit_code == 0, shown.output
@@ -204,7 +204,7 @@ def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch
         "[mm]",
         "[deg]",
         "[motor]",
-        "[0,0,0]",
+        "at the flange: 0,0,0",
         "integrity:",
     ):
         assert words in shown.output, words
