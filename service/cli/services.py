@@ -1,12 +1,13 @@
 """Commands that run a service or talk to one: `serve`, `worker`, `post`, `demo`."""
 
+import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jointstiff.service.cli.answers import warn
 from jointstiff.service.cli.options import (
-    CampaignFile,
     DatabaseUrl,
     Details,
     KeysFilePath,
@@ -123,15 +124,18 @@ def worker(
 
 
 def post(
-    file: CampaignFile,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", exists=True, help="Campaign file, or a folder of such files.")
+    ],
     *,
     server: ServerAddress = "http://127.0.0.1:8000",
     unit: Unit = UnitChoice.MEGA,
     details: Details = False,
 ) -> None:
-    """Post a campaign to a running service, and show its answer.
+    """Post a campaign to a running service, and show its answer; or all campaigns of a folder.
 
-    Where the service demands a key, the environment variable JOINTSTIFF_KEY has it.
+    A folder is posted once, however often it is given. Where the service demands a key, the environment
+    variable JOINTSTIFF_KEY has it.
     """
     from jointstiff.service.kinds.report import job_report
     from jointstiff.service.kinds.run import RUN
@@ -139,6 +143,9 @@ def post(
     from jointstiff.service.library.client import Client
     from jointstiff.service.tables.terminal import console
 
+    if file.is_dir():
+        with Client(server, warn=warn) as client:
+            raise typer.Exit(_post_all(client, file))
     campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
     with Client(server, warn=warn) as client:
         client.ping()
@@ -152,6 +159,33 @@ def post(
     console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
+
+
+def _post_all(client: "Client", folder: Path) -> int:
+    """Post robots, sets and runs of a folder, each with a key of its content; return the exit status."""
+    from jointstiff.service.conversion.readings import hash_of
+    from jointstiff.service.library.campaigns import read_object
+    from jointstiff.service.library.errors import ProblemError
+    from jointstiff.service.tables.terminal import console
+
+    client.ping()
+    refused = 0
+    for path in sorted(folder.glob("*.json")):
+        try:
+            document = read_object(path)
+            described = document.get("robot", {})
+            robot = client.robots.create(described, key=hash_of(json.dumps(described)))
+            if "measurement_set" in document:
+                posted = document["measurement_set"] | {"robot_id": robot.id}
+                stored = client.measurement_sets.create(posted, key=hash_of(json.dumps(posted)))
+                request = document.get("run", {}) | {"measurement_set_id": stored.id}
+                client.runs.create(request, key=hash_of(json.dumps(request)))
+        except ProblemError as error:
+            refused += 1
+            warn(f"{path.name}: {error}")
+        else:
+            console().print(path.name, markup=False, soft_wrap=True)
+    return 1 if refused else 0
 
 
 def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":

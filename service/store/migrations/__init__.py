@@ -75,6 +75,6 @@ def refuse_other_layout(found: str) -> None:
     if found != ours:
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {ours}",
-            "start the version that wrote it, save its robots and measurement sets (GET /v1/robots/ID and "
-            "GET /v1/measurement-sets/ID) and post them to a new database; or give another one",
+            "write what it holds as files (jointstiff export-database URL -o FOLDER), and post them to a new "
+            "database (jointstiff post FOLDER); or give another one",
         )

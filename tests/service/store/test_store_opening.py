@@ -81,7 +81,7 @@ def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: st
         connection.execute(text("UPDATE alembic_version SET version_num = :v"), {"v": version})
     with pytest.raises(StoreError, match=version) as caught:
         Store.open(database_url)
-    assert "start the version that wrote it, save its robots and measurement sets" in caught.value.remedy
+    assert "jointstiff export-database URL -o FOLDER" in caught.value.remedy
     with database.reading() as connection:
         assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == version
     database.close()
