@@ -14,8 +14,7 @@ from rich.console import Console
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.schemas.run.run import CampaignRun, Run, RunResult
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.report import job_report, job_sheet
@@ -173,11 +172,11 @@ class TabledRun(_Shown, Run):
             with as_campaign_error(""):
                 chosen = advised(assessment, action)
             return self._service.apply(self, chosen)
-        options = self.request.model_dump(exclude={"measurement_set_id", "leave_out", "variant_of"})
-        campaign = self.campaign.model_copy(update={"run": RunOptions.model_validate(options)})
+        options = self.request.model_dump(exclude={"measurement_set_id", "variant_of"})
+        campaign = self.campaign.model_copy(update={"run": CampaignRun.model_validate(options)})
         with as_campaign_error(""):
             campaign = mended(campaign, advised(assessment, action))
-        return identify(campaign, leave_out=self.request.leave_out)
+        return identify(campaign)
 
     def _found(self) -> RunResult:
         if self.result is None:

@@ -25,7 +25,14 @@ export function useNames(): Loading<Names> {
 }
 
 /** A robot or a set was added or changed. */
-export const namesChanged = (): void => forget(KEY);
+export function namesChanged(): void {
+  forget(KEY);
+  forget("alarms/");
+}
+
+/** Those of a robot's alarms that are of one arm. */
+export const ofArm = (alarms: OpenAlarm[], serial: string | null | undefined): OpenAlarm[] =>
+  alarms.filter((alarm) => alarm.serial_number === (serial ?? null));
 
 async function loadNames(): Promise<Names> {
   const away = { archived: "true" };
@@ -45,8 +52,7 @@ async function loadNames(): Promise<Names> {
     archived: { robots: oldRobots, sets: oldSets },
     robot: (id) => robotNames.get(id) ?? id.slice(0, 8),
     set: (id) => setNames.get(id) ?? id.slice(0, 8),
-    alarms: (robot, set) =>
-      (alarms.get(robot) ?? []).filter((alarm) => alarm.serial_number === (serials.get(set) ?? null)),
+    alarms: (robot, set) => ofArm(alarms.get(robot) ?? [], serials.get(set)),
   };
 }
 

@@ -1,4 +1,5 @@
 /** One run: its result in parts. */
+import type { ComponentProps } from "preact";
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { AlarmNote } from "../components/alarm";
@@ -6,8 +7,9 @@ import { NameLink, ActionButton, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
+import { useCached } from "../state/cache";
 import { valueOf } from "../state/load";
-import { useNames } from "../state/names";
+import { ofArm, useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { JobList } from "./job_list";
@@ -68,9 +70,15 @@ function Repeat({ run }: { run: Run }) {
   );
 }
 
+function Earlier<Of extends "maps" | "programs">(of: Omit<ComponentProps<typeof JobList<Of>>, "names">) {
+  return <JobList {...of} names={valueOf(useNames())} />;
+}
+
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
   const { result } = context.run;
-  const names = valueOf(useNames());
+  const { robot, set } = context;
+  // By itself: the names of all robots and sets would be most of what the first look at a result loads.
+  const now = valueOf(useCached(`alarms/${robot.id}`, () => api.robots.one(robot.id)));
   if (!result) return null;
   const views = text.run.views;
   const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
@@ -80,7 +88,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
   }));
   return (
     <>
-      <AlarmNote robot={context.robot.id} alarms={names?.alarms(context.robot.id, context.set.id) ?? []} />
+      <AlarmNote robot={robot.id} alarms={ofArm(now?.alarms ?? [], set.serial_number)} />
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
       {part === "deflection" ? (
         <DeflectionPart context={context} result={result} at={query.get("at")} />
@@ -91,22 +99,20 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
       ) : part === "map" ? (
         <>
           <MapForm context={context} />
-          <JobList
+          <Earlier
             collection="maps"
             title={text.earlier.maps}
             about={{ robot_id: context.robot.id }}
-            names={names}
             row={({ name }) => ({ name: name ?? text.map.kind })}
           />
         </>
       ) : part === "program" ? (
         <>
           <ProgramForm context={context} />
-          <JobList
+          <Earlier
             collection="programs"
             title={text.earlier.programs}
             about={{ robot_id: context.robot.id }}
-            names={names}
             row={({ file_name: name }) => ({ name: name ?? text.program.kind })}
           />
         </>
