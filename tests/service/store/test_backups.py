@@ -189,7 +189,7 @@ class TestOnSqlite:
         before = set(tmp_path.iterdir())
         with pytest.raises(StoreError, match="0000_earlier") as caught:
             back_up(url, tmp_path / "second")
-        assert "save its robots and measurement sets" in caught.value.remedy
+        assert "jointstiff export-database" in caught.value.remedy
         assert set(tmp_path.iterdir()) == before
 
     def test_content_is_of_values_not_of_places(self, url, tmp_path):
