@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import uuid
+from types import SimpleNamespace
 
 import httpx2
 import pytest
@@ -85,8 +86,11 @@ class AwayTransport(httpx2.BaseTransport):
 def test_patience_ends(monkeypatch):
     """With what the service said last; a clock of our own goes as fast as the client sleeps."""
     now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    # In this module alone: the event loop of a service in another thread would sleep for hours.
+    clock = SimpleNamespace(
+        monotonic=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds)
+    )
+    monkeypatch.setattr(module, "time", clock)
     warnings, transport = [], AwayTransport()
     with Client("http://nowhere", warn=warnings.append, transport=transport) as client:
         client.ping()
