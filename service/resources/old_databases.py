@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
-from urllib.parse import quote
 
 from pydantic import BaseModel
-from sqlalchemy import Connection, create_engine, inspect, make_url
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import Connection, inspect, text
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
@@ -21,11 +18,11 @@ from jointstiff.schemas.run.run import CampaignRun
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems.errors import StoreError
-from jointstiff.service.store.database import path_of
+from jointstiff.service.store.database import open_existing
 
 _TABLES: Final = {"robots", "measurement_sets", "jobs"}
-_AT_ONCE: Final = 50
 _LONGEST_NAME: Final = 60
+_FOLDER_MODE: Final = 0o700  # readings
 
 
 def export_database(url: str, folder: Path) -> int:
@@ -43,42 +40,26 @@ def export_database(url: str, folder: Path) -> int:
     """
     if folder.exists():
         raise StoreError(f"{folder} exists", "give the name of a new folder")
-    try:
-        with _read_only(url) as connection:
-            if not set(inspect(connection).get_table_names()) >= _TABLES:
-                raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
-            folder.mkdir(parents=True)
-            number = 0
+    number = 0
+    with closing(open_existing(url)) as database, database.reading() as connection:
+        if not set(inspect(connection).get_table_names()) >= _TABLES:
+            raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
+        try:
+            folder.mkdir(mode=_FOLDER_MODE, parents=True)
             for number, document in enumerate(_documents(connection), start=1):
                 name = re.sub(r"[^A-Za-z0-9]+", "-", _name(document))[:_LONGEST_NAME].strip("-")
-                text = json.dumps(document, indent=1, ensure_ascii=False)
-                (folder / f"{number:05d}-{name}.json").write_text(text + "\n", encoding="utf-8")
-    except (SQLAlchemyError, OSError, ValueError, KeyError) as error:
-        raise StoreError(f"the database cannot be read ({error})", "restore a backup of it") from error
+                content = json.dumps(document, indent=1, ensure_ascii=False)
+                (folder / f"{number:05d}-{name}.json").write_text(content + "\n", encoding="utf-8")
+        except OSError as error:
+            raise StoreError(f"cannot write {folder}: {error.strerror}", "choose another folder") from error
+        except (ValueError, KeyError) as error:
+            reason = f"after {number} files a document of the database cannot be read ({error})"
+            raise StoreError(reason, "look with `jointstiff doctor`, or restore a backup") from error
     return number
 
 
 def _name(document: Mapping[str, Any]) -> str:
     return str(document.get("measurement_set", document["robot"])["name"])
-
-
-@contextmanager
-def _read_only(url: str) -> Iterator[Connection]:
-    parsed = make_url(url)
-    if parsed.get_backend_name() == "sqlite":
-        path = path_of(parsed).absolute()
-        log = path.with_name(f"{path.name}-wal")  # without one, nothing else is written beside the file
-        address = f"file:{quote(str(path))}?mode=ro" + ("" if log.exists() else "&immutable=1")
-        engine = create_engine("sqlite://", creator=lambda: sqlite3.connect(address, uri=True))
-    else:
-        engine = create_engine(parsed.set(drivername="postgresql+psycopg"))
-    try:
-        with engine.connect() as connection:
-            if engine.dialect.name == "postgresql":
-                connection.exec_driver_sql("SET TRANSACTION READ ONLY")
-            yield connection
-    finally:
-        engine.dispose()
 
 
 def _documents(connection: Connection) -> Iterator[dict[str, Any]]:
@@ -100,9 +81,11 @@ def _documents(connection: Connection) -> Iterator[dict[str, Any]]:
 
 
 def _rows(connection: Connection, table: str) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a table that were not deleted."""
-    stream = connection.execution_options(stream_results=True, yield_per=_AT_ONCE)
-    for row in stream.exec_driver_sql(f"SELECT * FROM {table} ORDER BY sequence").mappings():  # noqa: S608
+    """Yield the rows of a table that were not deleted, one in memory at a time."""
+    places = connection.execute(text(f"SELECT sequence FROM {table} ORDER BY sequence")).scalars().all()  # noqa: S608
+    for place in places:
+        one = text(f"SELECT * FROM {table} WHERE sequence = :place")  # noqa: S608
+        row = connection.execute(one, {"place": place}).mappings().one()
         if row.get("deleted_at") is None:
             yield dict(row)
 

@@ -92,5 +92,5 @@ def test_nothing_is_written_over_and_another_database_is_refused(old, tmp_path):
     with pytest.raises(StoreError, match="no tables of Jointstiff"):
         export_database(f"sqlite:///{other}", folder / "out")
     other.write_bytes(b"no database at all" * 100)
-    with pytest.raises(StoreError, match="cannot be read"):
+    with pytest.raises(StoreError, match="not a database"):
         export_database(f"sqlite:///{other}", folder / "out")
