@@ -32,7 +32,7 @@ import os, signal, sys
 if "jointstiff.service.workers" in sys.orig_argv:
     import jointstiff.service.jobs.life as life
     import jointstiff.service.store.job_log as log
-    from jointstiff.service.workers.worker import WorkerLostError
+    from jointstiff.service.problems.errors import WorkerLostError
     from jointstiff.solver.errors import SolverError
 
     def die(*_):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from datetime import timedelta
 from typing import Final, Literal, NamedTuple
 
 from anyio.to_thread import run_sync
 
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
-from jointstiff.service.store.heartbeats import SILENT_SECONDS
+from jointstiff.service.store.heartbeats import SILENT
 from jointstiff.service.store.store import Store
 
 LOOK_SECONDS: Final = 0.5
@@ -136,7 +135,7 @@ class Watch:
             database = self._store.ping()
             if self._keyring is not None:
                 self._keyring.look()
-            workers = len(self._store.heartbeats.living(timedelta(seconds=SILENT_SECONDS)))
+            workers = len(self._store.heartbeats.living(SILENT))
             stored = self._store.quota.used()
         except StoreError as error:
             return Seen(time.monotonic(), error=error)

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, delete, func, insert, select, update
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import heartbeats
 
-SILENT_SECONDS: Final = 30.0
+SILENT: Final = timedelta(seconds=30)
 """A worker not heard of for so long is taken for dead."""
 
 _FORGET: Final = 100
@@ -69,7 +69,7 @@ class Heartbeats:
         Raises:
             StoreUnavailableError: the database cannot be written.
         """
-        self.beat("", timedelta(seconds=SILENT_SECONDS))
+        self.beat("", SILENT)
 
     def _living(self, connection: Connection, now: datetime, silence: timedelta) -> list[str]:
         # Nor later than now: a clock that was set back would keep the dead alive until it caught up.

@@ -4,7 +4,7 @@ A job is a workflow; its steps are shared out to workflows of their own, its par
 workers can take part, and none is kept from other jobs for long. What a step computed is kept before the
 next one begins. Steps may be carried out twice: they only compute, what they report of a job is safe to
 repeat, and the end of a job is written once.
-Who goes on with what a dead worker left is `jointstiff.service.workers.worker`'s to see to.
+Who goes on with what a dead worker left is `jointstiff.service.workers.recovery`'s to see to.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ from jointstiff.service.server import forgetting
 from jointstiff.service.store.heartbeats import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import webhooks
+from jointstiff.service.workers.recovery import Recovery
 from jointstiff.service.workers.webhooks import Sender
-from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
