@@ -163,6 +163,7 @@ class BoundedProtocol(H11Protocol):
                 length *= not is_refused
                 type(self)._answering += length
             if is_refused:
+                message["status"] = 503  # for who counts the answers
                 reason = "too many large answers are being read at once"
                 await answer_problem(http_problem(503, reason, "ask again later"))(scope, receive, send)
                 return

@@ -165,9 +165,9 @@ class Observed:
         async def sent(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
-                status = message["status"]
                 MutableHeaders(scope=message)[REQUEST_ID_HEADER] = identifier
             await send(message)
+            status = message.get("status", status)  # now, as the connection may have refused it
 
         try:
             await self._app(scope, receive, sent)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import signal
-from typing import Any, Final
+from typing import Final
 
 from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.kind import AnyJob, AnySummary
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.client import Client
-from jointstiff.service.library.collections import Jobs
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.server import run_server
 from jointstiff.service.tables.terminal import console, problem_text
@@ -64,21 +60,19 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
 def _tour(address: str, *, once: bool) -> int:
     """Post the example, print what comes back, and the page's address if it stays.
 
-    The content of each post is its idempotency key: of two demonstrations, one after the other or at the same
-    time, both show what the first stored.
+    Each is posted once: of two demonstrations, one after the other or at the same time, both show what the
+    first stored.
     """
     out = console()
     try:
         with Client(address) as client:
             client.ping()
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
-            robot = client.robots.create(campaign["robot"], key=_key(campaign["robot"]))
-            readings = campaign["measurement_set"] | {"robot_id": robot.id}
-            stored = client.measurement_sets.create(readings, key=_key(readings))
+            robot, stored = client.post_campaign(campaign)
             counted = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
             out.print(f"robot {robot.id} and measurement set {stored.id} ({counted})\n", soft_wrap=True)
             request = {"measurement_set_id": stored.id}
-            run, comparison = _shown(client.runs, request), _shown(client.comparisons, request)
+            run, comparison = client.runs.once(request), client.comparisons.once(request)
             run, comparison = client.runs.wait(run), client.comparisons.wait(comparison)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
@@ -90,17 +84,3 @@ def _tour(address: str, *, once: bool) -> int:
     last = "Run {id}; to open its page: the same command without --once" if once else "Open the page: {page}"
     out.print("\n" + last.format(id=run.id, page=f"{address}/#/runs/{run.id}"), markup=False, soft_wrap=True)
     return 0
-
-
-def _shown(jobs: Jobs[AnyJob, AnySummary], request: dict[str, Any]) -> AnyJob:
-    """Return the job that an earlier demonstration left, or a new one where it was deleted."""
-    created = jobs.create(request, key=_key(request))
-    try:
-        return jobs.get(created.id)
-    except RefusedError:
-        return jobs.create(request)
-
-
-def _key(document: dict[str, Any]) -> str:
-    content = json.dumps(document, sort_keys=True).encode()
-    return f"demonstration {hashlib.sha256(content).hexdigest()}"

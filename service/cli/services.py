@@ -1,6 +1,5 @@
 """Commands that run a service or talk to one: `serve`, `worker`, `post`, `demo`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -134,8 +133,8 @@ def post(
 ) -> None:
     """Post a campaign to a running service, and show its answer; or all campaigns of a folder.
 
-    A folder is posted once, however often it is given. Where the service demands a key, the environment
-    variable JOINTSTIFF_KEY has it.
+    A folder is posted once, however often it is given; so are the robot and the readings of a file. Where the
+    service demands a key, the environment variable JOINTSTIFF_KEY has it.
     """
     from jointstiff.service.kinds.report import job_report
     from jointstiff.service.kinds.run import RUN
@@ -162,9 +161,7 @@ def post(
 
 
 def _post_all(client: "Client", folder: Path) -> int:
-    """Post robots, sets and runs of a folder, each with a key of its content; return the exit status."""
-    from jointstiff.service.conversion.readings import hash_of
-    from jointstiff.service.library.campaigns import read_object
+    """Post the files of a folder; return the exit status."""
     from jointstiff.service.library.errors import ProblemError
     from jointstiff.service.tables.terminal import console
 
@@ -172,14 +169,7 @@ def _post_all(client: "Client", folder: Path) -> int:
     refused = 0
     for path in sorted(folder.glob("*.json")):
         try:
-            document = read_object(path)
-            described = document.get("robot", {})
-            robot = client.robots.create(described, key=hash_of(json.dumps(described)))
-            if "measurement_set" in document:
-                posted = document["measurement_set"] | {"robot_id": robot.id}
-                stored = client.measurement_sets.create(posted, key=hash_of(json.dumps(posted)))
-                request = document.get("run", {}) | {"measurement_set_id": stored.id}
-                client.runs.create(request, key=hash_of(json.dumps(request)))
+            client.post_file(path)
         except ProblemError as error:
             refused += 1
             warn(f"{path.name}: {error}")

@@ -30,6 +30,7 @@ from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.library.answers import alien, no_address, problem_in, resource_in, silence
+from jointstiff.service.library.campaigns import read_object
 from jointstiff.service.library.collections import Collection, Document, Jobs, Programs, Runs, plain
 from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.in_process import AnyCampaign, campaign_of
@@ -158,10 +159,24 @@ class Client:
         return self.programs.compensate(files, {**options, "run_id": run.id})
 
     def post_campaign(self, campaign: Message | Mapping[str, Any]) -> tuple[Robot, MeasurementSet]:
-        """Post the robot and the readings of a campaign; return both as they were stored."""
+        """Post the robot and the readings of a campaign, each once; return both as they were stored."""
         document = plain(campaign)
-        robot = self.robots.create(document["robot"])
-        return robot, self.measurement_sets.create(document["measurement_set"] | {"robot_id": robot.id})
+        robot = self.robots.once(document["robot"])
+        return robot, self.measurement_sets.once(document["measurement_set"] | {"robot_id": robot.id})
+
+    def post_file(self, path: Path) -> None:
+        """Post a robot from a file, and its readings and their run if the file has them, each once.
+
+        Raises:
+            CampaignError: the file holds no JSON object.
+            RefusedError: the service refuses it.
+        """
+        document = read_object(path)
+        if "measurement_set" in document:
+            _, stored = self.post_campaign(document)
+            self.runs.once(document.get("run", {}) | {"measurement_set_id": stored.id})
+        else:
+            self.robots.once(document.get("robot", {}))
 
     def send(
         self,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -19,6 +21,7 @@ from jointstiff.schemas.run.run import RunSummary
 from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.answers import resource_in
+from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.results import TabledRun, shown
 
 _LOOK_SECONDS: Final = 0.2
@@ -53,6 +56,18 @@ class Collection(Generic[Resource, Summary]):
         """
         answer = self._send("POST", self._path, self._posted_with, document, key=key)
         return self._in(answer)
+
+    def once(self, document: Document) -> Resource:
+        """Post a document unless it was posted before and is still there: its content is the key."""
+        content = json.dumps(plain(document), sort_keys=True)
+        resource: Any = self.create(json.loads(content), key=hashlib.sha256(content.encode()).hexdigest())
+        try:
+            self._send("HEAD", self._address(resource.id))
+        except AwayError:
+            raise
+        except RefusedError:  # it was deleted
+            return self.create(document)
+        return cast("Resource", resource)
 
     def get(self, identifier: str) -> Resource:
         """Return a resource."""

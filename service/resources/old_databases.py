@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,11 +42,12 @@ def export_database(url: str, folder: Path) -> int:
     if folder.exists():
         raise StoreError(f"{folder} exists", "give the name of a new folder")
     number = 0
-    with closing(open_existing(url)) as database, database.reading() as connection:
+    with ExitStack() as made, closing(open_existing(url)) as database, database.reading() as connection:
         if not set(inspect(connection).get_table_names()) >= _TABLES:
             raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
         try:
             folder.mkdir(mode=_FOLDER_MODE, parents=True)
+            made.callback(shutil.rmtree, folder, ignore_errors=True)
             for number, document in enumerate(_documents(connection), start=1):
                 name = re.sub(r"[^A-Za-z0-9]+", "-", _name(document))[:_LONGEST_NAME].strip("-")
                 content = json.dumps(document, indent=1, ensure_ascii=False)
@@ -55,6 +57,7 @@ def export_database(url: str, folder: Path) -> int:
         except (ValueError, KeyError) as error:
             reason = f"after {number} files a document of the database cannot be read ({error})"
             raise StoreError(reason, "look with `jointstiff doctor`, or restore a backup") from error
+        made.pop_all()
     return number
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import select
 import socket
 import sqlite3
@@ -17,6 +18,7 @@ from support.in_process import served
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.middleware import ANSWER_HEADERS
+from jointstiff.service.logs import ACCESS_LOGGER
 from jointstiff.service.store.store import Store
 
 FOR_EVER = 1e9
@@ -142,7 +144,8 @@ def test_an_answer_that_is_read_too_slowly_is_given_up(serve, connect):
     assert received > 10_000  # it did read all the time
 
 
-def test_large_answers_are_bounded_together(serve, connect):
+def test_large_answers_are_bounded_together(serve, connect, caplog):
+    caplog.set_level(logging.INFO, ACCESS_LOGGER)
     whole = httpx2.get(f"{serve()}/openapi.json", timeout=60)
     size = len(whole.content)
     url = serve(ANSWER_BYTES=3 * size, PIECE_BYTES=4096)
@@ -156,6 +159,7 @@ def test_large_answers_are_bounded_together(serve, connect):
     assert refused.status_code == 503
     assert refused.json()["remedy"] == "ask again later"
     assert int(refused.headers["Retry-After"]) > 0
+    assert 503 in [getattr(record, "status", None) for record in caplog.records]  # as the metrics count it
     assert httpx2.get(f"{url}/live").status_code == 204  # small ones are answered
     for reader in readers:
         reader.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import threading
@@ -56,7 +57,7 @@ def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, c
         request = {"measurement_set_id": stored.id, "constraints": ["positive"]}
         comparison = client.comparisons.wait(client.comparisons.create(request))
     assert run.state == comparison.state == "succeeded"
-    assert len(warnings) == 4
+    assert len(warnings) == 6  # robot and set are looked at, too
     assert all("the connection was lost; trying again" in warning for warning in warnings)
     with httpx2.Client(base_url=service.url) as plain:
         for collection, query, identifier in [
@@ -216,6 +217,17 @@ def test_collections_are_read_page_by_page_and_deleted(service, campaign):
         with pytest.raises(RefusedError) as refused:
             client.robots.get("../runs")
         assert refused.value.problem.status == 404
+
+
+def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service, campaign):
+    with Client(service.url) as client:
+        robot, stored = client.post_campaign(campaign)
+        again = client.post_campaign(json.loads(json.dumps(campaign, sort_keys=True)))
+        assert (robot.id, stored.id) == tuple(each.id for each in again)
+        client.measurement_sets.delete(stored.id)
+        _, anew = client.post_campaign(campaign)
+        assert anew.robot_id == robot.id
+        assert anew.id != stored.id
 
 
 def test_campaigns_may_be_messages(service, campaign):

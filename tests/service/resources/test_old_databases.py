@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import closing
 
 import pytest
 from sqlalchemy import text
@@ -35,10 +36,8 @@ def old(database_url, tmp_path):
         gone = client.robots.create(campaign["robot"] | {"name": "gone"})
         client.robots.delete(gone.id)
         before = _content(client)
-    database = Database.open(database_url)
-    with database.writing() as connection:
+    with closing(Database.open(database_url)) as database, database.writing() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '0000'"))
-    database.close()
     return database_url, tmp_path, before
 
 
@@ -81,6 +80,15 @@ def test_files_that_are_refused_keep_none_of_the_others_back(old):
         assert posted.exit_code == 1
         assert "00000-odd.json: " in posted.stderr
         assert store.robots.page(limit=10).records[0].name == "spare"
+
+
+def test_half_an_export_leaves_no_folder(old):
+    url, folder, _ = old
+    with closing(Database.open(url)) as database, database.writing() as connection:
+        connection.execute(text("UPDATE measurement_sets SET document = '{' WHERE sequence = 2"))
+    with pytest.raises(StoreError, match=r"after \d files a document"):
+        export_database(url, folder / "out")
+    assert not (folder / "out").exists()
 
 
 def test_nothing_is_written_over_and_another_database_is_refused(old, tmp_path):
