@@ -71,7 +71,18 @@ class LinkMass(Message):
     )
 
 
-class DeflectionOptions(Message):
+class SagOptions(Message):
+    """Choice of what a deflection starts from."""
+
+    absolute: bool = Field(
+        default=False,
+        strict=True,
+        description="True for positions beside those of an arm that does not bend: the sag under its own "
+        "weight counts, with the load if there is one. Needs a run with `weight`.",
+    )
+
+
+class DeflectionOptions(SagOptions):
     """Which deflections are asked for."""
 
     units: Units

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from jointstiff.schemas.assessment import AcceptingOptions, VerdictSummary
+from jointstiff.schemas.deflection import SagOptions
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -35,7 +36,7 @@ _Count = Annotated[int, Field(strict=True, ge=1, le=MAX_ALONG_AXIS)]
 Length = Metres[tuple[float, float]]
 
 
-class MapOptions(AcceptingOptions):
+class MapOptions(AcceptingOptions, SagOptions):
     """A work area, a tool and a process."""
 
     name: Name | None = None

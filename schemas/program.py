@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from jointstiff.schemas.assessment import AcceptingOptions, VerdictSummary
-from jointstiff.schemas.deflection import LinkMass
+from jointstiff.schemas.deflection import LinkMass, SagOptions
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -97,7 +97,7 @@ class ProgramLimits(Message):
     )
 
 
-class ProgramOptions(AcceptingOptions):
+class ProgramOptions(AcceptingOptions, SagOptions):
     """Options of a compensated program."""
 
     units: Units = Field(description="Units of what this request states; the program has its own.")
@@ -185,8 +185,11 @@ class ProgramOptions(AcceptingOptions):
 
     @model_validator(mode="after")
     def _one_load(self) -> ProgramOptions:
-        if (self.load is not None) + bool(self.segments) + (self.loads is not None) != 1:
+        stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
+        if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
+        if self.absolute and (self.masses or self.limits.ramp):
+            raise ValueError("`absolute` takes the run's masses and all of the path: no `masses`, no ramp")
         return self
 
 

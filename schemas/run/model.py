@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Compliance, Message, Metres, Name, Newtons, SquareCompliance, Torque
+from jointstiff.schemas.fields import (
+    Compliance,
+    Message,
+    Metres,
+    Name,
+    Newtons,
+    Point,
+    SquareCompliance,
+    Torque,
+)
 
 
 class ScoreStep(Message):
@@ -55,6 +64,24 @@ class ElasticPart(Message):
     )
 
 
+class WeightPart(Message):
+    """Own weight of the robot as it was identified with the compliances, for the sag."""
+
+    gravity: Point = Field(description="Acceleration of gravity in R0, in m/s².")
+    mass: list[list[float]] = Field(
+        description="Mass in kg that each joint carries (columns), as the torque of each joint (rows) has "
+        "it: readings tell products of a compliance and a mass.",
+        json_schema_extra={"unit": "kg"},
+    )
+    centre: Metres[list[list[Point]]] = Field(
+        description="Centres of these masses, in the frames that move with the joints."
+    )
+    covariance_root: list[list[float]] = Field(
+        description="R with R R' the covariance of all compliances, then of their products with mass and "
+        "first moment in the order of `mass`. SI units."
+    )
+
+
 class IdentifiedModel(Message):
     """Compliances with what is known of their errors, before any constraint, and the constraints."""
 
@@ -81,6 +108,9 @@ class IdentifiedModel(Message):
         default=None,
         description="All compliances where links or coupling are elastic: the rows and columns above are "
         "then empty, and `seen` names the joints that the readings saw.",
+    )
+    weight: WeightPart | None = Field(
+        default=None, description="Own weight; null where loads alone were measured, or a spring balances it."
     )
     degrees_of_freedom: float | None = Field(
         description="Degrees of freedom of sigma; null where it was given."

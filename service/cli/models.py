@@ -56,6 +56,14 @@ def predict(
             help="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
         ),
     ] = None,
+    absolute: Annotated[
+        bool,
+        typer.Option(
+            "--absolute",
+            help="From where an arm that does not bend would be: sag under own weight, and load; needs a run "
+            "with `weight`.",
+        ),
+    ] = False,
     confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")] = 0.95,
     output: Annotated[Path | None, output_option("Write all numbers there, as CSV.")] = None,
     overwrite: Overwrite = False,
@@ -74,6 +82,7 @@ def predict(
         _read_run(run),
         load_point=load_point,
         place=place,
+        absolute=absolute,
         confidence=confidence,
     )
     for remark in result.remarks:

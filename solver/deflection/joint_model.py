@@ -14,7 +14,7 @@ from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.deflection.own_weight import IdentifiedWeight, OwnWeight
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.inference.estimate import Estimate
@@ -48,7 +48,8 @@ class JointModel(ForwardModel):
     #: known
     likelihood: Likelihood | None
     constraints: Constraints  #: on all n compliances
-    #: of the links; None leaves it out, as the controller's zero has it in already
+    #: of the links; None leaves it out, as the controller's zero has it in already; an identified one's sag
+    #: is part of the deflections
     weight: OwnWeight | None = None
 
     @classmethod
@@ -111,16 +112,20 @@ class JointModel(ForwardModel):
         commanded: FloatArray = goal.q - step * torque
         if self.weight is None:
             return commanded
-        own = self.weight.torque_and_stiffness(self.robot, goal.q, goal)[0]
+        own = self.weight.torque_and_stiffness(self.robot, goal)[0]
+        if self.weight.absolute:
+            return commanded - step * own
         for _ in range(_WEIGHT_STEPS):
-            under = Configurations(self.robot, commanded)
-            rest = self.weight.torque_and_stiffness(self.robot, commanded, under)[0]
+            rest = self.weight.torque_and_stiffness(self.robot, Configurations(self.robot, commanded))[0]
             commanded = goal.q - step * (torque + own - rest)
         return commanded
 
     def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
         """Return ``J diag(c) τ`` (B, 3) [m]."""
-        turned = self.compliance * unloaded.load(cases.load_point, cases.force, cases.moment)[1]
+        torque = unloaded.load(cases.load_point, cases.force, cases.moment)[1]
+        if self.weight is not None and self.weight.absolute:
+            torque = torque + self.weight.torque_and_stiffness(self.robot, unloaded)[0]
+        turned = self.compliance * torque
         jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
@@ -251,12 +256,21 @@ class JointDeflection(Deflection):
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, n) ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: see `Deflection`."""
-        return np.asarray(self._answer * self.balance.torque[:, None])
+        """(B, 6, n) ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``, τ of loads only beside a sag."""
+        return np.asarray(self._answer * self._torque[:, None])
+
+    @cached_property
+    def _torque(self) -> FloatArray:
+        if self.model.weight is None or not self.model.weight.absolute:
+            return self.balance.torque
+        return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
 
     @cached_property
     def half(self) -> FloatArray | None:
-        """(B, 6, n) H, H Hᵀ the covariance of displacement and rotation; None if it is unknown."""
+        """(B, 6, r) H, H Hᵀ the covariance of displacement and rotation; None if it is unknown."""
+        if isinstance(self.model.weight, IdentifiedWeight):
+            turn = self.model.weight.turn_root(self.model.robot, self.balance.loaded, self._torque)
+            return np.asarray(self._answer @ turn)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
     @property
@@ -289,19 +303,25 @@ class JointDeflection(Deflection):
 
     def interval(self, confidence: float) -> FloatArray | None:
         """Return intervals (B, 6, 2) under the constraints: see `Deflection`."""
+        value = np.concatenate([self.displacement, self.rotation], axis=1)
+        if isinstance(self.model.weight, IdentifiedWeight):
+            half = np.linalg.norm(self.half, axis=2)[..., None]  # type: ignore[arg-type]
+            return np.asarray(value[..., None] + self.model.quantile(confidence) * half * [-1.0, 1.0])
         ends = self.model.ends(self.rows.reshape(-1, self.model.robot.n), confidence)
         if ends is None:
             return None  # aᵀc is linear, the balance is not: shift the ends to where the value is
-        value = np.concatenate([self.displacement, self.rotation], axis=1)
         return np.asarray(
             ends.reshape(*value.shape, 2) + (value - self.rows @ self.model.compliance)[..., None]
         )
 
     def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
         """Return what the bounds leave of intervals (B, 2): see `Deflection`."""
+        value = np.einsum("bi,bi->b", direction, self.displacement)
+        if isinstance(self.model.weight, IdentifiedWeight):
+            half = self.model.quantile(confidence) * self.deviation_along(direction)
+            return np.stack([value - half, value + half], axis=1)
         rows = np.einsum("bi,bij->bj", direction, self.rows[:, :3])
         free = self.model.free_ends(rows, confidence)
         if free is None:
             return np.full((len(direction), 2), np.nan)
-        value = np.einsum("bi,bi->b", direction, self.displacement)
         return np.asarray(free + (value - rows @ self.model.compliance)[:, None])

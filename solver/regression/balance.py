@@ -40,15 +40,19 @@ class Loads(Protocol):
 class Weight(Protocol):
     """Own weight of the links."""
 
+    @property
+    def absolute(self) -> bool:
+        """Return true if deflections are from the arm that does not bend: the sag is part of them."""
+
     def torque_and_stiffness(
-        self, robot: Robot, q: FloatArray, configurations: Configurations
+        self, robot: Robot, configurations: Configurations
     ) -> tuple[FloatArray, FloatArray]:
         """Return the torques g(q) (B, n) [N·m] and ``∂g/∂q`` (B, n, n) [N·m/rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``.
+    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``; without g(q) for the sag, too.
 
     Torques and stiffness are of a posture one last step before the balance.
     """
@@ -82,14 +86,16 @@ def balance(
     Raises:
         RequestError: a load finds no stable balance near the unloaded posture.
     """
-    rest = 0.0 if weight is None else weight.torque_and_stiffness(robot, unloaded.q, unloaded)[0]
+    rest: FloatArray | float = 0.0
+    if weight is not None and not weight.absolute:
+        rest = weight.torque_and_stiffness(robot, unloaded)[0]
     loaded = near
     for _ in range(_STEPS):
         deflection = loaded.q - unloaded.q
         jacobian, torque = loaded.load(cases.load_point, cases.force, cases.moment)
         stiffness = wrench_stiffness(loaded, jacobian, cases.force, cases.moment)
         if weight is not None:
-            own, own_stiffness = weight.torque_and_stiffness(robot, loaded.q, loaded)
+            own, own_stiffness = weight.torque_and_stiffness(robot, loaded)
             torque, stiffness = torque + own - rest, stiffness + own_stiffness
         slope = np.eye(robot.n) - compliance[:, None] * stiffness
         residual = compliance * torque - deflection

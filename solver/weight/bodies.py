@@ -9,10 +9,12 @@ nominal parameters, and of one unit of each unknown (`Torques`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.deflection.own_weight import unit_levers
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.robot.body import Body
@@ -44,32 +46,19 @@ class Balancer:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Axes of the arm in B postures, with the motion of what each joint carries."""
+    """Axes of the arm in B postures, with the frames that move with the joints."""
 
     direction: FloatArray  #: (B, n, 3) of the axes
     point: FloatArray  #: (B, n, 3) on the axes [m]
-    rotation: FloatArray  #: (B, n, 3, 3) of the bodies behind the joints, from their place at angle zero
-    translation: FloatArray  #: (B, n, 3) likewise [m]
-    base: tuple[
-        FloatArray, FloatArray
-    ]  #: from R0 to the frame of all this: rotation (3, 3), translation (3,)
-    frame: tuple[FloatArray, FloatArray]  #: frames of the joints at angle zero: (n, 3, 3), (n, 3) [m]
+    rotation: FloatArray  #: (B, n, 3, 3) of the frames
+    origin: FloatArray  #: (B, n, 3) of the frames [m]
+    #: from R0 to the frame of all this: rotation (3, 3), translation (3,)
+    base: tuple[FloatArray, FloatArray]
 
-    def of(self, joint: int, point: FloatArray) -> FloatArray:
-        """(B, 3) place of a point (3,) of the frame that moves with a joint [m]."""
-        at_zero = self.frame[0][joint] @ point + self.frame[1][joint]
-        return np.asarray(self.rotation[:, joint] @ at_zero + self.translation[:, joint])
-
-    def turned(self, joint: int) -> FloatArray:
-        """(B, 3, 3) axes of the frame that moves with a joint."""
-        return np.asarray(self.rotation[:, joint] @ self.frame[0][joint])
-
-    def levers(self, joint: int, place: FloatArray) -> FloatArray:
-        """(B, n, 3) torques [m] of unit forces along the axes, at a place (B, 3) on a joint's body."""
-        levers = np.zeros(self.point.shape)
-        arms = place[:, None] - self.point[:, : joint + 1]
-        levers[:, : joint + 1] = np.cross(self.direction[:, : joint + 1], arms)
-        return levers
+    @cached_property
+    def unit(self) -> FloatArray:
+        """(B, n, n, 4, 3) `unit_levers` [m]."""
+        return unit_levers(self.direction, self.point, self.rotation, self.origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +96,15 @@ class Burden:
             half += [0.5 * (high - low) for low, high in (balancer.rate, balancer.pull) if high > low]
         return Deviations(np.array(half), tuple(balls))
 
+    @property
+    def unknown(self) -> list[tuple[int, FloatArray]]:
+        """Body and inertia (4,) of a unit of each unknown of a body, in the order of `torques`."""
+        unknown = []
+        for number, body in enumerate(self.bodies):
+            unknown += [(number, np.array([1.0, *body.centre]))] if body.most > body.least else []
+            unknown += [(number, axis) for axis in np.eye(4)[1:]] if body.radius > 0.0 else []
+        return unknown
+
     def torques(self, placed: Placement, carried: FloatArray) -> Torques:
         """Return the torques of the burden.
 
@@ -116,27 +114,24 @@ class Burden:
             placed: B postures.
             carried: (B, bodies) 1 where a body hangs on, else 0.
         """
-        by_gravity, unit = np.zeros(placed.point.shape), []
+        joint = [body.joint for body in self.bodies]
+        hangs = carried.T[:, :, None, None]
+        by_gravity = np.zeros(placed.point.shape)
         for number, body in enumerate(self.bodies):
-            hangs = carried[:, number, None, None]
-            kilogram = hangs * placed.levers(body.joint, placed.of(body.joint, np.array(body.centre)))
-            by_gravity += 0.5 * (body.most + body.least) * kilogram
-            if body.most > body.least:
-                unit.append(kilogram @ self.gravity)
-            if body.radius > 0.0:
-                turned, origin = placed.turned(body.joint), np.zeros((len(carried), 3))
-                moments = [placed.levers(body.joint, turned[..., i]) for i in range(3)]
-                at_origin = placed.levers(body.joint, origin)
-                unit += [hangs[..., 0] * ((moment - at_origin) @ self.gravity) for moment in moments]
+            kilogram = np.einsum("bjpi,p->bji", placed.unit[:, :, joint[number]], [1.0, *body.centre])
+            by_gravity += 0.5 * (body.most + body.least) * hangs[number] * kilogram
+        pulls = placed.unit @ self.gravity
+        unit = [hangs[number, ..., 0] * (pulls[:, :, joint[number]] @ each) for number, each in self.unknown]
         known = by_gravity @ self.gravity
         for balancer in self.balancers:
-            far = placed.of(balancer.joint, np.array(balancer.on_link))
+            own, on_link = balancer.joint, np.array(balancer.on_link)
             R, t = placed.base
+            far = placed.origin[:, own] + placed.rotation[:, own] @ on_link
             line = far - (R @ np.array(balancer.on_base) + t)
             length = np.linalg.norm(line, axis=1, keepdims=True)
-            levers = placed.levers(balancer.joint, far)
-            pulls = [np.einsum("bji,bi->bj", levers, pull) for pull in (-line, line / length)]
-            for torque, (low, high) in zip(pulls, (balancer.rate, balancer.pull), strict=True):
+            levers = np.einsum("bjpi,p->bji", placed.unit[:, :, own], [1.0, *on_link])
+            springs = [np.einsum("bji,bi->bj", levers, pull) for pull in (-line, line / length)]
+            for torque, (low, high) in zip(springs, (balancer.rate, balancer.pull), strict=True):
                 known += 0.5 * (low + high) * torque
                 unit += [torque] if high > low else []
         units = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))

@@ -151,7 +151,7 @@ def reduce(
         units.append(1.0 / float(np.hypot(np.linalg.norm(left), np.linalg.norm(others[:, j]))))
         block, scaled = Block(0), np.zeros((len(own), 0))
         if varies[j]:
-            block, scaled = _block(rows, j, deviations, rows.products[:, j])
+            block, scaled = joint_unknowns(rows, j, deviations, rows.products[:, j])
         columns.append(units[-1] * np.column_stack([own, scaled]))
         below.append(np.pad(units[-1] * others[:, j, None], ((0, 0), (0, block.size - 1))))
         blocks.append(block)
@@ -174,7 +174,9 @@ def reduce(
     return reduced, all_columns
 
 
-def _block(rows: Rows, j: int, deviations: Deviations, products: FloatArray) -> tuple[Block, FloatArray]:
+def joint_unknowns(
+    rows: Rows, j: int, deviations: Deviations, products: FloatArray
+) -> tuple[Block, FloatArray]:
     """Return the unknowns that twist joint j, and their columns of (m, K), in units of half-widths."""
     half = deviations.half
     acts = np.asarray(rows.torques.unit[:, j].any(axis=0))
@@ -199,6 +201,6 @@ def _sag(rows: Rows, reduced: Reduced, deviations: Deviations, x: FloatArray) ->
         strict=True,
     ):
         part = x[start + 1 : start + block.size]
-        own = _block(rows, j, deviations, rows.torques.unit[:, j])[1] @ part if len(part) else 0.0
+        own = joint_unknowns(rows, j, deviations, rows.torques.unit[:, j])[1] @ part if len(part) else 0.0
         sag[:, j] = unit * (rows.torques.known[:, j] * x[start] + own)
     return sag

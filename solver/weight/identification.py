@@ -19,6 +19,7 @@ from scipy import stats
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.convex.weighed import ends
+from jointstiff.solver.deflection.own_weight import IdentifiedWeight
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.fitting.scale import student_quantile
@@ -34,6 +35,7 @@ from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import WeightReadings
 from jointstiff.solver.weight.fit import Differences, WeightFit, fit_weight
 from jointstiff.solver.weight.regressor import Frames, torques_of
+from jointstiff.solver.weight.sag import identified_weight
 
 _BEYOND_CHANCE: Final = 1e-3
 """Probability of chance below which residuals or masses count as contradicted."""
@@ -160,6 +162,8 @@ class WeightEstimate:
     displacement: FloatArray
     residual: FloatArray  #: (N, T, 3) position less prediction [m]; zero where absent
     certificate: Certificate  #: of the last convex program
+    #: of the bodies as the products with the compliances have it, to predict the sag; None with balancers
+    weight: IdentifiedWeight | None
     #: largest |∂τ_i/∂θ_j| c_i: effect of the sag on the torques, which the balance includes
     largest_stiffness_ratio: float
 
@@ -223,6 +227,7 @@ def identify_weight(
     scale = factor if noisy else 1.0
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
     joints = joints_of(robot, fit, scale, (scale * radius) ** 2)
+    uncertainty = np.array([joint.joint.standard_uncertainty or 0.0 for joint in joints])
     unit = poses.sigma or 1.0
     sagging = replace(whitened, angles=angles + fit.sag)
     bent = Motion(fit.state, sagging).stages[0]
@@ -249,6 +254,7 @@ def identify_weight(
         displacement=bent - Motion(fit.state, whitened).stages[0],
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
+        weight=identified_weight(readings.burden, fit, scale, uncertainty),
         largest_stiffness_ratio=largest,
     )
 

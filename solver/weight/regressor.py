@@ -115,23 +115,23 @@ def torques_of(readings: WeightReadings, frames: Frames, motion: Motion) -> Torq
     """Return the torques of loads, bodies and balancers in the postures of a motion."""
     axes = motion.state.axes
     origins = np.array([axis.at(axis.foot(origin)) for axis, origin in zip(axes, frames.origin, strict=True)])
-    shift, points, shifts = np.zeros((len(readings.force), 3)), [], []
-    for axis, before, turn in zip(axes, motion.before[:-1], motion.turns, strict=True):
+    shift, points, places = np.zeros((len(readings.force), 3)), [], []
+    for axis, origin, before, turn in zip(axes, origins, motion.before[:-1], motion.turns, strict=True):
         points.append(before @ axis.point + shift)
         shift = points[-1] - before @ turn @ axis.point
-        shifts.append(shift)
+        places.append(before @ turn @ origin + shift)
     placed = Placement(
         direction=np.stack([b @ axis.direction for b, axis in zip(motion.before[:-1], axes, strict=True)], 1),
         point=np.stack(points, axis=1),
-        rotation=np.stack(motion.before[1:], axis=1),
-        translation=np.stack(shifts, axis=1),
+        rotation=np.stack(motion.before[1:], axis=1) @ frames.rotation,
+        origin=np.stack(places, axis=1),
         base=(frames.base.rotation, frames.base.translation),
-        frame=(frames.rotation, origins),
     )
     torques = readings.burden.torques(placed, readings.carried)
-    turned, last = motion.before[-1], len(axes) - 1
-    at_zero = readings.load_point @ frames.flange[0].T + frames.flange[1] + origins[last]
-    place = np.einsum("kij,kj->ki", turned, at_zero) + placed.translation[:, last]
-    known = np.einsum("kji,ki->kj", placed.levers(last, place), readings.force)
+    rotation, lever = frames.flange
+    arm = (motion.before[-1] @ (readings.load_point @ rotation.T + lever)[..., None])[..., 0]
+    place = placed.origin[:, -1] + arm
+    levers = np.cross(placed.direction, place[:, None] - placed.point)
+    known = np.einsum("kji,ki->kj", levers, readings.force)
     known += np.einsum("kji,ki->kj", placed.direction, readings.moment)
     return Torques(torques.known + known, torques.unit, torques.by_gravity)

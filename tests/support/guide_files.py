@@ -26,7 +26,7 @@ def write_files(folder: Path) -> None:
     """Write what a reader has before the first command: tables, points, campaigns, sweeps, robots."""
     motor = _campaign("motor", seed=3)
     (folder / "examples").symlink_to(EXAMPLES)
-    for name in ("postures.csv", "readings.csv", "sweeps.json"):
+    for name in ("postures.csv", "readings.csv", "sweeps.json", "pocket.src"):
         shutil.copy(EXAMPLES / name, folder / name)
     shutil.copy(EXAMPLES / "readings.csv", folder / "day1.csv")
     (folder / "joints.csv").write_text(_joints(motor))

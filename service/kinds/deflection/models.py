@@ -9,11 +9,13 @@ import numpy as np
 
 from jointstiff.schemas import deflection as messages
 from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.map import MapOptions
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.program import ProgramOptions
-from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
+from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep, WeightPart
 from jointstiff.schemas.run.model import ModelError as StoredModelError
-from jointstiff.service.conversion.message import finite, rows
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.message import finite, message, rows
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
@@ -24,7 +26,7 @@ from jointstiff.solver.deflection.forward import ForwardModel
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError
-from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.deflection.own_weight import IdentifiedWeight, OwnWeight
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.regressor import ElasticColumns
@@ -49,10 +51,16 @@ def to_identified_model(model: JointModel, error: ModelError | JointstiffError) 
         lower=[finite(value) for value in bounds.lower],
         upper=[finite(value) for value in bounds.upper],
         order=list(model.constraints.order),
+        weight=_stored_weight(model.weight) if isinstance(model.weight, IdentifiedWeight) else None,
         degrees_of_freedom=model.degrees_of_freedom,
         error=_stored_error(error) if isinstance(error, ModelError) else None,
         no_error=error.reason if isinstance(error, JointstiffError) else None,
     )
+
+
+def _stored_weight(weight: IdentifiedWeight) -> WeightPart:
+    root = [[float(f"{value:.8g}") for value in row] for row in weight.root.tolist()]
+    return message(WeightPart, weight, covariance_root=root)
 
 
 def _stored_error(error: ModelError) -> StoredModelError:
@@ -213,13 +221,28 @@ def to_directions(request: messages.DeflectionOptions, cases: LoadCases) -> Floa
     return np.where(size > 0.0, asked / np.where(size > 0.0, size, 1.0), np.nan)
 
 
-def to_own_weight(request: messages.DeflectionOptions | ProgramOptions, robot: Robot) -> OwnWeight | None:
-    """Return the own weight of the links; None where no masses are given.
+def to_own_weight(
+    request: messages.DeflectionOptions | MapOptions | ProgramOptions, robot: Robot, run: Run
+) -> OwnWeight | None:
+    """Return the own weight of the links: the run's for absolute positions, or of stated masses, or None.
 
     Raises:
-        RequestError: the robot has no such joint, or one has two masses.
+        RequestError: the run has no own weight, the robot no such joint, or one has two masses.
     """
-    if not request.masses:
+    if request.absolute:
+        model = None if run.result is None else run.result.model
+        if model is None or model.weight is None:
+            raise RequestError(
+                f"run '{run.id}' does not know the robot's own weight, so that no sag can be told",
+                where="absolute",
+                remedy="choose a run with `weight` and without balancers, or leave `absolute` out",
+            )
+        part = model.weight
+        mass, centre, gravity, root = (
+            np.array(each) for each in (part.mass, part.centre, part.gravity, part.covariance_root)
+        )
+        return IdentifiedWeight(mass, centre, gravity, root=root)
+    if isinstance(request, MapOptions) or not request.masses:
         return None
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
     for i, link in enumerate(request.masses):

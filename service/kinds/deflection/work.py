@@ -23,6 +23,7 @@ from jointstiff.service.kinds.run.budgets import to_covariances, to_deflection_b
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import Deflection, ForwardModel
+from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
 from jointstiff.solver.deflection.own_weight import OwnWeight
@@ -41,7 +42,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     Raises:
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
-    model, error = forward_model(robot, run, to_own_weight(request, robot))
+    model, error = forward_model(robot, run, to_own_weight(request, robot, run))
     cases = to_load_cases(request, robot)
     found = model.deflect(cases)
     bound = None if error is None else error.bound(cases, found.leverage, request.confidence)
@@ -59,7 +60,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         postures_needed=ModelError.needed(request.confidence),
         remarks=[
             *_far_load_points(cases, labels),
-            *remarks_of(run, model, error, request.confidence, weighed=bool(request.masses)),
+            *remarks_of(run, model, error, request.confidence),
         ],
         cases=to_case_results(
             found, bound, request.confidence, to_directions(request, cases), labels, budgets
@@ -123,17 +124,19 @@ def _result_of(run: Run) -> RunResult:
     return run.result
 
 
-def remarks_of(
-    run: Run, model: ForwardModel, error: ModelError | None, confidence: float, *, weighed: bool
-) -> list[str]:
+def remarks_of(run: Run, model: ForwardModel, error: ModelError | None, confidence: float) -> list[str]:
     """Return what holds for all predictions of a run: what its model leaves out, and no bound."""
-    if model.first_order:
+    if not isinstance(model, JointModel):
         remarks = [
             "to first order in the load: links and joints bend linearly, own weight and complementary "
             "stiffness are left out"
         ]
     else:
-        remarks = [] if weighed else ["own weight is left out, as no masses are given"]
+        remarks = []
+        if model.weight is None:
+            remarks.append("own weight is left out, as no masses are given")
+        elif model.weight.absolute:
+            remarks.append("absolute: from an arm that does not bend, so that sag under own weight is in")
         if run.request.complementary_stiffness == "neglected" and run.request.weight is None:
             remarks.append(
                 "the run neglects the complementary stiffness K_c, which the prediction includes: identify "

@@ -61,7 +61,7 @@ def to_map_task(request: messages.MapOptions, robot: Robot) -> MapTask:
         RequestError: a direction without length, no load, limits or angles of other joints than the robot's.
     """
     force, moment = np.array(request.force), np.array(request.moment or (0.0, 0.0, 0.0))
-    if not force.any() and not moment.any():
+    if not (force.any() or moment.any() or request.absolute):
         raise RequestError("there is no load", where="force", remedy="give the force of the process in N")
     if request.direction is None and not force.any():
         raise RequestError(

@@ -11,6 +11,7 @@ from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.acceptance import accepted_run
+from jointstiff.service.kinds.deflection.models import to_own_weight
 from jointstiff.service.kinds.deflection.work import assessment_of, forward_model, remarks_of
 from jointstiff.service.kinds.map.places import (
     to_map_result,
@@ -51,7 +52,7 @@ class MapWork(SteppedWork[DeflectionMap]):
         self.robot, self._run, self.request = robot, run, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._model, self._error = forward_model(robot, run)
+        self._model, self._error = forward_model(robot, run, to_own_weight(request, robot, run))
         self._task, self.places = to_map_task(request, robot), to_places(request)
         try:
             self._inverse = InverseKinematics(robot)
@@ -95,7 +96,7 @@ class MapWork(SteppedWork[DeflectionMap]):
             found,
             model_error_postures=0 if error is None else error.postures,
             assessment=assessment_of(run),
-            remarks=remarks_of(run, self._model, error, self.request.confidence, weighed=False),
+            remarks=remarks_of(run, self._model, error, self.request.confidence),
         )
 
     @cached_property

@@ -49,6 +49,8 @@ def loads_of(options: ProgramOptions, table: bytes | None, lines: IndexArray, po
         return _from_table(table, points)
     if options.load is not None:
         return Loads(_in_si(options, [options.load]), np.ones(len(lines), dtype=np.intp))
+    if not options.segments:
+        return Loads(np.zeros((1, 6)), np.zeros(len(lines), dtype=np.intp))
     return Loads(_in_si(options, options.segments), _segment_of(options.segments, lines))
 
 

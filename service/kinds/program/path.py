@@ -55,7 +55,7 @@ class ProgramPath:
     stated: StatedConfigurations  # what it says of the arm's configuration
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # the wanted, loaded postures; the place is the tool's centre
-    loaded: BoolArray  # (m,) whether a load acts there
+    loaded: BoolArray  # (m,) whether a load acts there; everywhere if own weight counts
 
     def fault(self, point: int, reason: str, remedy: str) -> Fault:
         """Return a fault at a point of the path."""
@@ -92,7 +92,7 @@ class Visits:
         order, number = _in_order(visits)
         loads = loads_of(options, table, program.moves.line[program.moves.of_visit], number + 1)
         first = _first(number, len(order))
-        if not loads.of_visit.any():
+        if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
                 where="segments",
@@ -125,7 +125,7 @@ def program_path(
     with as_request_errors("program"):
         wanted = joints[visits.first]
         cases = _cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
-    return ProgramPath(program, frames, stated, visits.order, cases, load > 0)
+    return ProgramPath(program, frames, stated, visits.order, cases, (load > 0) | options.absolute)
 
 
 def _in_order(visits: IndexArray) -> tuple[IndexArray, IndexArray]:

@@ -76,7 +76,7 @@ class ProgramWork(SteppedWork[Corrections]):
         contents = [each.content or "" for each in request.files]
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
         with as_request_errors():
-            self._model, self._error = forward_model(robot, run, to_own_weight(request, robot))
+            self._model, self._error = forward_model(robot, run, to_own_weight(request, robot, run))
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
@@ -205,13 +205,7 @@ class ProgramWork(SteppedWork[Corrections]):
             lines.setdefault(remark.text, []).append(remark.line)
         left = [f"{_shown(numbers)}: {said}" for said, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
-        remarks = remarks_of(
-            self._run,
-            self._model,
-            self._error,
-            self._request.confidence,
-            weighed=bool(self._request.masses),
-        )
+        remarks = remarks_of(self._run, self._model, self._error, self._request.confidence)
         beyond = int((found.extrapolation > 1.0).sum())
         if beyond:
             remarks.append(

@@ -163,7 +163,9 @@ def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     compliance = np.array([joint.compliance or 0.0 for joint in known])
     variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in known])[seen]
     likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance)) if len(seen) else None
-    return JointModel(robot, compliance, likelihood, Constraints(Bounds.positive(robot.n), ()))
+    return JointModel(
+        robot, compliance, likelihood, Constraints(Bounds.positive(robot.n), ()), estimate.weight
+    )
 
 
 def _numbers(estimate: WeightEstimate) -> WeightResult:

@@ -17,8 +17,8 @@ from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.kinds.comparison.work import work as comparison_work
 from jointstiff.service.kinds.run.work import work
-from jointstiff.simulator import default_arm
-from jointstiff.simulator.own_weight import unloaded_campaign
+from jointstiff.simulator import default_arm, random_configurations, simulate_campaign
+from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.solver.errors import RequestError, RobotError
 
 ARM = default_arm()
@@ -63,6 +63,44 @@ def test_the_model_predicts_and_holds_the_errors_of_the_masses(document):
     np.testing.assert_allclose(compliance[1:4], ARM.compliances[1:4], rtol=0.5)
     assert model.seen == ["joint_2", "joint_3", "joint_4", "joint_5", "joint_6"]
     assert "own weight" in model.no_error
+
+
+def test_predictions_maps_and_programs_hold_the_sag_if_asked(client, document):
+    run_id = stored_run(client, document, weight={})
+    q, point = random_configurations(ARM, 5, seed=8), [-0.06, 0.02, 0.18]
+    asked = {
+        "run_id": run_id,
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "load_point": point,
+        "absolute": True,
+        "cases": [{"joints": joints, "force": [0.0, 0.0, 0.0]} for joints in q.tolist()],
+    }
+    found = client.post("/v1/deflections", json=asked).json()
+    assert any("sag" in remark for remark in found["remarks"])
+    places = np.tile(point, (5, 1))
+    there = ARM.posture(q + sag(ARM, default_bodies(), q)).point_to_base(places)
+    truth = there - ARM.posture(q).point_to_base(places)
+    moved = np.array([case["displacement"] for case in found["cases"]])
+    assert np.linalg.norm(moved - truth, axis=1).max() < 0.05 * np.linalg.norm(truth, axis=1).max()
+    area = {"area": [[1.4, 0.0, 1.0], [1.8, 0.0, 1.4]], "grid": [3, 1, 3], "place": point}
+    still = {"run_id": run_id, "force": [0.0, 0.0, 0.0], "direction": [0.0, 0.0, 1.0], **area}
+    assert client.post("/v1/maps", json=still).status_code == 422
+    mapped = client.post("/v1/maps", json={**still, "absolute": True}).json()["result"]
+    assert mapped["worst"]["deflection"] > 1e-3
+    low, high = mapped["worst"]["readings_only"]
+    assert low < mapped["worst"]["deflection"] < high
+    loaded = stored_run(client, simulate_campaign(ARM), method="partial_pose")
+    refused = client.post("/v1/deflections", json={**asked, "run_id": loaded})
+    assert refused.status_code == 422
+    assert "own weight" in refused.text
+
+
+def stored_run(client, document, **options):
+    robot = client.post("/v1/robots", json=document["robot"]).json()
+    posted = client.post(
+        "/v1/measurement-sets", json={**document["measurement_set"], "robot_id": robot["id"]}
+    ).json()
+    return client.post("/v1/runs", json={"measurement_set_id": posted["id"], **options}).json()["id"]
 
 
 def test_units_and_frames_change_nothing(document):

@@ -71,7 +71,7 @@ def test_torques_are_those_of_the_weights_in_predictions():
     rows = rows_at(readings, whitened, Frames.of(ROBOT, RigidTransform.identity()), state, none, none[0])
     weight = OwnWeight(BODIES.masses, BODIES.centres)
     configurations = Configurations(ROBOT, readings.poses.angles)
-    torque, _ = weight.torque_and_stiffness(ROBOT, readings.poses.angles, configurations)
+    torque, _ = weight.torque_and_stiffness(ROBOT, configurations)
     np.testing.assert_allclose(rows.torques.known, torque, atol=1e-9)
 
 
