@@ -201,7 +201,7 @@ def identify_weight(
         )
     angles = poses.joint_map.model_angles(poses.angles)
     whitened = pose_readings(angles, poses)
-    rigid = calibrate(robot.chain, poses, start=base)
+    rigid = calibrate(robot.chain, poses, start=base, hold_out=False)
     frames = Frames.of(robot, base)
     fit = fit_weight(
         readings,
