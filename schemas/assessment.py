@@ -77,6 +77,7 @@ class Reason(Message):
         "lack_of_fit",
         "sigma_implausible",
         "deflections_below_noise",
+        "no_common_configuration",
     ]
     weight: Literal["use_with_care", "do_not_use"] = Field(
         description="The best verdict that a result with this reason can have."

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { clip, decimalsFor, fixed, percent, powerOfTen, pValue, significant } from "../src/lib/format";
+import { clip, decimalsFor, fixed, percent, pValue, significant } from "../src/lib/format";
 
 describe("digits from the uncertainty (GUM 7.2.6)", () => {
   it.each([
@@ -57,6 +57,5 @@ describe("numbers as text", () => {
   ])("a share of %f", (share, shown) => expect(percent(share)).toBe(shown));
   it("keeps p values short", () =>
     expect([pValue(1e-9), pValue(0.0314), pValue(0.4465)]).toEqual(["< 0.001", "0.031", "0.45"]));
-  it("writes powers of ten", () => expect([powerOfTen(0), powerOfTen(1), powerOfTen(-3)]).toEqual(["1", "10", "10⁻³"]));
   it("clips by characters, not by halves of them", () => expect(clip("🤖🤖🤖🤖", 3)).toBe("🤖🤖…"));
 });

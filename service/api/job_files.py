@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Path, Request, Response
-from fastapi.responses import StreamingResponse
+from fastapi.responses import JSONResponse, StreamingResponse
 
 from jointstiff.schemas.job import Job
 from jointstiff.service.api.access import VIEWER, AccessRoute
@@ -17,15 +17,23 @@ from jointstiff.service.api.reports import REPORT_FILES, ReportFormat, report_an
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.report import job_sheet
+from jointstiff.service.kinds.report import job_parts, job_sheet
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.tables.files import csv_parts, written
+from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.table import Table
+from jointstiff.service.tables.view import View
+
+Unit = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
+"""Names of `UNITS`."""
+Answers = dict[int | str, dict[str, Any]]
 
 
 def job_files() -> APIRouter:
-    """Return the routes of all reports and tables."""
+    """Return the routes of all reports, tables and files."""
     router = APIRouter(route_class=AccessRoute)
     for kind in KINDS:
+        _add_tables(router, kind)
         if kind.reported:
             _add_report(router, kind)
         for file in kind.files:
@@ -41,17 +49,25 @@ def _add_report(router: APIRouter, kind: AnyKind) -> None:
         about = [] if robot_id is None else [("Robot", parts.store.robots.get(robot_id).name)]
         return report_answer(job_document(kind, job, document, request.app.state.laboratory, about), format)
 
-    report.__annotations__["job_id"] = _identifier(kind)
-    router.get(
-        f"/v1/{kind.collection}/{{{kind.name}_id}}/report.{{format}}",
-        name=f"get_{kind.name}_report",
-        dependencies=[VIEWER],
-        tags=[kind.collection],
-        description=f"Get the report of a {kind.name} as PDF or HTML: what was asked for, the tables of the "
-        "result, versions and hash of the input. It is for information, and nobody signs it.",
-        response_class=Response,
-        responses=REPORT_FILES | problems(404, 409, 422),
-    )(report)
+    description = (
+        f"Get the report of a {kind.name} as PDF or HTML: what was asked for, the tables of the result, "
+        "versions and hash of the input. It is for information, and nobody signs it."
+    )
+    _add(router, kind, "report.{format}", report, f"get_{kind.name}_report", description, REPORT_FILES)
+
+
+def _add_tables(router: APIRouter, kind: AnyKind) -> None:
+    def tables(parts: PartsOf, job_id: str, unit: Unit = "MNm/rad", *, details: bool = True) -> Response:
+        job = _succeeded(parts.jobs[kind.name], job_id)
+        shown = job_parts(kind, job, View(details, UNITS[unit]))
+        return JSONResponse([part.shown() for part in shown if isinstance(part, Table)])
+
+    description = (
+        f"Get the tables of a {kind.name} as the terminal shows them: title, caption, head, rows of text, "
+        "and the places of the columns that hold text."
+    )
+    answer: Answers = {200: {"description": "The tables.", "content": {"application/json": {}}}}
+    _add(router, kind, "tables.json", tables, f"get_{kind.name}_tables", description, answer)
 
 
 def _add_file(router: APIRouter, kind: AnyKind, file: File) -> None:
@@ -70,26 +86,31 @@ def _add_file(router: APIRouter, kind: AnyKind, file: File) -> None:
             return Response(content, media_type=file.media_type, headers=headers)
         return StreamingResponse(content, media_type=file.media_type, headers=headers)
 
-    download.__annotations__["job_id"] = _identifier(kind)
-    schema: dict[str, Any] = (
-        {"schema": {"type": "string", "format": "binary"}} if file.suffix == "npz" else {}
-    )
-    answer: dict[int | str, dict[str, Any]] = {
-        200: {"description": file.content, "content": {file.media_type: schema}}
-    }
+    schema = {"schema": {"type": "string", "format": "binary"}} if file.suffix == "npz" else {}
+    answer: Answers = {200: {"description": file.content, "content": {file.media_type: schema}}}
+    _add(router, kind, file.name, download, file.operation, file.description, answer)
+
+
+def _add(
+    router: APIRouter,
+    kind: AnyKind,
+    file: str,
+    route: Callable[..., Any],
+    operation: str,
+    description: str,
+    answer: Answers,
+) -> None:
+    """Add the route of a file of a kind's jobs."""
+    route.__annotations__["job_id"] = Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)]
     router.get(
-        f"/v1/{kind.collection}/{{{kind.name}_id}}/{file.name}",
-        name=file.operation,
+        f"/v1/{kind.collection}/{{{kind.name}_id}}/{file}",
+        name=operation,
         dependencies=[VIEWER],
         tags=[kind.collection],
-        description=file.description,
+        description=description,
         response_class=Response,
         responses=answer | problems(404, 409, 422),
-    )(download)
-
-
-def _identifier(kind: AnyKind) -> Any:  # noqa: ANN401 - a type
-    return Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)]
+    )(route)
 
 
 def _succeeded(jobs: Jobs, job_id: str) -> Job:

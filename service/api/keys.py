@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -22,7 +20,7 @@ from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.store.store import Store
-from jointstiff.service.tables.files import guarded
+from jointstiff.service.tables.files import csv_rows, guarded
 from jointstiff.solver.errors import RequestError
 
 KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
@@ -92,20 +90,11 @@ def get_audit_table(parts: PartsOf) -> StreamingResponse:
 
 
 def _table(store: Store) -> Iterator[str]:
-    yield _lines([list(AuditItem.model_fields)])
+    yield csv_rows([list(AuditItem.model_fields)])
     cursor = None
     while True:
         entries, cursor = store.audit.page(_PAGE, cursor)
-        yield _lines([guarded(value) for value in _cells(asdict(entry))] for entry in entries)
+        rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in entries]
+        yield csv_rows([guarded(value) for value in row.values()] for row in rows)
         if cursor is None:
             return
-
-
-def _cells(entry: dict[str, Any]) -> list[str | float | None]:
-    return [entry["at"].isoformat(), *list(entry.values())[1:]]
-
-
-def _lines(rows: Any) -> str:  # noqa: ANN401
-    text = io.StringIO()
-    csv.writer(text).writerows(rows)
-    return text.getvalue()

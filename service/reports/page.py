@@ -63,11 +63,8 @@ def _letterhead(head: Letterhead) -> str:
     if head.logo is not None:
         kind = "png" if head.logo_type == "png" else "jpeg"
         logo = f'<img alt="Logo" src="data:image/{kind};base64,{base64.b64encode(head.logo).decode()}">'
-    return f"{logo}<p><strong>{escape(head.name)}</strong>{_lines(head.lines)}</p>"
-
-
-def _lines(lines: Iterable[str]) -> str:
-    return "".join(f"<br>{escape(line)}" for line in lines)
+    lines = "".join(f"<br>{escape(line)}" for line in head.lines)
+    return f"{logo}<p><strong>{escape(head.name)}</strong>{lines}</p>"
 
 
 def _section(place: int, section: Section) -> str:

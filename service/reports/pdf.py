@@ -11,8 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.reports.document import Document, Section
-from jointstiff.service.tables.table import Table
+from jointstiff.service.reports.document import Document
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
@@ -96,20 +95,13 @@ def _data(document: Document) -> dict[str, Any]:
         "letterhead": {"name": head.name, "lines": head.lines, "logo_type": head.logo_type},
         "logo": None if head.logo is None else list(head.logo),
         "dated": {part: getattr(dated, part) for part in parts},
-        "sections": [_section(section) for section in document.sections],
+        "sections": [
+            asdict(replace(section, tables=[])) | {"tables": [table.shown() for table in section.tables]}
+            for section in document.sections
+        ],
         "signs": document.signs,
         "attachments": [asdict(each) | {"content": each.content.decode()} for each in document.attachments],
     }
-
-
-def _section(section: Section) -> dict[str, Any]:
-    return asdict(replace(section, tables=[])) | {"tables": [*map(_table, section.tables)]}
-
-
-def _table(table: Table) -> dict[str, Any]:
-    """Return what the template reads of a table."""
-    rows = [[cell.text for cell in row] for row in table.rows()]
-    return {"head": table.head(), "rows": rows, "caption": table.legend, "texts": table.text_columns()}
 
 
 def _shown(value: Any) -> Any:  # noqa: ANN401 - JSON

@@ -37,13 +37,14 @@ def csv_text(sheet: Sheet) -> str:
 def csv_parts(sheet: Sheet) -> Iterator[str]:
     """Yield the same in parts, so that a large sheet needs little memory."""
     columns = list(sheet.columns.values())
-    yield _csv_rows([[guarded(header) for header in sheet.columns]])
+    yield csv_rows([[guarded(header) for header in sheet.columns]])
     for begin in range(0, len(columns[0]) if columns else 0, _BLOCK):
         cells = [_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
-        yield _csv_rows(zip(*cells, strict=True))
+        yield csv_rows(zip(*cells, strict=True))
 
 
-def _csv_rows(rows: Iterable[Sequence[Value]]) -> str:
+def csv_rows(rows: Iterable[Sequence[Value]]) -> str:
+    """Return rows as CSV."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     return text.getvalue()

@@ -78,6 +78,12 @@ class Table:
             return [0]
         return [place for place, column in enumerate(self.columns) if column.text]
 
+    def shown(self) -> dict[str, object]:
+        """Return the table as JSON of texts."""
+        rows = [[cell.text for cell in row] for row in self.rows()]
+        said = {"title": self.title, "caption": self.caption, "legend": self.legend}
+        return {**said, "head": self.head(), "rows": rows, "texts": self.text_columns()}
+
 
 Part = Table | Line
 """A part of what people read of a job: the terminal prints the parts in order, a report sorts them."""

@@ -20,9 +20,9 @@ def test_from_dropped_sweeps_to_a_robot(visit, api):
     page.get_by_role("button", name="Identify the geometry").click()
     expect(page).to_have_url(re.compile("#/geometries/"))
     page.locator("canvas[data-ready=true]").wait_for()
-    lengths = page.get_by_role("table", name="Lengths beside the nominal model")
-    expect(lengths.get_by_role("row", name="joint_2 a, distance 1120.000")).to_be_visible()
-    axes = page.get_by_role("table", name="Axes in R0 at model angle zero")
+    lengths = page.get_by_role("table", name="Links, nominal and identified")
+    expect(lengths.get_by_role("row", name="a joint_2 1120.000")).to_be_visible()
+    axes = page.get_by_role("table", name="Axes at model angle zero, in R0")
     expect(axes.locator("tbody tr")).to_have_count(6)
     made = page.url.rsplit("/", 1)[1]
     page.get_by_label("Name of the robot").fill("cell 3, measured")

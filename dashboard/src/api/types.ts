@@ -87,6 +87,16 @@ export type Solver = RunResult["certificate"]["solved_by"][number];
 export type Usability = Assessment["verdict"];
 export type Weighting = RunRequest["weighting"];
 
+/** A table for people, each cell a text. */
+export interface ShownTable {
+  title: string;
+  caption: string;
+  head: string[];
+  rows: string[][];
+  /** Places of the columns that hold text. */
+  texts: number[];
+}
+
 /** One page of a listing. */
 export interface Page<Item> {
   items: Item[];

@@ -9,6 +9,8 @@ export type Column = string | { title: string; unit?: string; show?: (value: num
 export interface Table {
   columns: Column[];
   rows: Cell[][];
+  /** Columns of text, where all cells are; the others stand at the right. */
+  texts?: number[];
 }
 
 export const heading = (column: Column): string =>
@@ -58,7 +60,8 @@ export function TableCard({ title, note, table }: { title: string; note?: Compon
 }
 
 /** Whether a column has numbers; what is missing among them stands where they do. */
-const numeric = (table: Table, column: number): boolean => table.rows.some((row) => typeof row[column] === "number");
+const numeric = ({ rows, texts }: Table, column: number): boolean =>
+  texts ? !texts.includes(column) : rows.some((row) => typeof row[column] === "number");
 
 /** A box that scrolls sideways by itself, by keyboard too. */
 export function Scroll({ label, children }: { label: string; children: ComponentChildren }) {

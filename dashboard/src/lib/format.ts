@@ -36,11 +36,6 @@ export function significant(value: number, digits = 3): string {
   return fixed(value, digits - 1 - exponent);
 }
 
-/** A power of ten as text: 10³, 10⁻⁶. */
-export function powerOfTen(exponent: number): string {
-  return exponent === 0 ? "1" : exponent === 1 ? "10" : `10${superscript(exponent)}`;
-}
-
 function superscript(value: number): string {
   return [...String(value)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(c)])).join("");
 }

@@ -8,6 +8,8 @@ interface Unit {
   factor: number;
   inverse?: true;
   label: string;
+  /** As the service calls it. */
+  name: string;
   /** In the heading of a CSV column. */
   column: string;
 }
@@ -16,11 +18,11 @@ const DEGREE = Math.PI / 180;
 
 /** Units people choose from: as the literature prints, per angle as data sheets do, and the compliance. */
 export const STIFFNESS_UNITS: Record<StiffnessUnit, Unit> = {
-  MNm: { factor: 1e-6, label: "10⁶ N·m/rad", column: "1e6 N.m/rad" },
-  kNmDeg: { factor: DEGREE / 1e3, label: "kN·m/°", column: "kN.m/deg" },
-  NmArcmin: { factor: DEGREE / 60, label: "N·m/arcmin", column: "N.m/arcmin" },
-  Nm: { factor: 1, label: "N·m/rad", column: "N.m/rad" },
-  compliance: { factor: 1e6, inverse: true, label: "µrad/(N·m)", column: "urad/(N.m)" },
+  MNm: { factor: 1e-6, label: "10⁶ N·m/rad", name: "MNm/rad", column: "1e6 N.m/rad" },
+  kNmDeg: { factor: DEGREE / 1e3, label: "kN·m/°", name: "kNm/deg", column: "kN.m/deg" },
+  NmArcmin: { factor: DEGREE / 60, label: "N·m/arcmin", name: "Nm/arcmin", column: "N.m/arcmin" },
+  Nm: { factor: 1, label: "N·m/rad", name: "Nm/rad", column: "N.m/rad" },
+  compliance: { factor: 1e6, inverse: true, label: "µrad/(N·m)", name: "urad/Nm", column: "urad/(N.m)" },
 };
 
 export const UNIT_NAMES = Object.keys(STIFFNESS_UNITS) as StiffnessUnit[];

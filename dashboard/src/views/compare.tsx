@@ -104,11 +104,14 @@ function StartPair({ names }: { names: Names }) {
       ?.items ?? [];
   const options = sideOptions(names, runs);
   const newest = names.sets[0];
-  const same = names.sets.find((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id) ?? names.sets[1];
+  const others = names.sets.filter((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id);
+  const unlike = others.find((set) => set.encoders !== newest?.encoders);
+  const other = unlike ?? others[0] ?? names.sets[1];
+  const [begin, end] = unlike?.encoders === "secondary" ? [newest, unlike] : [other, newest];
   const query = parse(location.hash).query;
-  const [first, setFirst] = useState(query.get("first") ?? `set:${same?.id ?? ""}`);
-  const [second, setSecond] = useState(query.get("second") ?? `set:${newest?.id ?? ""}`);
-  const [ordered, setOrdered] = useState(false);
+  const [first, setFirst] = useState(query.get("first") ?? `set:${begin?.id ?? ""}`);
+  const [second, setSecond] = useState(query.get("second") ?? `set:${end?.id ?? ""}`);
+  const [ordered, setOrdered] = useState(unlike !== undefined);
   const start = useAction(async () => {
     const pair = await api.pairs.add({ first: side(first), second: side(second), ordered }, freshKey("pair"));
     go(link(["compare", "pairs", pair.id]));

@@ -6,7 +6,8 @@ import { Figure } from "../charts/figure";
 import { StiffnessIntervals, Intervals, markOf } from "../charts/intervals";
 import { NameLink, LinkButton, Name } from "../components/basics";
 import { JobPage } from "../components/job_page";
-import { alike, DataTable } from "../components/table";
+import { JobTables } from "../components/job_tables";
+import { alike } from "../components/table";
 import { pValue, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { STIFFNESS_UNITS, intervalIn, maybeInUnit } from "../lib/units";
@@ -61,6 +62,7 @@ export function PairView({ id }: { id: string }) {
     >
       {(result, { job, sides }) => (
         <PairPage
+          id={job.id}
           result={result}
           sides={sides}
           level={percent(job.request.confidence ?? job.request.options?.confidence ?? 0.95)}
@@ -73,7 +75,7 @@ export function PairView({ id }: { id: string }) {
 /** Names of the first and the second side. */
 type Sides = readonly [string, string];
 
-function PairPage({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
+function PairPage({ id, result, sides, level }: { id: string; result: Result; sides: Sides; level: string }) {
   return (
     <>
       <VerdictCard assessment={result.assessment} context={null} />
@@ -82,7 +84,7 @@ function PairPage({ result, sides, level }: { result: Result; sides: Sides; leve
       <Ratios result={result} sides={sides} level={level} />
       <Both result={result} sides={sides} level={level} />
       <ByConfiguration result={result} />
-      {result.ordered && <Ordered result={result} sides={sides} level={level} />}
+      <JobTables collection="pairs" id={id} from={1} />
     </>
   );
 }
@@ -244,46 +246,5 @@ function ByConfiguration({ result: { avoided } }: { result: Result }) {
         <Bars names={names} series={series} width={width} label={words.byConfiguration} unit={text.units.share} />
       )}
     </Figure>
-  );
-}
-
-function Ordered({ result: { ordered }, sides, level }: { result: Result; sides: Sides; level: string }) {
-  const { unit } = useSettings();
-  if (!ordered) return null;
-  const u = { unit: STIFFNESS_UNITS[unit].label };
-  const ends = (compliances: [number, number] | null): string => {
-    if (!compliances || compliances[1] <= 0) return "–";
-    const [least, most] = compliances;
-    const [low, high] = intervalIn([1 / most, least > 0 ? 1 / least : null], unit);
-    return `${low === null ? "0" : significant(low, 3)} … ${high === null ? "∞" : significant(high, 3)}`;
-  };
-  return (
-    <section class="card">
-      <h2>{words.ordered}</h2>
-      <p class="soft">
-        {words.increase} {significant(ordered.chi_square_increase, 2)}
-      </p>
-      <DataTable
-        caption={words.ordered}
-        table={{
-          columns: [
-            text.run.joint,
-            { title: sides[0], ...u },
-            text.run.interval(level),
-            { title: sides[1], ...u },
-            text.run.interval(level),
-            "",
-          ],
-          rows: ordered.joints.map((joint) => [
-            joint.name,
-            maybeInUnit(joint.stiffness_first, unit),
-            ends(joint.compliance_interval_first),
-            maybeInUnit(joint.stiffness_second, unit),
-            ends(joint.compliance_interval_second),
-            joint.equal ? words.heldEqual : "",
-          ]),
-        }}
-      />
-    </section>
   );
 }

@@ -4,17 +4,15 @@ import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/type
 import { Download, Button, Name, NameLink } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
-import { DataTable } from "../components/table";
+import { JobTables } from "../components/job_tables";
 import { toFillIn } from "../lib/checklist";
 import { fileName } from "../lib/csv";
-import { percent, significant } from "../lib/format";
+import { percent } from "../lib/format";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { Checklist } from "./plan_checklist";
 
 const words = text.plan;
-
-type Promised = PlanResult["joints"][number];
 
 export function PlanView({ id }: { id: string }) {
   return (
@@ -42,7 +40,7 @@ export function PlanView({ id }: { id: string }) {
       {(result, { job, robot }) => (
         <>
           <Checklist plan={job} result={result} robot={robot} />
-          <Promise result={result} />
+          <Promised plan={job.id} result={result} />
         </>
       )}
     </JobPage>
@@ -78,38 +76,19 @@ function Files({
   );
 }
 
-function Promise({ result }: { result: PlanResult }) {
-  const nano = (value: number | null) => (value === null ? null : value * 1e9);
-  const show = (value: number) => significant(value, 3);
+function Promised({ plan, result }: { plan: string; result: PlanResult }) {
   const struck = Object.entries(result.struck_out).map(
     ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
   );
-  const { columns, compliance: unit } = words;
-  const all = [
-    { column: text.run.joint, cell: (joint: Promised) => joint.name },
-    { column: { title: columns.plan, unit, show }, cell: (joint: Promised) => nano(joint.standard_uncertainty) },
-    {
-      column: columns.relative,
-      cell: (joint: Promised) => (joint.relative === null ? null : percent(joint.relative)),
-    },
-    { column: { title: columns.now, unit, show }, cell: (joint: Promised) => nano(joint.before) },
-  ].filter(({ cell }) => result.joints.some((joint) => cell(joint) !== null)); // nothing is known to begin with
   return (
-    <section class="card">
-      <h2>{words.promised}</h2>
+    <>
       <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
-      <DataTable
-        caption={words.promised}
-        table={{
-          columns: all.map(({ column }) => column),
-          rows: result.joints.map((joint) => all.map(({ cell }) => cell(joint))),
-        }}
-      />
+      <JobTables collection="plans" id={plan} to={1} />
       <p class="soft">
         {words.promisedNote}. {words.feasible(result.feasible, result.considered)}
         {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
         {result.left_out.length > 0 && words.leftOut(result.left_out)}
       </p>
-    </section>
+    </>
   );
 }

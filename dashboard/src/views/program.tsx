@@ -6,7 +6,7 @@ import { Download, Busy, Choice, Facts } from "../components/basics";
 import { Handle } from "../components/fields";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
-import { alike, DataTable } from "../components/table";
+import { JobTables } from "../components/job_tables";
 import { significant } from "../lib/format";
 import { type PathPoint, pointsOf, thinned } from "../lib/program";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
@@ -61,8 +61,7 @@ export function ProgramView({ id }: { id: string }) {
         <>
           <Counts result={result} />
           <Scene loaded={loaded} />
-          <h2>{words.worst}</h2>
-          <Worst result={result} />
+          <JobTables collection="programs" id={loaded.job.id} />
           {result.remarks.length > 0 && (
             <ul>
               {result.remarks.map((remark) => (
@@ -167,43 +166,4 @@ function extent(places: Vector[]): number {
     );
   });
   return Math.max(0.1, ...spans);
-}
-
-function Worst({ result }: { result: ProgramResult }) {
-  const { mm } = text.units;
-  const table = {
-    columns: [
-      { title: words.columns.number, show: String },
-      words.columns.name,
-      { title: words.columns.line, show: String },
-      ...alike(
-        [
-          words.columns.deflection,
-          words.columns.low,
-          words.columns.high,
-          words.columns.lowModel,
-          words.columns.highModel,
-          words.columns.correction,
-          words.columns.residual,
-        ],
-        mm,
-      ),
-    ],
-    rows: result.worst.map((one) => [
-      one.number,
-      one.name,
-      one.line,
-      one.deflection * 1e3,
-      one.interval ? one.interval[0] * 1e3 : null,
-      one.interval ? one.interval[1] * 1e3 : null,
-      one.interval_with_model_error ? one.interval_with_model_error[0] * 1e3 : null,
-      one.interval_with_model_error ? one.interval_with_model_error[1] * 1e3 : null,
-      one.correction * 1e3,
-      one.residual * 1e3,
-    ]),
-  };
-  const filled = table.columns.map((_, i) => table.rows.some((row) => row[i] !== null && row[i] !== ""));
-  const columns = table.columns.filter((_, i) => filled[i]);
-  const rows = table.rows.map((row) => row.filter((_, i) => filled[i]));
-  return <DataTable table={{ columns, rows }} caption={words.worst} />;
 }

@@ -1,8 +1,8 @@
 /** The first tab of a result: whether it may be used, what it comes to, and each joint. */
-import type { Elasticity, Run, RunResult } from "../api/types";
+import type { Run, RunResult } from "../api/types";
 import { Shares } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { alike, DataTable, TableCard } from "../components/table";
+import { JobTables } from "../components/job_tables";
 import { percent, significant } from "../lib/format";
 import { text } from "../i18n";
 import { useCached } from "../state/cache";
@@ -13,10 +13,8 @@ import { useState } from "preact/hooks";
 import { ActionButton, LinkButton } from "../components/basics";
 import { unsaid } from "../lib/said";
 import { freshKey } from "../lib/hash";
-import { STIFFNESS_UNITS, changeIn, maybeInUnit } from "../lib/units";
 import { useAction } from "../state/action";
 import { link } from "../state/router";
-import { useSettings } from "../state/settings";
 import { JointTable } from "./joint_table";
 import { Further } from "../components/findings";
 import { type RunContext, isElastic } from "./run_context";
@@ -53,8 +51,13 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
         ))}
       </nav>
       {result.links && <ElementShares links={result.links} />}
-      {result.selection && <ModelChoice selection={result.selection} />}
-      {result.resampling && <Resampled result={result} />}
+      {result.selection && (
+        <p class="note">
+          {linksWords.thisRun(text.elasticities[result.selection.chosen], text.losses[result.selection.chosen_loss])}{" "}
+          {linksWords.selected(text.elasticities[result.selection.simplest], text.elasticities[result.selection.best])}
+        </p>
+      )}
+      {(result.links || result.selection || result.resampling) && <JobTables collection="runs" id={run.id} from={1} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
@@ -109,36 +112,6 @@ function Summary({ result }: { result: RunResult }) {
   );
 }
 
-function Resampled({ result }: { result: RunResult }) {
-  const { unit } = useSettings();
-  const { column } = STIFFNESS_UNITS[unit];
-  const draws = result.resampling;
-  if (!draws) return null;
-  return (
-    <TableCard
-      title={text.run.resampling}
-      note={text.run.resamplingNote(draws.repetitions)}
-      table={{
-        columns: [
-          text.run.joint,
-          { title: text.run.mean, unit: column },
-          { title: text.run.deviation, unit: column, show: (v) => significant(v, 2) },
-          ...alike([text.run.negativeDraws, text.run.infiniteDraws], undefined, (v) => percent(v)),
-        ],
-        rows: draws.joints.map((joint) => [
-          joint.name,
-          maybeInUnit(joint.stiffness_mean, unit),
-          joint.stiffness_mean === null || joint.stiffness_deviation === null
-            ? null
-            : changeIn(joint.stiffness_deviation, joint.stiffness_mean, unit),
-          joint.share_negative,
-          joint.share_infinite,
-        ]),
-      }}
-    />
-  );
-}
-
 const words = text.assessment;
 
 /** A run beside the one that it tries to improve: what was changed, and what came of it. */
@@ -175,7 +148,6 @@ function changes(before: Run, after: Run): string[] {
 
 const linksWords = text.links;
 type Links = NonNullable<RunResult["links"]>;
-type Selection = NonNullable<RunResult["selection"]>;
 
 /** Where more than joints may bend: what each joint and link explains, and which model the readings call for. */
 function ElementShares({ links }: { links: Links }) {
@@ -200,36 +172,5 @@ function ElementShares({ links }: { links: Links }) {
     >
       {(width) => <Shares shares={rows} width={width} label={linksWords.elements} />}
     </Figure>
-  );
-}
-
-function ModelChoice({ selection }: { selection: Selection }) {
-  const name = (model: Elasticity) => text.elasticities[model];
-  return (
-    <section class="card">
-      <h2>{linksWords.selection}</h2>
-      <p>
-        {linksWords.thisRun(name(selection.chosen), text.losses[selection.chosen_loss])}{" "}
-        {linksWords.selected(name(selection.simplest), name(selection.best))}
-      </p>
-      <DataTable
-        caption={linksWords.selection}
-        table={{
-          columns: [
-            linksWords.model,
-            linksWords.loss,
-            ...alike([linksWords.heldOut, linksWords.deviation], undefined, percent),
-            { title: linksWords.penalty, show: (value) => significant(value, 2) },
-          ],
-          rows: selection.models.map(({ model, loss, compensation, standard_error, penalty }) => [
-            name(model),
-            text.losses[loss],
-            compensation,
-            standard_error,
-            penalty,
-          ]),
-        }}
-      />
-    </section>
   );
 }

@@ -118,10 +118,6 @@ def _joint_table(entries: Sequence[ComparedFit], title: str, cell: Cell) -> Tabl
     )
 
 
-def _label(entry: ComparedFit) -> str:
-    return f"{_short(entry)} {_CONSTRAINTS[entry.positive]}"
-
-
 def _short(entry: ComparedFit) -> str:
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
@@ -152,8 +148,9 @@ def _joint(entry: ComparedFit, j: int) -> ResampledJoint | None:
 
 def _fits_table(entries: Sequence[ComparedFit]) -> Table:
     """Return what each fit as a whole is worth."""
+    names = [f"{_short(entry)} {_CONSTRAINTS[entry.positive]}" for entry in entries]
     columns = [
-        Column("fit", [_label(entry) for entry in entries], text=True, widest=_LONGEST_NAME),
+        Column("fit", names, text=True, widest=_LONGEST_NAME),
         Column("explained", [percent(entry.compensation) for entry in entries]),
         Column("rms", [entry.rms_residual for entry in entries], number(".0f", 1e6), "µm"),
         Column("condition", [entry.condition_number for entry in entries], number(".3g")),

@@ -171,17 +171,22 @@ def _links(links: Sequence[LinkComparison]) -> Table:
         [
             Column("link", [link.quantity for link in links], text=True),
             Column("after", [link.joint for link in links]),
-            Column("nominal", [link.nominal for link in links], number(".3f", _MILLI)),
+            Column("nominal", [_size(link, link.nominal) for link in links]),
             Column("identified", links, _identified),
             Column("difference", links, _difference),
         ],
         title="Links, nominal and identified",
-        caption="lengths in mm, angles in mrad; difference with the standard uncertainty of its last digits",
+        caption="lengths in mm, angles in degrees; difference in mm or mrad, with the standard "
+        "uncertainty of its last digits",
     )
 
 
+def _size(link: LinkComparison, value: float) -> str:
+    return f"{degrees(value):.4f}°" if link.unit == "rad" else f"{_MILLI * value:.3f}"
+
+
 def _identified(link: LinkComparison) -> str:
-    return "not determined" if link.standard_uncertainty is None else f"{_MILLI * link.identified:.3f}"
+    return "not determined" if link.standard_uncertainty is None else _size(link, link.identified)
 
 
 def _difference(link: LinkComparison) -> str:

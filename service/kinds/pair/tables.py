@@ -50,7 +50,11 @@ def _joints_table(pair: Pair, result: PairResult, unit: StiffnessUnit) -> Table:
                 lambda joint: NO_NUMBER if joint.ratio is None else _number(joint.ratio, joint),
             ),
             Column(f"{100 * confidence:g} % interval", joints, _interval),
-            Column("p", [joint.p_value for joint in joints], _p_value),
+            Column(
+                "p",
+                [joint.p_value for joint in joints],
+                lambda p: f"{p:.2g}" if p >= _SMALLEST_P else f"< {_SMALLEST_P:g}",
+            ),
         ],
         title=_title(pair),
         caption=f"{unit.quantity} in {unit.label} with its standard uncertainty; ratio of the stiffnesses, "
@@ -81,10 +85,6 @@ def _interval(joint: PairedJoint) -> str:
         return f"not {low:.3g} … {high:.3g}"
     low_text = "no limit" if ends[0] is None else _number(ends[0], joint)
     return f"{low_text} … {'no limit' if ends[1] is None else _number(ends[1], joint)}"
-
-
-def _p_value(p: float) -> str:
-    return f"< {_SMALLEST_P:g}" if p < _SMALLEST_P else f"{p:.2g}"
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:

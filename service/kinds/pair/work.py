@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from jointstiff.schemas import pair as pairs
 from jointstiff.schemas.assessment import Assessment, Reason
@@ -28,10 +27,29 @@ from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.paired.comparison import JointRatio, Pair, compare_pair
+from jointstiff.solver.paired.comparison import JointRatio, compare_pair
 from jointstiff.solver.paired.sides import PairSide, models_differ, refuse_other_joints
 
 Placed = TypeVar("Placed", QualityWarning, Reason)
+
+
+_NOTHING_COMMON: Final = Reason(
+    code="no_common_configuration",
+    weight="use_with_care",
+    where=None,
+    message="no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+    remedy="measure some of the same postures under the same load on both sides",
+    action=None,
+)
+
+
+class AssessedSide(NamedTuple):
+    """A side by itself; places in its messages begin with its name."""
+
+    assessment: Assessment
+    joints: list[JointResult]  # with their verdicts
+    compensation: float | None  # share of the mean deflection that its model predicts; None: nothing moved
+    warnings: list[QualityWarning]  # about its set and its fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,42 +178,26 @@ def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
-    return to_pair_result(pair, first.assessed(pair.first), second.assessed(pair.second), warnings)
-
-
-@dataclass(frozen=True, eq=False)
-class AssessedSide:
-    """A side by itself."""
-
-    assessment: Assessment  # places in it begin with the side
-    joints: list[JointResult]  # with their verdicts
-    # share of its mean deflection that its model predicts; None where nothing moved
-    compensation: float | None
-    warnings: list[QualityWarning]  # about its set and its fit; places in them begin with the side
-
-
-def to_pair_result(
-    pair: Pair, first: AssessedSide, second: AssessedSide, about_both: Sequence[QualityWarning]
-) -> pairs.PairResult:
-    """Return the numbers of a pair."""
-    sides = zip(pair.joints, first.joints, second.joints, strict=True)
-    avoided, measured = pair.avoided, pair.avoided.measured
+    sides = first.assessed(pair.first), second.assessed(pair.second)
+    assessments = [side.assessment for side in sides]
+    if not pair.avoided.matches.first.size:
+        assessments.append(Assessment(verdict=_NOTHING_COMMON.weight, reasons=[_NOTHING_COMMON]))
     return pairs.PairResult(
-        assessment=combined([first.assessment, second.assessment]),
-        compensation_first=first.compensation,
-        compensation_second=second.compensation,
-        joints=[_joint(ratio, one, two) for ratio, one, two in sides],
+        assessment=combined(assessments),
+        compensation_first=sides[0].compensation,
+        compensation_second=sides[1].compensation,
+        joints=list(map(_joint, pair.joints, sides[0].joints, sides[1].joints)),
         avoided=message(
             pairs.AvoidedDeflection,
-            avoided,
-            matching=len(avoided.matches.first),
-            measured=None if measured is None else measured.overall,
-            predicted=avoided.predicted.value,
+            pair.avoided,
+            matching=len(pair.avoided.matches.first),
+            measured=None if pair.avoided.measured is None else pair.avoided.measured.overall,
+            predicted=pair.avoided.predicted.value,
         ),
         ordered=None
         if pair.ordered is None
         else message(pairs.OrderedResult, pair.ordered, joints=pair.ordered_joints),
-        warnings=[*first.warnings, *second.warnings, *about_both],
+        warnings=[*sides[0].warnings, *sides[1].warnings, *warnings],
     )
 
 

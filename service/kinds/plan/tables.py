@@ -26,8 +26,6 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
     lines = [
         f"certified: at least {100 * result.efficiency:.1f} % of the best list's information "
         f"({_CRITERIA[result.criterion]})",
-        f"random plans: {100 * result.random_efficiency:.0f} % of this one's; one at a time: "
-        f"{100 * result.one_at_a_time_efficiency:.0f} %",
         f"{result.feasible} of {result.considered} readings were feasible"
         + (f"; struck out: {struck}" if struck else ""),
     ]
@@ -57,8 +55,6 @@ def _joints(result: PlanResult) -> Table:
             Column("plan", [joint.standard_uncertainty for joint in joints], nano),
             Column("relative", [joint.relative for joint in joints], lambda share: f"{100 * share:.2g} %"),
             Column("now", [joint.before for joint in joints], nano),
-            Column("random plan", [joint.random for joint in joints], nano),
-            Column("one at a time", [joint.one_at_a_time for joint in joints], nano),
         ],
         title="Promised standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
         caption="by the noise of the readings alone",

@@ -100,7 +100,7 @@ class WrittenPoints:
         )
         return ProgramPoint(
             number=point + 1,
-            name=_printable(targets.names[target]),
+            name="".join(each if each.isprintable() else "?" for each in targets.names[target]),
             line=int(targets.line[target]),
             place=tuple(self.place[point].tolist()),
             deflection=float(_size(found.uncorrected[k, :3])),
@@ -210,7 +210,3 @@ _REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
 
 def _size(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
-
-
-def _printable(text: str) -> str:
-    return "".join(character if character.isprintable() else "?" for character in text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from jointstiff.schemas.program import Program, ProgramPoint, ProgramResult
+from jointstiff.schemas.program import Program, ProgramResult
 from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number
 from jointstiff.service.tables.view import Report, View
 
@@ -60,14 +60,10 @@ def _worst(result: ProgramResult) -> Table:
                 "mm",
             ),
             Column("with model error", [point.interval_with_model_error for point in points], interval, "mm"),
-            Column("residual", points, _residual, "mm"),
+            Column("residual", points, lambda p: f"{1e3 * p.residual:.4f}{p.capped * ' (capped)'}", "mm"),
         ],
         title="Worst points",
     )
-
-
-def _residual(point: ProgramPoint) -> str:
-    return f"{1e3 * point.residual:.4f}{' (capped)' if point.capped else ''}"
 
 
 def _points(job: Program) -> Sheet:

@@ -86,6 +86,20 @@ def test_each_kind_has_a_report(client, jobs, kind):
     assert "<script" not in page
 
 
+@pytest.mark.parametrize("kind", ["run", "comparison", "pair", "plan", "map", "program"])
+def test_each_kind_has_its_tables_as_json(client, jobs, kind):
+    tables = client.get(f"{jobs[kind]}/tables.json?unit=kNm/deg").json()
+    assert tables
+    for table in tables:
+        assert table["rows"]
+        assert all(len(row) == len(table["head"]) for row in table["rows"])
+        assert set(table["texts"]) <= set(range(len(table["head"])))
+    if kind in {"run", "pair", "comparison"}:
+        assert "kN·m/°" in tables[0]["title"] + tables[0]["caption"]
+    assert client.get(f"{jobs[kind]}/tables.json?unit=furlong").status_code == 422
+    assert client.get(f"{jobs[kind][:-3]}xyz/tables.json").status_code == 404
+
+
 def leaves(value):
     """Numbers, texts and truth values of a JSON document."""
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None

@@ -156,6 +156,8 @@ def test_other_postures_are_said(memory):
     assert result.avoided.matching == 0
     assert result.avoided.measured is None
     assert len(result.avoided.configurations) == 38
+    assert result.assessment.verdict == "use_with_care"
+    assert result.assessment.reasons[-1].code == "no_common_configuration"
     assert [warning.code for warning in result.warnings] == ["configurations_differ"]
 
 
