@@ -9,9 +9,11 @@ import subprocess
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import httpcore2
 import httpx2
 import psycopg
 import pytest
@@ -20,6 +22,8 @@ from support.processes import Service
 
 # Before NumPy is imported: threads of linear algebra in each of several workers wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Certificates, which each client loads for 25 ms and services of ours do not show.
+httpcore2.default_ssl_context = cache(httpcore2.default_ssl_context)
 
 REQUIRE_POSTGRESQL = "JOINTSTIFF_REQUIRE_POSTGRESQL"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Annotated, Any, Literal
 
 from anyio.to_thread import run_sync
@@ -29,6 +30,7 @@ Unit = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 Answers = dict[int | str, dict[str, Any]]
 
 
+@cache
 def job_files() -> APIRouter:
     """Return the routes of all reports, tables and files."""
     router = APIRouter(route_class=AccessRoute)

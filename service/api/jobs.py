@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import AsyncIterator, Callable, Mapping
+from functools import cache
 from typing import Annotated, Any, TypeVar
 
 from anyio import CapacityLimiter
@@ -57,6 +58,7 @@ def _followers(request: Request) -> Followers:
 FollowersOf = Annotated[Followers, Depends(_followers)]
 
 
+@cache
 def job_routes(kind: AnyKind) -> APIRouter:
     """Return the routes of a kind: create, list, get, delete and restore; follow and cancel if stepped.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from support.shared_data import MISSING
@@ -23,9 +22,6 @@ LANES = {
     "browser": ("browser", "process"),
 }
 """Markers of the tests that use a fixture, directly or through others."""
-
-LONG_TO_COLLECT = "test_contract.py"
-"""Its tests, all marked `process`, take seconds to collect."""
 
 STARTS = frozenset(
     {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.system", "pty.spawn"}
@@ -74,12 +70,6 @@ def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Refuse processes of an unmarked test."""
     return (yield from guard.watch(item))
-
-
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Do not collect in the daily lane what has no test of it and takes long."""
-    daily = config.option.markexpr == "not process"
-    return True if daily and collection_path.name == LONG_TO_COLLECT else None
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -1,37 +1,42 @@
 """The contract: what the OpenAPI description promises is what the service does, whatever is sent.
 
-Its cases are made when it is collected, for seconds; `tests/support/lanes.py` says when it is not.
+Each part takes every `PARTS`th operation; its cases are made when it runs. SQLite has its turn each night.
 """
 
 from __future__ import annotations
 
 import pytest
-import schemathesis
 from hypothesis import HealthCheck, Phase
-from schemathesis.checks import not_a_server_error
-from schemathesis.specs.openapi.checks import (
-    content_type_conformance,
-    response_schema_conformance,
-    status_code_conformance,
-)
 from support.examples import examples
 
-from jointstiff.service.app import create_app
-from jointstiff.service.store.store import Store
-
 pytestmark = pytest.mark.process
-CHECKS = [
-    not_a_server_error,
-    status_code_conformance,
-    content_type_conformance,
-    response_schema_conformance,
-]
-
-with Store.open("sqlite://") as store:
-    schema = schemathesis.openapi.from_dict(create_app(store).openapi())
+PARTS = 24
 
 
-@schema.parametrize()
-@examples(60, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
-def test_the_service_keeps_its_contract(case, service):
-    case.call_and_validate(base_url=service.url, checks=CHECKS)
+@pytest.mark.parametrize(
+    "service", ["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)], indirect=True
+)
+@pytest.mark.parametrize("part", range(PARTS))
+def test_the_service_keeps_its_contract(part, service, openapi):
+    import schemathesis
+    from schemathesis.checks import not_a_server_error
+    from schemathesis.pytest.lazy import get_all_tests
+    from schemathesis.specs.openapi import checks
+
+    promised = [
+        not_a_server_error,
+        checks.status_code_conformance,
+        checks.content_type_conformance,
+        checks.response_schema_conformance,
+    ]
+
+    @examples(60, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
+    def keeps(case):
+        case.call_and_validate(base_url=service.url, checks=promised)
+
+    schema = schemathesis.openapi.from_dict(openapi)
+    labels = [each.ok().label for each in schema.get_all_operations()][part::PARTS]
+    for each in get_all_tests(
+        schema=schema.include(name=labels), test_func=keeps, settings=None, given_kwargs={}
+    ):
+        each.ok()[1]()
