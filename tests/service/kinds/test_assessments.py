@@ -166,7 +166,9 @@ def test_a_sigma_of_zero_says_what_to_do(clean):
 def test_a_penalty_under_which_no_link_bends_is_noted(clean):
     document = deepcopy(clean)
     del document["measurement_set"]["observations"][12:]
-    result = in_process.identify(of(document), RunOptions(elasticity="coupled_joints")).result
+    result = in_process.identify(
+        of(document), RunOptions(elasticity="coupled_joints", loss="absolute")
+    ).result
     noted = {warning.code for warning in result.warnings}
     assert max(WEIGHTS) < result.links.penalty <= max(LIMITS)
     assert "link_penalty_at_end" in noted

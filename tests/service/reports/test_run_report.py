@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 
 import pypdf
@@ -100,6 +101,7 @@ def authorised(subject, **changes):
     )
 
 
+@lru_cache
 def pages_of(content):
     return [" ".join(page.extract_text().split()) for page in pypdf.PdfReader(io.BytesIO(content)).pages]
 
