@@ -27,7 +27,7 @@ from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
 from jointstiff.schemas.measurement.noise import Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.options import StiffnessPrior
-from jointstiff.schemas.terminal import Terminal, planned_load_of, prior_of
+from jointstiff.schemas.terminal import Terminal, numbers_of, planned_load_of, prior_of
 
 MAX_CANDIDATES = 50_000
 MAX_READINGS = 200
@@ -119,6 +119,14 @@ class PlanOptions(AcceptingOptions):
     targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
         default_factory=dict, description="Targets in the flange frame; those of the campaign if empty."
     )
+    directions: Annotated[
+        Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
+        Terminal("--direction", "X,Y,Z", numbers_of, "list"),
+    ] = Field(
+        default_factory=list,
+        description="Directions in R0 that a dial gauge or 1-D laser can take: each reading is along one of "
+        "them. If empty, all three coordinates are read.",
+    )
     load_point: Metres[Vector3 | None] = Field(
         default=None,
         description="Load point in the flange frame; that of the campaign, or the origin, if absent.",
@@ -192,6 +200,9 @@ class PlannedReading(Message):
     joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
     force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
     anchor: int | None = Field(description="Anchor of the cable, counted from 0.")
+    direction: Dimensionless[Point | None] = Field(
+        default=None, description="Direction in R0 along which to read; null if all coordinates are read."
+    )
     validation: bool = Field(description="True if the reading is held out from the fit, to judge the model.")
 
 

@@ -151,6 +151,13 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
         refuse_unless_posed(measurements)
     if settings.method == "decoupled_partial_pose":
         spherical_wrist(robot)
+    if settings.loss != "squared" and measurements.direction is not None:
+        raise UnsupportedMethodError(
+            f"loss {settings.loss} compares the lengths of residuals, which a reading along one direction "
+            "does not show",
+            where="loss",
+            remedy="use loss squared, or omit the readings along a direction",
+        )
     weighting = settings.weighting
     others, length = weighting != "covariance", weighting == "characteristic_length"
     for refused, why, remedy in (

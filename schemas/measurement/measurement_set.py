@@ -34,8 +34,15 @@ class Units(Message):
     )
 
 
+_KINDS_OF_READING = ("unloaded", "loaded", "deflection", "displacement")
+
+
 class Reading(Message):
-    """One target in one observation: two positions, one deflection, or one position without a load."""
+    """One target in one observation: two positions, a deflection, its part along a direction, or a position.
+
+    A dial gauge or a laser that measures one distance reads along a direction; a position alone is without a
+    load.
+    """
 
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
@@ -49,10 +56,24 @@ class Reading(Message):
         description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's place "
         "in `flange_targets`.",
     )
+    displacement: Quantity | None = Field(
+        default=None,
+        description="Loaded minus unloaded reading of a dial gauge or 1-D laser, positive along `direction` "
+        "or `flange_direction`, in units.length. Needs the target's place in `flange_targets`.",
+    )
+    direction: Vector3 | None = Field(
+        default=None,
+        description="Direction of `displacement`, of any length but zero, axes of R0.",
+        examples=[[0.0, 0.0, 1.0]],
+    )
+    flange_direction: Vector3 | None = Field(
+        default=None, description="Direction of `displacement` in the flange frame, instead of `direction`."
+    )
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of either position of this reading, in "
-        "units.length. Where one reading states its own noise all do, and `noise` none of the tracker.",
+        description="Standard uncertainty of one coordinate of either position of this reading, or of the "
+        "gauge before and under load, in units.length. All readings of the tracker state their own noise, "
+        "or none and `noise` does; a reading along a direction may state its own beside them.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
@@ -69,13 +90,20 @@ class Reading(Message):
         return self
 
     @model_validator(mode="after")
-    def _either_positions_or_deflection(self) -> Reading:
-        neither = self.unloaded is None and self.loaded is None
-        if not (self.unloaded is not None if self.deflection is None else neither):
+    def _one_kind_of_reading(self) -> Reading:
+        given = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
+        if given not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
             raise ValueError(
-                "give either `unloaded` and `loaded`, or `deflection` alone, or `unloaded` alone for runs "
-                "with `weight`"
+                "give `unloaded` and `loaded`, or `deflection`, or `displacement` with its direction, or "
+                "`unloaded` alone for runs with `weight`"
             )
+        directions = [d for d in (self.direction, self.flange_direction) if d is not None]
+        if len(directions) != (self.displacement is not None) or not all(any(d) for d in directions):
+            raise ValueError(
+                "give a `displacement` exactly one of `direction` and `flange_direction`, other than zero"
+            )
+        if self.displacement is not None and self.unloaded_covariance is not None:
+            raise ValueError("give `sigma` with a `displacement`: it has no covariance")
         return self
 
 

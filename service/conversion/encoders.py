@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas.measurement.measurement_set import EncoderReading, Observation
 from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.service.conversion.array_group import ArrayGroup
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 
-_PREFIX = "encoder_"
-
 
 @dataclass(frozen=True, eq=False)
-class EncoderArrays:
+class EncoderArrays(ArrayGroup):
     """N observations of up to E encoders."""
+
+    prefix = "encoder_"
 
     joints: npt.NDArray[np.str_]  # (E,) names of the joints, in order of first appearance
     present: BoolArray  # (N, E) which encoders were read
@@ -86,20 +85,3 @@ class EncoderArrays:
                     remedy=f"use one of {', '.join(joint_names)}",
                 )
         return np.array([joint_names.index(name) for name in self.joints.tolist()])
-
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by the names under which they are stored."""
-        return {
-            f"{_PREFIX}joints": self.joints,
-            f"{_PREFIX}present": self.present,
-            f"{_PREFIX}unloaded": self.unloaded,
-            f"{_PREFIX}loaded": self.loaded,
-        }
-
-    @classmethod
-    def from_archive(cls, archive: Mapping[str, npt.NDArray[Any]]) -> EncoderArrays | None:
-        """Read them back; None for a set without encoders."""
-        if f"{_PREFIX}joints" not in archive:
-            return None
-        names = ("joints", "present", "unloaded", "loaded")
-        return cls(*(archive[f"{_PREFIX}{name}"] for name in names))

@@ -78,6 +78,7 @@ def in_base(
         force=readings.force @ forces.T,
         moment=readings.moment @ forces.T,
         noise=_turned(readings.noise, R) if readings.noise is not None else None,
+        directions=None if readings.directions is None else readings.directions.turned(R),
     )
     known = {name: _scaled(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
     update = {"flange_targets": known | header.flange_targets, "noise": _moved(header.noise, R, t)}

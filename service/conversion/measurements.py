@@ -38,8 +38,13 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
         readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
     )
     deflection = np.where(readings.unloaded_only[..., None], 0.0, deflection)
+    joints = ANGLE[header.units.angle] * readings.joints
+    direction = None
+    if readings.directions is not None:
+        direction = readings.directions.unit_vectors(robot, joints)
+        deflection = deflection + readings.directions.displacement[..., None] * direction
     plain = Measurements(
-        joints=ANGLE[header.units.angle] * readings.joints,
+        joints=joints,
         force=FORCE[header.units.force] * readings.force,
         moment=_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _load_points(header, readings),
@@ -47,6 +52,7 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
         in_flange=readings.as_deflection,
         deflection=length * deflection,
         present=readings.present,
+        direction=direction,
     )
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
     encoders = _encoder_readings(header, readings.encoders, robot)

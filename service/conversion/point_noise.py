@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from jointstiff.schemas.measurement.measurement_set import Reading
 from jointstiff.schemas.measurement.noise import Matrix3, Noise
+from jointstiff.service.conversion.array_group import ArrayGroup
 from jointstiff.service.conversion.units import to_instrument
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import (
     ASSUMED_LOAD_POINT,
@@ -20,16 +19,19 @@ from jointstiff.solver.readings.measurements import (
     CommonUncertainty,
     Measurements,
 )
-from jointstiff.solver.readings.tracker_noise import DifferenceNoise, refuse_no_covariance
+from jointstiff.solver.readings.tracker_noise import (
+    DifferenceNoise,
+    position_covariances,
+    refuse_no_covariance,
+)
 from jointstiff.solver.robot.model import Robot
-
-_NAMES = ("sigma", "unloaded", "loaded")
-_PREFIX = "noise_"
 
 
 @dataclass(frozen=True, eq=False)
-class PointNoise:
+class PointNoise(ArrayGroup):
     """Noise stated by N observations of T targets; zero where a reading states the other kind or none."""
+
+    prefix = "noise_"
 
     sigma: FloatArray  # (N, T)
     unloaded: FloatArray  # (N, T, 3, 3) covariance before the load
@@ -47,17 +49,18 @@ class PointNoise:
             readings: all of the set.
 
         Raises:
-            MeasurementError: some readings state their noise, and others do not.
+            MeasurementError: some readings of the tracker state their noise, and others do not.
         """
         stated = [r.sigma is not None or r.unloaded_covariance is not None for r in readings]
         if not any(stated):
             return None
-        _refuse_gaps(stated, place[0])
+        tracker = [i for i, r in enumerate(readings) if r.displacement is None]
+        _refuse_gaps([stated[i] for i in tracker], [place[0][i] for i in tracker])
         sigma, unloaded, loaded = np.zeros(shape), np.zeros((*shape, 3, 3)), np.zeros((*shape, 3, 3))
         for i, t, reading in zip(*place, readings, strict=True):
             if reading.sigma is not None:
                 sigma[i, t] = reading.sigma
-            else:
+            elif reading.unloaded_covariance is not None:
                 unloaded[i, t], loaded[i, t] = reading.unloaded_covariance, reading.loaded_covariance
         return cls(sigma, unloaded, loaded)
 
@@ -65,26 +68,22 @@ class PointNoise:
         """Return what a reading stated, by the names of its fields."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
+        if not self.unloaded[i, t].any():
+            return {}
         return {
             "unloaded_covariance": _rows(self.unloaded[i, t]),
             "loaded_covariance": _rows(self.loaded[i, t]),
         }
 
+    @property
+    def stated(self) -> BoolArray:
+        """(N, T) readings that state their noise."""
+        return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(-1, -2)))
+
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """Return covariances (N, T, 3, 3) of unloaded and loaded positions, unit of length squared."""
         isotropic = (self.sigma**2)[..., None, None] * np.eye(3)
         return self.unloaded + isotropic, self.loaded + isotropic
-
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by the names under which they are stored."""
-        return {f"{_PREFIX}{name}": getattr(self, name) for name in _NAMES}
-
-    @classmethod
-    def from_archive(cls, archive: Mapping[str, npt.NDArray[Any]]) -> PointNoise | None:
-        """Read them back; None for a set without."""
-        if f"{_PREFIX}sigma" not in archive:
-            return None
-        return cls(*(archive[f"{_PREFIX}{name}"] for name in _NAMES))
 
 
 def _rows(matrix: FloatArray) -> Matrix3:
@@ -93,7 +92,7 @@ def _rows(matrix: FloatArray) -> Matrix3:
 
 
 def _refuse_gaps(stated: list[bool], observations: list[int]) -> None:
-    if all(stated):
+    if len(set(stated)) < 2:
         return
     i = observations[stated.index(False)]
     raise MeasurementError(
@@ -118,25 +117,53 @@ def to_noise(
     Raises:
         MeasurementError: two kinds of noise, or one that is none.
     """
-    if points is not None:
-        if noise is not None and (noise.sigma is not None or noise.instrument is not None):
-            kind = "sigma" if noise.sigma is not None else "instrument"
-            raise MeasurementError(
-                f"both the readings and noise.{kind} give the noise",
-                where=f"noise.{kind}",
-                remedy="give only one: omit it here, or in every reading",
-            )
-        present = plain.present
-        unloaded, loaded = points.covariances()
-        refuse_no_covariance(unloaded, present, "unloaded_covariance")
-        refuse_no_covariance(loaded, present, "loaded_covariance")
-        stated = DifferenceNoise.of(length**2 * unloaded, length**2 * loaded, present)
-    elif noise is not None and noise.instrument is not None:
-        stated = DifferenceNoise.by(to_instrument(noise.instrument, length), robot, plain)
-    else:
-        sigma = None if noise is None or noise.sigma is None else length * noise.sigma
+    present = plain.present
+    own = np.zeros_like(present) if points is None else points.stated
+    _refuse_unclear(noise, own, plain)
+    instrument = (
+        None if noise is None or noise.instrument is None else to_instrument(noise.instrument, length)
+    )
+    sigma = None if noise is None or noise.sigma is None else length * noise.sigma
+    if points is None and instrument is None:
         return sigma, ISOTROPIC_DIFFERENCE
+    of_set = ((sigma or 0.0) ** 2 * np.eye(3),) * 2
+    unloaded, loaded = of_set if instrument is None else position_covariances(instrument, robot, plain)
+    if points is not None:
+        parts = points.covariances()
+        refuse_no_covariance(parts[0], own, "unloaded_covariance")
+        refuse_no_covariance(parts[1], own, "loaded_covariance")
+        unloaded, loaded = (
+            np.where(own[..., None, None], length**2 * part, other)
+            for part, other in zip(parts, (unloaded, loaded), strict=True)
+        )
+    stated = DifferenceNoise.of(unloaded, loaded, present)
     return stated.sigma, stated.covariance
+
+
+def _refuse_unclear(noise: Noise | None, own: BoolArray, plain: Measurements) -> None:
+    """Refuse noise that is stated twice, or of some readings only.
+
+    Args:
+        noise: of the set; it belongs to the readings that state none.
+        own: (N, T) readings that state their own.
+        plain: the readings.
+    """
+    rest = plain.present & ~own
+    kind = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
+    if kind is not None and not rest.any():
+        raise MeasurementError(
+            f"both the readings and noise.{kind} give the noise",
+            where=f"noise.{kind}",
+            remedy="give only one: omit it here, or in every reading",
+        )
+    unclear = rest & (plain.coordinates == 1) if kind == "instrument" else rest & (kind is None and own.any())
+    if unclear.any():
+        i = int(np.argwhere(unclear)[0, 0])
+        raise MeasurementError(
+            "the noise of a reading is not given: that of the others does not apply to it",
+            where=f"observations[{i}].readings",
+            remedy="give the reading its `sigma`, or `noise.sigma` for all that state none",
+        )
 
 
 def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertainty:

@@ -21,11 +21,18 @@ from jointstiff.schemas.measurement.measurement_set import (
     Observation,
     Reading,
 )
+from jointstiff.service.conversion.array_group import ArrayGroup
+from jointstiff.service.conversion.directions import Directions
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 
+_GROUPS: dict[str, type[ArrayGroup]] = {
+    "encoders": EncoderArrays,
+    "noise": PointNoise,
+    "directions": Directions,
+}
 _UNREAD = (np.nan, np.nan, np.nan)
 
 
@@ -44,9 +51,12 @@ class ReadingArrays:
     present: BoolArray  # (N, T) which targets were read
     as_deflection: BoolArray  # (N, T) which readings came as a deflection
     unloaded: FloatArray  # (N, T, 3) positions in R0; zero for deflections
-    loaded: FloatArray  # (N, T, 3) positions in R0, or the deflection itself; NaN where read unloaded only
+    # (N, T, 3) positions in R0, or the deflection itself; NaN where read unloaded only, zero where it was
+    # read along a direction
+    loaded: FloatArray
     encoders: EncoderArrays | None = None  # what secondary encoders read; None if there are none
     noise: PointNoise | None = None  # what readings state of their own; None if they do not
+    directions: Directions | None = None  # readings along a direction; None if there are none
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> ReadingArrays:
@@ -74,13 +84,17 @@ class ReadingArrays:
             load_point=np.array([o.load_point or (0, 0, 0) for o in observations], np.float64),
             load_point_given=np.array([o.load_point is not None for o in observations]),
             present=_scatter(shape, place, [True for _ in readings], np.bool_),
-            as_deflection=_scatter(shape, place, [r.deflection is not None for r in readings], np.bool_),
+            as_deflection=_scatter(shape, place, [r.unloaded is None for r in readings], np.bool_),
             unloaded=_scatter((*shape, 3), place, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
             loaded=_scatter(
-                (*shape, 3), place, [r.loaded or r.deflection or _UNREAD for r in readings], np.float64
+                (*shape, 3),
+                place,
+                [r.loaded or r.deflection or (_UNREAD if r.unloaded else (0, 0, 0)) for r in readings],
+                np.float64,
             ),
             encoders=EncoderArrays.from_observations(observations),
             noise=PointNoise.from_readings(shape, place, readings),
+            directions=Directions.from_readings(shape, place, readings),
         )
 
     @property
@@ -111,6 +125,9 @@ class ReadingArrays:
     def _reading(self, i: int, t: int) -> Reading:
         loaded = tuple(self.loaded[i, t].tolist())
         noise = self.noise.fields(i, t) if self.noise else {}
+        if self.directions is not None and self.directions.present[i, t]:
+            noise |= self.directions.fields(i, t)
+            return Reading.model_construct(target=str(self.targets[t]), **noise)
         if self.as_deflection[i, t]:
             return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
         unloaded = tuple(self.unloaded[i, t].tolist())
@@ -128,20 +145,20 @@ class ReadingArrays:
     def unpack(cls, blob: bytes) -> ReadingArrays:
         """Read what `pack` wrote."""
         with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in cls._always()}
-            encoders, noise = EncoderArrays.from_archive(archive), PointNoise.from_archive(archive)
-            return cls(**arrays, encoders=encoders, noise=noise)
+            arrays: dict[str, Any] = {name: archive[name] for name in cls._always()}
+            arrays |= {name: group.from_archive(archive) for name, group in _GROUPS.items()}
+            return cls(**arrays)
 
     @classmethod
     def _always(cls) -> list[str]:
         """Return names of the arrays that every set has."""
-        return [field.name for field in fields(cls) if field.name not in {"encoders", "noise"}]
+        return [field.name for field in fields(cls) if field.name not in _GROUPS]
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by name; only those of encoders and noise that there are."""
+        """Return the arrays by name; of the groups only those that there are."""
         arrays = {name: getattr(self, name) for name in self._always()}
-        arrays |= self.encoders.arrays() if self.encoders else {}
-        return arrays | (self.noise.arrays() if self.noise else {})
+        groups = (getattr(self, name) for name in _GROUPS)
+        return arrays | {name: array for group in groups if group for name, array in group.arrays().items()}
 
     def digest(self) -> bytes:
         """Return SHA-256 of names, types, shapes and contents."""

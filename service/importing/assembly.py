@@ -12,7 +12,7 @@ from jointstiff.schemas.importing import State
 from jointstiff.schemas.measurement.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.records import Point, Record, Vector
-from jointstiff.service.importing.words import Kind
+from jointstiff.service.importing.words import ALONG, Kind
 
 _U95: Final[Mapping[Literal["coordinate", "point"], str]] = MappingProxyType(
     {
@@ -240,7 +240,7 @@ def _complete(
     lacks: list[tuple[bool, Place, str]] = []
     for one in observations:
         points = {}
-        for target in targets:
+        for target in [t for t in targets if t in one.points or along(t) is None]:
             states = one.points.get(target, {})
             with faults.collected():
                 lack = _lack(one, target, states)
@@ -261,6 +261,12 @@ def _complete(
     if not kept:
         faults.report(observations[0].place, "no observation has a reading", "check the names")
     return kept, notes
+
+
+def along(target: str) -> tuple[str, int] | None:
+    """Return target and axis of the name of a reading along an axis, such as `tip along z`; else None."""
+    name, _, axis = target.rpartition(f" {ALONG} ")
+    return (name, "xyz".index(axis)) if name and axis in ("x", "y", "z") else None
 
 
 def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:

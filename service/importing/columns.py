@@ -290,7 +290,7 @@ def _quantities(
         if meaning.axis is not None:
             found.setdefault(meaning.quantity, {})[meaning.axis] = index
     for quantity, axes in found.items():
-        count = {"joint": max(axes) + 1, "point uncertainty": 1}.get(quantity.kind, 3)
+        count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1}.get(quantity.kind, 3)
         absent = [axis for axis in range(count) if axis not in axes]
         _check_spelling(quantity, [headers[column] for column in axes.values()], faults)
         if absent or count > MAX_JOINTS:
@@ -333,7 +333,7 @@ def _check_keys(
         faults.report(place, "no column with numbers is recognised", "check the header")
     points = [quantity for quantity in quantities if quantity.kind in POINTS]
     for quantity in points:
-        if replace(quantity, kind="position") not in quantities:
+        if quantity.kind != "along" and replace(quantity, kind="position") not in quantities:
             first = headers[quantities[quantity][0]]
             reason = f"{shown(first.text)} belongs to no position"
             faults.report(first.place, reason, "correct its header, or use `ignore`")

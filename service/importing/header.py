@@ -22,11 +22,14 @@ DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
         "load point": "length",
         "position": "length",
         "addition": "length",
+        "along": "length",
         "uncertainty": "length",
         "point uncertainty": "length",
     }
 )
-POINTS: Final[frozenset[Kind]] = frozenset(("position", "addition", "uncertainty", "point uncertainty"))
+POINTS: Final[frozenset[Kind]] = frozenset(
+    ("position", "addition", "along", "uncertainty", "point uncertainty")
+)
 _MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("temperature", "time", "ignored"))
 UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
@@ -92,6 +95,8 @@ class Meaning:
         named = [word for word in (self.target, self.state) if word]
         if self.kind == "position":
             return " ".join([*(named or ["position"]), "xyz"[self.axis]])
+        if self.kind == "along":
+            return self.target or self.kind
         if self.kind == "addition":
             return " ".join([*named, words.ADDED, "xyz"[self.axis]])
         return " ".join([*named, "U95", *("xyz"[self.axis] if self.kind == "uncertainty" else ())])
@@ -221,6 +226,17 @@ def _no_target(word: str) -> bool:
     return not words.NOT_TARGETS.isdisjoint(pieces)
 
 
+def _along(header: str, meaning: Meaning) -> Meaning:
+    """`tip along z`: each axis is a reading of its own, whose name says it."""
+    if meaning.target is None or meaning.state not in (None, "deflection"):
+        raise Fault(
+            f"{shown(header)}: a reading along an axis has a target, and is a deflection",
+            "write a header such as `tip along z [mm]`",
+        )
+    target = f"{meaning.target} {words.ALONG} {'xyz'[meaning.axis or 0]}"
+    return replace(meaning, axis=0, target=target, state="deflection")
+
+
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
     """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece."""
     base = _PHRASE.sub(lambda phrase: _STATES[folded(phrase[0].replace("-", " "))], base)
@@ -257,4 +273,5 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
             "[mm]`, `P10 dx [mm]`, `x [mm]`; say what it means with `columns`, or skip it with `ignore`",
             UNKNOWN,
         )
-    return Meaning(meant, axes[0] if axes else 0, target, states[0] if states else None)
+    meaning = Meaning(meant, axes[0] if axes else 0, target, states[0] if states else None)
+    return _along(header, meaning) if meant == "along" else meaning

@@ -27,7 +27,7 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Three numbers of one target in one state."""
+    """Three numbers of one target in one state, or one along an axis that its name ends with."""
 
     target: str  # its name
     state: State  # of the robot, or `deflection` for the difference
@@ -93,10 +93,12 @@ class RowReader:
         values: dict[Kind, Vector] = {}
         points: list[Point] = []
         for quantity, indices in self._columns.quantities.items():
-            if quantity.kind in POINTS - {"position"}:
+            if quantity.kind in POINTS - {"position", "along"}:
                 continue
             vector = self._vector(row, indices, faults, DIMENSIONS[quantity.kind])
-            if quantity.kind == "position":
+            if quantity.kind == "along" and vector is None:
+                continue  # a gauge reads one direction in a posture, and another in the next
+            if quantity.kind in POINTS:
                 vector = self._with_addition(row, quantity, vector, faults)
                 points.append(self._point(row, quantity, naming, vector, faults))
             elif vector is None:

@@ -15,8 +15,8 @@ from jointstiff.schemas.importing import State
 Words = tuple[str, ...]
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "validation", "joint",
-    "force", "moment", "load point", "position", "addition", "uncertainty", "point uncertainty", "ignored",
-    "unknown",
+    "force", "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty",
+    "ignored", "unknown",
 ]  # fmt: skip
 """What the cells of a column are."""
 
@@ -107,8 +107,11 @@ EXPANDED: Final = ("u(95)", "u95", "u(95%)", "u95%")
 ADDED: Final = "plus"
 """Beside x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 
+ALONG: Final = "along"
+"""Beside x, y or z: a displacement along that axis of R0, read by a dial gauge."""
+
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
-    {**dict.fromkeys(EXPANDED, "uncertainty"), ADDED: "addition"}
+    {**dict.fromkeys(EXPANDED, "uncertainty"), ADDED: "addition", ALONG: "along"}
 )
 """Words that make something else of a position."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.plan import Plan
+from jointstiff.schemas.plan import Plan, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.library.campaigns import read_document
 from jointstiff.service.library.errors import CampaignError
@@ -50,13 +50,14 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[s
         measured = {"encoders": header.encoders}
         targets = targets or list(dict.fromkeys(r.target for o in header.observations for r in o.readings))
     sigma = {} if options.sigma is None else {"noise": {"sigma": options.sigma}}
-    reading = {"unloaded": None, "loaded": None}
+    if options.directions:
+        measured["flange_targets"] = dict(found.result.targets if found.result else {})
     observations = [
         {
             "label": each.label,
             "joints": each.joints,
             "force": each.force,
-            "readings": [{"target": target, **reading} for target in targets],
+            "readings": [{"target": target, **_unread(each)} for target in targets],
         }
         for each in (found.result.readings if found.result else [])
     ]
@@ -72,6 +73,13 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[s
         },
         "run": {"method": "partial_pose"},
     }
+
+
+def _unread(planned: PlannedReading) -> dict[str, Any]:
+    """Return the fields of a reading that is still to be taken."""
+    if planned.direction is not None:
+        return {"displacement": None, "direction": planned.direction}
+    return {"unloaded": None, "loaded": None}
 
 
 def read_robot(text: str) -> RobotDocument:

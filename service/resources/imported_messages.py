@@ -12,7 +12,7 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH, Vector3
 from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
 from jointstiff.schemas.imports import ImportRequest, UnloadedPoses
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading
-from jointstiff.service.importing.assembly import Gathered
+from jointstiff.service.importing.assembly import Gathered, along
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import Imported
 from jointstiff.service.importing.words import Kind
@@ -73,7 +73,12 @@ def measurement_set_of(imported: Imported, request: ImportRequest, first: str) -
                 "units": {"force": force_unit, **imported.units},
                 "encoders": request.encoders,
                 "noise": lengths.get("noise") or None,
-                "flange_targets": {name: converted(place, *units, "load_point") for name, place in places},
+                "flange_targets": {name: converted(place, *units, "load_point") for name, place in places}
+                | {
+                    name: converted(request.flange_targets[gauge[0]], *units, "load_point")
+                    for name in imported.assembly.targets
+                    if (gauge := along(name)) is not None
+                },
                 "load_point": lengths.get("load_point"),
                 "measured_at": imported.surroundings.measured_at,
                 "conditions": imported.surroundings.conditions,
@@ -149,6 +154,13 @@ def _observation(one: Gathered, force: Vector3 | None) -> Observation:
 def _reading(one: Gathered, target: str) -> Reading:
     """A reading; uncertainties of coordinates are covariances, of points one sigma for both states."""
     points = one.points[target]
+    gauge = along(target)
+    if gauge is not None:
+        displacement = (points["deflection"].vector or (0.0,))[0]
+        direction = tuple(float(axis == gauge[1]) for axis in range(3))
+        return Reading.model_validate(
+            {"target": target, "displacement": displacement, "direction": direction}
+        )
     vectors = {
         state: cast(Vector3, point.vector) for state, point in points.items() if point.vector is not None
     }

@@ -136,6 +136,11 @@ def leave_postures_out(
     groups, postures = _postures(measurements, load > 0.0)
     if len(groups) < 2:
         raise _too_few()
+    if measurements.direction is not None:
+        raise RequestError(
+            "readings along a direction do not show how far a prediction is off",
+            remedy="read all three coordinates of a target",
+        )
     if estimate.covariance is None:
         raise RequestError(
             "no uncertainty of the readings is known", remedy="measure more, or state the noise"

@@ -124,7 +124,7 @@ def equipment_of(robot: Robot, measurements: Measurements) -> Equipment:
     """
     sizes = np.linalg.norm(measurements.force, axis=1)
     strongest = int(np.argmax(sizes))
-    richest = int(np.argmax(measurements.present.sum(axis=1)))
+    richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
     present, covariance = measurements.present[richest], measurements.covariance
     return Equipment(
         targets=targets_in_flange(robot, measurements[richest : richest + 1])[present],
@@ -132,6 +132,7 @@ def equipment_of(robot: Robot, measurements: Measurements) -> Equipment:
         loads=Loads("any_direction", float(sizes[strongest]), np.full(robot.n, np.inf)),
         sigma=1.0,
         covariance=covariance if covariance.ndim == 2 else covariance[richest, present],
+        along=None if measurements.direction is None else measurements.direction[richest, present],
     )
 
 

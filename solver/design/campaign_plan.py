@@ -93,6 +93,7 @@ class CampaignPlan:
     joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take them
     force: FloatArray  #: (n, 3) on the robot, axes of R0 [N]
     anchor: IndexArray  #: (n,) of the cable; -1 without one
+    along: FloatArray | None  #: (n, 3) unit vectors in R0 along which to read; None if all coordinates are
     validation: BoolArray  #: (n,) which readings are held out from the fit
     efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
     weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
@@ -126,7 +127,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     pool = Pool.of(robot, request)
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
-    rows = 3 * len(request.equipment.targets) * fitted
+    rows = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
     if fitted < 1 or (request.so_far is None and rows < pool.parameters.interest):
         raise RequestError(
             f"{fitted} readings without those held out do not determine {pool.parameters.interest} joints",
@@ -157,6 +158,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         joints=pool.joints[index],
         force=force[order],
         anchor=pool.anchor[index],
+        along=None if pool.along is None else pool.along[index],
         validation=order >= fitted,
         efficiency=exact.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
@@ -167,7 +169,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         deflection=_deflection(criteria, exact.matrix),
         random=random_plans(problem, exact.matrix, s, request.seed),
         one_at_a_time=one_at_a_time(problem, distinct, exact.matrix, s),
-        feasible=len(pool.candidates),
+        feasible=len(pool.candidates) // (1 if request.directions is None else len(request.directions)),
         strikes=pool.strikes,
     )
 

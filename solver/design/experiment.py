@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links.regressor import elastic_rows_of
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, shown_along
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument
 from jointstiff.solver.regression.regressor import regressor_blocks, whitener
 from jointstiff.solver.robot.configuration import Configurations
@@ -50,6 +50,9 @@ class Equipment:
     #: (3, 3) or (T, 3, 3) of the targets' deflections, in units of sigma², where there is no instrument;
     #: isotropic if None
     covariance: FloatArray | None = None
+    #: (T, 3), or (N, 1, 3) of as many postures: unit vectors in R0 along which targets are read; zero for
+    #: targets whose three coordinates are. None if there are only those
+    along: FloatArray | None = None
 
     def measurements(self, robot: Robot, joints: FloatArray, force: FloatArray) -> Measurements:
         """Return readings still to be taken, with deflections of zero and the covariance that they will have.
@@ -70,6 +73,7 @@ class Equipment:
             deflection=np.zeros(shape),
             present=np.ones(shape[:2], dtype=np.bool_),
             sigma=self.sigma,
+            direction=None if self.along is None else np.broadcast_to(self.along, shape).copy(),
         )
         if self.instrument is None:
             if self.covariance is None:
@@ -138,10 +142,11 @@ class Motion:
         now = Configurations(robot, robot.joint_map.model_angles(joints))
         load_point = np.broadcast_to(equipment.load_point, (count, 3))[:, None]
         targets = np.broadcast_to(equipment.targets, (count, *equipment.targets.shape))
-        covariance = equipment.covariance
+        covariance, along = equipment.covariance, equipment.along
         if covariance is None:
             covariance = equipment.measurements(robot, joints, np.zeros((count, 3))).covariance
-        jacobian = whitener(covariance) @ now.jacobian_at(now.to_base(targets))
+        direction = None if along is None else np.broadcast_to(along, targets.shape)
+        jacobian = whitener(covariance) @ shown_along(direction, now.jacobian_at(now.to_base(targets)))
         return cls(
             now.jacobian_at(now.to_base(load_point))[:, 0],
             jacobian.reshape(count, 3 * len(equipment.targets), robot.n),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -35,6 +35,8 @@ class PlanRequest:
     joints: IndexArray | None = None  #: to be determined; all if None
     #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None for none
     work_area: FloatArray | None = None
+    #: (D, 3) unit vectors in R0, along one of which each reading is taken; None if all coordinates are read
+    directions: FloatArray | None = None
     links: bool = False  #: whether elastic links are a nuisance
     link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading
     angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad]
@@ -69,6 +71,7 @@ class Pool:
     equipment: Equipment
     #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
     places: FloatArray | None
+    along: FloatArray | None  #: direction along which each is read; None if all coordinates are
 
     @classmethod
     def of(cls, robot: Robot, request: PlanRequest) -> Pool:
@@ -107,8 +110,15 @@ class Pool:
         strength = equipment.strength(robot, joints) if free else np.full(len(joints), loads.force)
         directions = np.eye(3)[:, None] if free else direction[kept][None]  # type: ignore[index]
         forces = [np.broadcast_to(strength[:, None] * each, (len(joints), 3)) for each in directions]
+        along = None
+        if request.directions is not None:
+            count, times = len(joints), len(request.directions)
+            along = np.tile(request.directions, (count, 1))
+            joints, anchor, strength, *forces = (
+                np.repeat(each, times, axis=0) for each in (joints, anchor, strength, *forces)
+            )
         sample = slice(None, None, max(1, len(joints) // _SAMPLED))
-        some = _rows(robot, request, joints[sample], [F[sample] for F in forces])
+        some = _rows(robot, request, joints, forces, along, sample)
         if request.so_far is not None:
             some.append(whitened_rows(robot, request.so_far, links=request.links))
         seen = np.concatenate([rows.reshape(-1, some[0].shape[-1]) for rows in some]) / equipment.sigma
@@ -120,13 +130,13 @@ class Pool:
             request.nominal,
             request.link_share,
         )
-        candidates = _candidates(robot, request, joints, forces, parameters)
+        candidates = _candidates(robot, request, joints, forces, along, parameters)
         base = parameters.prior + _known(robot, request, parameters)
         places = None
         if predicted is not None:
             A = parameters.rows(predicted)
             places = A.transpose(0, 2, 1) @ A / 3.0
-        return cls(joints, anchor, strength, candidates, parameters, base, strikes, equipment, places)
+        return cls(joints, anchor, strength, candidates, parameters, base, strikes, equipment, places, along)
 
     def force(self, robot: Robot, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""
@@ -139,23 +149,35 @@ class Pool:
 
 
 def _candidates(
-    robot: Robot, request: PlanRequest, joints: FloatArray, forces: list[FloatArray], parameters: Parameters
+    robot: Robot,
+    request: PlanRequest,
+    joints: FloatArray,
+    forces: list[FloatArray],
+    along: FloatArray | None,
+    parameters: Parameters,
 ) -> Candidates:
     """Return the information of all readings, block by block, in units of 1/variance."""
     parts = []
     for start in range(0, len(joints), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        rows = _rows(robot, request, joints[part], [F[part] for F in forces])
+        rows = _rows(robot, request, joints, forces, along, slice(start, start + _BLOCK))
         parts.append(np.stack([parameters.rows(each) for each in rows], axis=1) / request.equipment.sigma)
     stack = np.concatenate(parts)
     return Candidates.from_rows(stack if len(forces) > 1 else stack[:, 0])
 
 
 def _rows(
-    robot: Robot, request: PlanRequest, joints: FloatArray, forces: list[FloatArray]
+    robot: Robot,
+    request: PlanRequest,
+    joints: FloatArray,
+    forces: list[FloatArray],
+    along: FloatArray | None,
+    part: slice,
 ) -> list[FloatArray]:
-    """Return the rows (N, 3 T, P) of readings under each of some loads (N, 3), in units of sigma."""
+    """Return the rows (k, 3 T, P) of a part of N readings under each of some loads, in units of sigma."""
+    joints, forces = joints[part], [F[part] for F in forces]
     equipment = request.equipment
+    if along is not None:
+        equipment = replace(equipment, along=along[part, None])
     if not request.links:
         motion = Motion.of(robot, equipment, joints)
         return [motion.rows(F) for F in forces]

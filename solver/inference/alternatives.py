@@ -207,7 +207,7 @@ def _chosen(measurements: Measurements, most: int) -> IndexArray:
 
 def _coordinates(part: Measurements) -> int:
     """Count the coordinates that can differ from a model of rigid flanges: at most six an observation."""
-    return int(np.minimum(3 * part.present.sum(axis=1), 6).sum())
+    return int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
 
 
 def _rows(

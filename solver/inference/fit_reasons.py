@@ -90,7 +90,7 @@ def _identified(estimate: Estimate) -> Iterator[Reason]:
 
 def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Reason]:
     """Report a fit that no reading can contradict; a rigid flange moves by six coordinates at most."""
-    coordinates = int(np.minimum(3 * measurements.present.sum(axis=1), 6).sum())
+    coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
     if measurements.encoders is not None:
         coordinates += int(measurements.encoders.present.sum())
     free = min(estimate.degrees_of_freedom, coordinates - sum(i.rank for i in estimate.identifiability))

@@ -139,7 +139,7 @@ def load_reasons(robot: Robot, measurements: Measurements) -> Iterator[Reason]:
     if part.present.shape[1] < 2 or not part.force.any():
         return
     apart = np.linalg.norm(places_on_flange(robot, part) - part.load_point[:, None], axis=2)
-    apart = np.where(part.present.any(axis=0), apart, np.inf).max(axis=0)
+    apart = np.where((part.coordinates == 3).any(axis=0), apart, np.inf).max(axis=0)
     t = int(apart.argmin())
     if apart[t] <= SAME_PLACE:
         yield Reason(
@@ -267,7 +267,7 @@ def _outlying(
                 _place(outliers[0]),
                 _with_count(outliers),
                 outliers[0].remedy,
-                Action("use_huber", observations),
+                Action("use_huber" if measurements.direction is None else "show_posture", observations),
             )
         return
     yield Reason(

@@ -187,7 +187,7 @@ class _Columns:
         length[length == 0.0] = 1.0
         rows[:, :-1] /= length
         triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
-        return cls(triangle, length, ~null, len(rows))
+        return cls(triangle, length, ~null, int(part.coordinates.sum()))
 
     def p_value(self, kind: LoadMistakeKind) -> float:
         """Return the p-value of the F test of a mistake beside the joints."""

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.view import FALSE_ALARM, View
 
@@ -24,7 +24,8 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     if groups is None:
         return
     load = np.concatenate([m.force, m.moment, m.load_point], axis=1)
-    alike = _groups(np.concatenate([posture, load, m.present], axis=1))
+    along = np.zeros((len(m), 0)) if m.direction is None else m.direction.reshape(len(m), -1)
+    alike = _groups(np.concatenate([posture, load, m.present, along], axis=1))
     if alike is not None:
         yield from _deflections(view, alike)
     placed = _groups(np.concatenate([posture, view.measured], axis=1))
@@ -35,7 +36,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
 def _deflections(view: View, group: IndexArray) -> Iterator[Finding]:
     """Repeated deflections hold the tracker's noise alone: where the robot stands cancels."""
     m = view.measurements
-    squares, freedom, count = _scatter(m.deflection, m.present, group)
+    squares, freedom, count = _scatter(m.deflection, m.coordinates, group)
     if not freedom or not squares:
         return
     sigma = float(np.sqrt(squares / freedom / 2.0))
@@ -56,7 +57,7 @@ def _deflections(view: View, group: IndexArray) -> Iterator[Finding]:
 
 
 def _positions(view: View, group: IndexArray) -> Iterator[Finding]:
-    squares, freedom, count = _scatter(view.measurements.position, view.measured, group)
+    squares, freedom, count = _scatter(view.measurements.position, 3 * view.measured, group)
     if not freedom or not squares:
         return
     yield Finding(
@@ -77,14 +78,14 @@ def _groups(keys: FloatArray) -> IndexArray | None:
     return np.array(group) if len(first) < len(group) else None
 
 
-def _scatter(values: FloatArray, read: BoolArray, group: IndexArray) -> tuple[float, int, int]:
+def _scatter(values: FloatArray, coordinates: IndexArray, group: IndexArray) -> tuple[float, int, int]:
     """Sum of squares about the groups' means, its degrees of freedom, and how many rows repeat others."""
     squares, freedom, count = 0.0, 0, 0
     numbers, sizes = np.unique(group, return_counts=True)
     for number in numbers[sizes > 1]:
         rows = np.flatnonzero(group == number)
-        some = values[rows][:, read[rows[0]]]
+        some = values[rows][:, coordinates[rows[0]] > 0]
         squares += float(((some - some.mean(axis=0)) ** 2).sum())
-        freedom += (len(rows) - 1) * some[0].size
+        freedom += (len(rows) - 1) * int(coordinates[rows[0]].sum())
         count += len(rows) - 1
     return squares, freedom, count

@@ -43,7 +43,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     """
     rows = np.flatnonzero(good & view.loaded)
     m = view.measurements
-    if 3 * int(m.present[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
+    if int(m.coordinates[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
         return
     part = m if len(rows) == len(m) else m[rows]
     noise = BEYOND_NOISE * np.sqrt(2.0) * (m.sigma or 0.0)
@@ -60,7 +60,8 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     turned = norms(springs.residual + 2.0 * springs.predicted)
     against = np.asarray((turned < FLIPPED * residual) & (predicted > noise))
     yield from (_turned(int(rows[k]), part, springs, int(k)) for k in np.flatnonzero(against))
-    yield from _outliers(view, rows, part, springs, ~against)
+    for coordinates in (1, 3):
+        yield from _outliers(view, rows, part, springs, (part.coordinates == coordinates) & ~against[:, None])
 
 
 def _of_the_set(
@@ -112,22 +113,30 @@ def _turned(i: int, part: Measurements, springs: Springs, k: int) -> Finding:
 
 
 def _outliers(
-    view: View, rows: IndexArray, part: Measurements, springs: Springs, usual: BoolArray
+    view: View, rows: IndexArray, part: Measurements, springs: Springs, judged: BoolArray
 ) -> Iterator[Finding]:
-    """Readings far beyond the others' residuals; a robust fit leaves them where they are."""
+    """Find readings far beyond the others' residuals; a robust fit leaves them where they are.
+
+    Args:
+        view: of the set.
+        rows: (M,) the observations.
+        part: of them.
+        springs: fitted to them.
+        judged: (M, T) the readings to compare, all of as many coordinates.
+    """
     norm = np.linalg.norm(springs.residual, axis=2)
-    judged = part.present & usual[:, None]
-    count = int(judged.sum())
-    freedom = 3 * count - springs.parameters
+    count, each = int(judged.sum()), int(part.coordinates[judged].max(initial=0))
+    freedom = each * count - springs.parameters
     if freedom < 3 * springs.parameters:
         return
-    scale = vector_scale(norm[judged]) * np.sqrt(3.0 * count / freedom)
-    limit = MODEL_ALLOWANCE * vector_quantile(count, freedom) * scale
-    stated = vector_quantile(count, 1e6) * np.sqrt(2.0) * view.reading_sigma[rows]
+    scale = vector_scale(norm[judged], each) * np.sqrt(each * count / freedom)
+    limit = MODEL_ALLOWANCE * vector_quantile(count, freedom, each) * scale
+    stated = vector_quantile(count, 1e6, each) * np.sqrt(2.0) * view.reading_sigma[rows]
     # (M, T) residuals that are as unusual beside the deflection: what else bends does so with the load
     moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
     share = norm / np.maximum(moved, 1e-300)
-    share_limit = MODEL_ALLOWANCE * vector_quantile(count, 3.0 * count) * vector_scale(share[judged])
+    share_limit = MODEL_ALLOWANCE * vector_quantile(count, each * count, each)
+    share_limit *= vector_scale(share[judged], each)
     beyond = (
         judged
         & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), stated))
@@ -152,7 +161,8 @@ def _outliers(
             int(rows[k]),
             f"the deflection of target '{view.targets[t]}' differs by {length_text(norm[k, t])} from "
             f"the fit to all observations; typical is {length_text(scale)}",
-            "check this reading and its load; repeat it, or identify with loss huber",
+            "check this reading and its load; repeat it"
+            + (", or identify with loss huber" if each == 3 else ""),
         )
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.fitting.robust import MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import unloaded_configurations
 from jointstiff.solver.robot.configuration import Configurations
@@ -103,15 +102,17 @@ def normal_quantile(comparisons: int) -> float:
     return float(-special.ndtri(FALSE_ALARM / (2.0 * max(comparisons, 1))))
 
 
-def vector_quantile(comparisons: int, freedom: float) -> float:
-    """Norm, over its scale, that one of so many vectors of three coordinates exceeds at `FALSE_ALARM`.
+def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
+    """Norm, over its scale, that one of so many vectors exceeds at `FALSE_ALARM`.
 
     Args:
         comparisons: how many vectors.
         freedom: number of coordinates from which medians took the scale.
+        coordinates: of a vector.
     """
     below = 1.0 - FALSE_ALARM / max(comparisons, 1)
-    return float(np.sqrt(3.0 * special.fdtri(3.0, max(1.0, MEDIAN_EFFICIENCY * freedom), below)))
+    F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), below)
+    return float(np.sqrt(coordinates * F))
 
 
 def median(sizes: FloatArray) -> float:
@@ -121,9 +122,10 @@ def median(sizes: FloatArray) -> float:
     return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
 
 
-def vector_scale(norms: FloatArray) -> float:
-    """Standard deviation of a coordinate, by the median of the norms (K,) of vectors of three; 0 for none."""
-    return median(norms) / MEDIAN_NORM if norms.size else 0.0
+def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
+    """Standard deviation of a coordinate, by the median of the norms (K,) of vectors; 0 for none."""
+    unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
+    return median(norms) / unit if norms.size else 0.0
 
 
 def length_scale(sizes: FloatArray) -> float:

@@ -60,6 +60,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
         (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
         (settings.prior is not None, "priors", "omit `priors`"),
         (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
+        (measurements.direction is not None, "directional_readings", "omit the readings along a direction"),
     )
     for is_refused, where, remedy in refused:
         if is_refused:

@@ -85,8 +85,11 @@ def match(first: PairSide, second: PairSide) -> Matches:
     place = {label: i for i, label in enumerate(second.labels)}
     pairs = [(i, place[label]) for i, label in enumerate(first.labels) if label in place]
     rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-    present = first.measurements.present[rows[:, :1], t1] & second.measurements.present[rows[:, 1:], t2]
-    kept = np.flatnonzero(_alike(first.measurements, second.measurements, rows) & present.any(axis=1))
+    one, two = first.measurements, second.measurements
+    along, other = (np.zeros(m.position.shape) if m.direction is None else m.direction for m in (one, two))
+    alike = np.isclose(along[rows[:, :1], t1], other[rows[:, 1:], t2]).all(axis=-1)
+    present = one.present[rows[:, :1], t1] & two.present[rows[:, 1:], t2] & alike
+    kept = np.flatnonzero(_alike(one, two, rows) & present.any(axis=1))
     dropped = np.setdiff1d(np.arange(len(rows)), kept)
     return Matches(
         first=rows[kept, 0],

@@ -115,6 +115,24 @@ ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 ISOTROPIC_DIFFERENCE.setflags(write=False)
 
 
+def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
+    """Return the motion of targets, of those that are read along a direction the part along it.
+
+    A reading along n is the least-squares row ``nᵀ δp``. The three rows ``n nᵀ δp`` of isotropic noise have
+    the same square, so that all that works with vectors works with them (method.md §3).
+
+    Args:
+        direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None for those alone.
+        motion: (N, T, 3) or (N, T, 3, k).
+    """
+    if direction is None:
+        return motion
+    columns = motion.reshape(*direction.shape, -1)
+    along = direction[..., None] * (direction[..., None, :] @ columns)
+    full = np.asarray(~direction.any(axis=-1))
+    return np.where(full[..., None, None], columns, along).reshape(motion.shape)
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements:
     """N observations of up to T targets. Arrays are checked and made read-only.
@@ -138,6 +156,9 @@ class Measurements:
     sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
     #: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
+    #: (N, T, 3) unit vectors, axes of R0, of readings along one direction; zero for readings of all three
+    #: coordinates. None if there are only those.
+    direction: FloatArray | None = None
     #: what secondary encoders read of the joints; None if there are none. It takes a sigma to weigh them
     #: against the targets.
     encoders: EncoderReadings | None = None
@@ -171,6 +192,9 @@ class Measurements:
         if self.covariance.shape not in {(3, 3), (count, targets, 3, 3)}:
             _check("covariance", self.covariance, (count, targets, 3, 3))
         self.covariance.setflags(write=False)
+        if self.direction is not None:
+            _check("direction", self.direction, (count, targets, 3))
+            object.__setattr__(self, "deflection", self.shown(self.deflection))
         if self.weight is not None:
             _check("weight", self.weight, (count, targets))
         if self.encoders is not None:
@@ -194,6 +218,16 @@ class Measurements:
             return 0.0
         return self.encoders.lever(self.sigma)
 
+    @property
+    def coordinates(self) -> IndexArray:
+        """(N, T) number of coordinates that each reading shows: 3, 1 along a direction, 0 of none."""
+        along = False if self.direction is None else self.direction.any(axis=-1)
+        return np.where(self.present, np.where(along, 1, 3), 0)
+
+    def shown(self, motion: FloatArray) -> FloatArray:
+        """Return what the readings show of the targets' motion (N, T, 3) or (N, T, 3, k), axes of R0."""
+        return shown_along(self.direction, motion)
+
     def __len__(self) -> int:
         return len(self.joints)
 
@@ -216,6 +250,7 @@ class Measurements:
             present=self.present[rows],
             sigma=self.sigma,
             covariance=covariance,
+            direction=None if self.direction is None else self.direction[rows],
             encoders=None if self.encoders is None else self.encoders[rows],
             weight=None if self.weight is None else self.weight[rows],
             common_uncertainty=self.common_uncertainty,

@@ -105,10 +105,16 @@ class DifferenceNoise:
     @classmethod
     def by(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
         """Return the noise of measurements that were read by an instrument."""
-        places = places_in_base(robot, plain.joints, plain.position, plain.in_flange)
-        before = at_read_places(places, plain.present)
-        after = before + plain.deflection
-        return cls.of(instrument.covariance(before), instrument.covariance(after), plain.present)
+        return cls.of(*position_covariances(instrument, robot, plain), plain.present)
+
+
+def position_covariances(
+    instrument: Instrument, robot: Robot, plain: Measurements
+) -> tuple[FloatArray, FloatArray]:
+    """(N, T, 3, 3) covariances [m²] of the unloaded and the loaded positions that an instrument read."""
+    places = places_in_base(robot, plain.joints, plain.position, plain.in_flange)
+    before = at_read_places(places, plain.present)
+    return instrument.covariance(before), instrument.covariance(before + plain.deflection)
 
 
 def at_read_places(places: FloatArray, present: BoolArray) -> FloatArray:

@@ -89,7 +89,8 @@ def neglected_readings(block: RegressorBlock, compliance: FloatArray) -> Measure
     added = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), deflection)
     turns = block.configurations.angular_jacobian * deflection[:, None]
     turned = np.cumsum(turns, axis=2) - 0.5 * turns
-    moves = block.jacobian * deflection[:, None, None]
+    jacobian = block.jacobian if part.direction is None else block.configurations.jacobian_at(block.points)
+    moves = jacobian * deflection[:, None, None]
     # Σ_k Ω_k × m_k holds the antisymmetric part of Σ_k Ω_k m_kᵀ.
     pairs = moves @ turned.transpose(0, 2, 1)[:, None]
     bent = (pairs - np.swapaxes(pairs, -1, -2))[..., [2, 0, 1], [1, 2, 0]]

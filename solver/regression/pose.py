@@ -29,12 +29,12 @@ class RigidDisplacement:
 
 
 def refuse_unless_posed(measurements: Measurements) -> None:
-    """Refuse observations with fewer than three targets.
+    """Refuse observations with fewer than three targets whose three coordinates were read.
 
     Raises:
         UnsupportedMethodError: naming the first such observation.
     """
-    counts = measurements.present.sum(axis=1)
+    counts = (measurements.coordinates == 3).sum(axis=1)
     poor = np.flatnonzero(counts < MIN_TARGETS)
     if len(poor):
         first = int(poor[0])
@@ -68,7 +68,7 @@ def fit_displacement(block: RegressorBlock, reference: FloatArray | None = None)
         reference = barycentre
     arm = np.where(present, block.points - reference[:, None], 0.0)
     W = np.where(present[..., None], whitener(block.measurements.covariance), 0.0)
-    G = np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1)
+    G = block.measurements.shown(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
     Q, R = np.linalg.qr((W @ G).reshape(len(arm), -1, 6))
     d = (W @ block.measurements.deflection[..., None]).reshape(len(arm), -1, 1)
     x = np.linalg.solve(R, Q.transpose(0, 2, 1) @ d)[..., 0]

@@ -44,7 +44,8 @@ class RegressorBlock:
     torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
     load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
     points: FloatArray  #: (B, T, 3) the targets in R0, in these configurations [m]
-    jacobian: FloatArray  #: (B, T, 3, n) J_v at the targets [m/rad]
+    #: (B, T, 3, n) J_v at the targets [m/rad], or the part of it that a reading along a direction shows
+    jacobian: FloatArray
     A: FloatArray  #: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present
     measurements: Measurements  #: the observations themselves
 
@@ -148,7 +149,7 @@ def _assembled(
     points: FloatArray,
     part: Measurements,
 ) -> RegressorBlock:
-    jacobian = configurations.jacobian_at(points)
+    jacobian = part.shown(configurations.jacobian_at(points))
     A = jacobian * torque[:, None, None]
     if not part.present.all():
         A[~part.present] = 0.0
@@ -171,7 +172,11 @@ def link_motion(robot: Robot, block: RegressorBlock) -> tuple[FloatArray, FloatA
     wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
     turn = -skew(block.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
     moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
-    return moves, wrench[:, :, 0], lever
+    return (
+        moves if part.direction is None else np.array([part.shown(each) for each in moves]),
+        wrench[:, :, 0],
+        lever,
+    )
 
 
 _ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))

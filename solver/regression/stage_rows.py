@@ -134,7 +134,7 @@ def target_readings(block: RegressorBlock) -> DerivedReadings:
         A=block.A.reshape(-1, 3, n),
         y=part.deflection.reshape(-1, 3),
         whitener=weights if weights.ndim == 2 else weights.reshape(-1, 3, 3),
-        count=3 * int(part.present.sum()),
+        count=int(part.coordinates.sum()),
         weight=None if part.weight is None else part.weight.reshape(-1, 1, 1),
     )
 

@@ -705,6 +705,7 @@ export const en = {
     checked: (done: number, all: number) => `${done} of ${all} done`,
     heldOut: "held out: left out of the fit, to judge the model",
     anchor: (number: number) => `cable to anchor ${number}`,
+    readAlong: (axis: string) => `read the gauge along (${axis}), axes of R0`,
     next: (label: string) => `Next: ${label}`,
     show: (label: string) => `Show ${label}`,
     tick: (label: string) => `${label} is done`,

@@ -131,6 +131,7 @@ function Current({
       </p>
       <p>
         {text.next.load(loadOf(reading))}
+        {reading.direction && `; ${words.readAlong(reading.direction.map((part) => fixed(part, 2)).join(", "))}`}
         {reading.validation && <span class="soft"> ({words.heldOut})</span>}
       </p>
     </section>

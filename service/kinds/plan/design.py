@@ -64,7 +64,7 @@ def to_design_request(
         nominal[j] = 1.0 / known.stiffness
     names, targets = named_targets(request, robot, so_far)
     wanted = [joint_index(robot, name, "joints") for name in request.joints]
-    area = request.work_area
+    area, directions = request.work_area, _directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
     return PlanRequest(
         equipment=Equipment(
@@ -83,6 +83,7 @@ def to_design_request(
         candidates=request.candidates,
         joints=np.array(wanted, dtype=np.intp) if wanted else None,
         work_area=None if area is None else np.array(area),
+        directions=directions,
         links=lack_of_fit if request.elastic_links is None else request.elastic_links,
         link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
@@ -112,6 +113,7 @@ def to_plan_result(
                 joints=joints.tolist(),
                 force=tuple(force.tolist()),
                 anchor=None if anchor < 0 else int(anchor),
+                direction=None if plan.along is None else _point(plan.along[i]),
                 validation=bool(held),
             )
             for i, (joints, force, anchor, held) in enumerate(
@@ -168,7 +170,18 @@ def named_targets(
             where="targets",
             remedy="give at least one target by name, in the flange frame and in metres",
         )
-    return so_far[1], targets_in_flange(robot, so_far[0])
+    places = targets_in_flange(robot, so_far[0])
+    if so_far[0].direction is None:
+        return so_far[1], places
+    if not request.directions:
+        raise RequestError(
+            "readings of the campaign are along directions, and the plan's are not said",
+            where="directions",
+            remedy="give the directions that a gauge can take, or the targets of a tracker",
+        )
+    # Each direction of a gauge has a name of its own; the plan names places.
+    first = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
+    return tuple(so_far[1][t] for t in first), places[first]
 
 
 def _load_point(request: plans.PlanRequest, so_far: SoFar | None) -> FloatArray:
@@ -208,6 +221,21 @@ def _instrument(tracker: plans.PlannedTracker | None) -> Instrument | None:
     return Instrument(
         tracker.station, along.constant, along.per_distance, across.constant, across.per_distance
     )
+
+
+def _directions(request: plans.PlanRequest) -> FloatArray | None:
+    """Return unit vectors along one of which each reading is taken (D, 3); None for all coordinates."""
+    if not request.directions:
+        return None
+    vectors = np.array(request.directions)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not length.all() or request.tracker is not None:
+        raise RequestError(
+            "a direction is zero" if request.tracker is None else "a tracker reads all three coordinates",
+            where="directions",
+            remedy="give directions other than zero, and `sigma` instead of `tracker`",
+        )
+    return np.asarray(vectors / length)
 
 
 def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> Cell:

@@ -64,6 +64,7 @@ def _joints(result: PlanResult) -> Table:
 def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     """Return a row for each posture; with boxes to tick on paper."""
     readings = result.readings
+    gauged = any(each.direction is not None for each in readings)
     angles = [
         Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
         for j, name in enumerate(_axes(result))
@@ -75,6 +76,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             *angles,
             Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
             Column("direction", [_direction(job, each) for each in readings], text=True),
+            *([Column("read along", [_along(each) for each in readings], text=True)] if gauged else []),
             *(ticks if boxes else []),
         ],
         title="Readings, in order",
@@ -96,8 +98,17 @@ def _direction(job: Plan, reading: PlannedReading) -> str:
         return f"to anchor {reading.anchor + 1}, {_millimetres(job.request.load.anchors[reading.anchor])} mm"
     size = hypot(*reading.force)
     unit = [part / size if size else 0.0 for part in reading.force]
-    if unit[2] < _DOWN:
-        return "down"
+    return "down" if unit[2] < _DOWN else _components(unit)
+
+
+def _along(reading: PlannedReading) -> str:
+    """Return the direction of a gauge: the axis of R0 where it is one, as `import` reads it."""
+    direction = reading.direction or (0.0, 0.0, 0.0)
+    axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
+    return axis or _components(direction)
+
+
+def _components(unit: Sequence[float]) -> str:
     return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
 
 
@@ -112,11 +123,13 @@ def readings_sheet(plan: Plan) -> Sheet:
         return Sheet({})
     names = [f"joint_{j + 1} [deg]" for j in range(len(result.readings[0].joints))]
     places = [f"load point {axis} [mm]" for axis in "xyz"]
+    along = dict.fromkeys(_along(each) for each in result.readings if each.direction is not None)
+    states = ("along",) if along else ("unloaded", "loaded")
     empty = [
         f"{target} {state} {axis} [mm]"
         for target in result.targets
-        for state in ("unloaded", "loaded")
-        for axis in "xyz"
+        for state in states
+        for axis in along or "xyz"
     ]
     return Sheet.of_rows(
         {

@@ -90,6 +90,22 @@ class TestPromise:
         alone = plan_campaign(robot, request_of(equipment(), readings=6, seed=1))
         assert np.square(second.uncertainty).sum() < np.square(alone.uncertainty).sum()
 
+    def test_of_a_gauge_is_what_its_rows_say(self, robot):
+        """The promise by the simulator's kinematics, and better than one direction for all readings."""
+        tools = replace(equipment(), targets=PLACES[:1])
+        axes = np.eye(3)
+        plan = plan_campaign(robot, request_of(tools, readings=20, directions=axes))
+        assert {int(np.argmax(row)) for row in plan.along} > {0}
+        posture = ARM.posture(plan.joints)
+        target = posture.point_to_base(np.broadcast_to(PLACES[0], (20, 3)))
+        load = posture.point_to_base(np.broadcast_to(LOAD_POINT, (20, 3)))
+        torque = np.einsum("nji,ni->nj", posture.velocities(load), plan.force)
+        A = np.einsum("nji,ni->nj", posture.velocities(target), plan.along) * torque * ARM.compliances
+        promised = np.sqrt(np.diag(np.linalg.inv(A.T @ A))) * np.sqrt(2.0) * SIGMA
+        np.testing.assert_allclose(plan.uncertainty, promised, rtol=1e-6)
+        up = plan_campaign(robot, request_of(tools, readings=20, directions=axes[2:]))
+        assert np.square(plan.uncertainty).sum() < np.square(up.uncertainty).sum()
+
     @pytest.mark.parametrize("kind", ["dead_weight", "any_direction", "cable"])
     def test_better_than_other_plans_and_certified(self, robot, kind):
         tools = equipment(kind, anchors=[[3.0, 3.0, 0.0], [3.0, -3.0, 0.0], [0.0, 3.0, 3.0]])

@@ -1,0 +1,203 @@
+"""Readings along a direction as they are posted, stored, imported and planned."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from support.campaigns import prepare
+from support.gauges import by_gauges, triads
+from support.importing_samples import sources_of
+
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Reading
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.library.in_process import identify
+from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.errors import MeasurementError
+
+ARM = default_arm()
+
+
+def gauges(count=20, **options):
+    document = simulate_campaign(ARM, **{"load": "pull", "readings": "deflections", "seed": 3} | options)
+    return document, by_gauges(document, triads(count))
+
+
+def measured(document, **changes):
+    return document | {"measurement_set": document["measurement_set"] | changes}
+
+
+def test_what_was_posted_comes_back():
+    document = gauges(configurations=20)[1]["measurement_set"]
+    document["observations"][0]["readings"][0]["sigma"] = 1e-6
+    posted = MeasurementSetDocument.model_validate_json(json.dumps(document))
+    arrays = ReadingArrays.from_observations(posted.observations)
+    stored = ReadingArrays.unpack(arrays.pack())
+    for again in (arrays.observations(), stored.observations()):
+        assert [each.model_dump(exclude_none=True) for each in again] == [
+            each.model_dump(exclude_none=True) for each in posted.observations
+        ]
+    assert stored.digest() == arrays.digest()
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"displacement": 1.0},
+        {"direction": (0.0, 0.0, 1.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 0.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 1.0), "flange_direction": (0.0, 0.0, 1.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 1.0), "deflection": (0.0, 0.0, 1.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 1.0), "unloaded": (0.0, 0.0, 1.0)},
+    ],
+)
+def test_a_reading_is_of_one_kind(fields):
+    with pytest.raises(ValidationError, match="displacement"):
+        Reading(target="tip", **fields)
+
+
+def test_a_gauge_has_its_place_in_the_flange():
+    document = measured(gauges()[1], flange_targets={})
+    with pytest.raises(MeasurementError, match="no position in the flange frame"):
+        prepare(document)
+
+
+def test_directions_turn_with_the_tracker_frame():
+    """All in the frame of a tracker that stands askew gives the same as in R0."""
+    document = gauges()[1]
+    R = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    R = R * np.linalg.det(R)
+    turned = json.loads(json.dumps(document))
+    for observation in turned["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            reading["direction"] = (R.T @ np.array(reading["direction"])).tolist()
+    frame = {"rotation": R.tolist(), "translation": [1.0, 2.0, 3.0]}
+    turned = measured(turned, frame=frame)
+    found = [identify(each, elasticity="joints").result.joints for each in (document, turned)]
+    for one, other in zip(*found, strict=True):
+        assert other.compliance == pytest.approx(one.compliance, rel=1e-9)
+
+
+class TestNoise:
+    """A gauge has noise of its own, beside the tracker's in any form."""
+
+    def mixed(self, noise, sigma):
+        document, of_gauges = gauges(targets={"P0": (0.1, 0.0, 0.1), "P1": (0.0, 0.1, 0.1)})
+        both = [
+            tracker
+            | {"readings": [tracker["readings"][0], *({**r, **sigma} for r in gauge["readings"][3:4])]}
+            for tracker, gauge in zip(
+                document["measurement_set"]["observations"],
+                of_gauges["measurement_set"]["observations"],
+                strict=True,
+            )
+        ]
+        places = {"P0": (0.1, 0.0, 0.1), "P1 0": (0.0, 0.1, 0.1)}
+        return prepare(measured(document, observations=both, flange_targets=places, noise=noise))[1]
+
+    def test_of_each_kind_is_weighed_by_its_own(self):
+        for noise in (
+            {"sigma": 2e-5},
+            {
+                "instrument": {
+                    "station": [3.0, 0.0, 0.0],
+                    "range": {"constant": 2e-5, "per_distance": 0.0},
+                    "transverse": {"constant": 2e-5, "per_distance": 0.0},
+                }
+            },
+        ):
+            readings = self.mixed(noise, {"sigma": 2e-6})
+            variance = readings.sigma**2 * np.trace(readings.covariance, axis1=-2, axis2=-1) / 6.0
+            np.testing.assert_allclose(variance[:, 0], 4e-10, rtol=1e-12)
+            np.testing.assert_allclose(variance[:, 1], 4e-12, rtol=1e-12)
+
+    def test_of_the_set_holds_for_a_gauge_that_states_none(self):
+        assert self.mixed({"sigma": 2e-5}, {}).sigma == 2e-5
+
+    def test_of_a_tracker_is_not_that_of_a_gauge(self):
+        sheet = {
+            "station": [3.0, 0.0, 0.0],
+            "range": {"constant": 2e-5, "per_distance": 0.0},
+            "transverse": {"constant": 2e-5, "per_distance": 0.0},
+        }
+        with pytest.raises(MeasurementError, match="does not apply"):
+            self.mixed({"instrument": sheet}, {})
+
+    def test_of_the_tracker_is_needed_beside_that_of_a_gauge(self):
+        with pytest.raises(MeasurementError, match="does not apply"):
+            self.mixed(None, {"sigma": 2e-6})
+
+
+def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
+    """Twenty campaigns of 20 postures with three gauges: no false alarm, intervals about the truth."""
+    inside, joints = 0, 0
+    for seed in range(20):
+        document = simulate_campaign(
+            ARM,
+            load="pull",
+            readings="deflections",
+            seed=seed,
+            configurations=20,
+            targets={"tip": (0.1, 0.0, 0.1)},
+        )
+        noise = {"sigma": 2e-5, "load_point": 1e-9}
+        run = identify(measured(by_gauges(document, triads(20, seed)), noise=noise))
+        assert run.result.assessment.verdict == "use", run.result.assessment.reasons
+        assert not [w for w in run.result.warnings if w.severity != "note"]
+        for joint, k in zip(run.result.joints, ARM.stiffnesses, strict=True):
+            joints += joint.stiffness_interval is not None
+            low, high = joint.stiffness_interval
+            inside += low <= k <= (high or np.inf)
+    assert inside >= 0.88 * joints  # 114 of 120 are expected, 106 at p = 0.001
+
+
+def test_a_gauge_that_slipped_is_told():
+    document = simulate_campaign(ARM, load="pull", readings="deflections", seed=3, configurations=30)
+    of_gauges = by_gauges(document, triads(30)[:, :1])
+    of_gauges["measurement_set"]["observations"][7]["readings"][0]["displacement"] += 1e-3
+    run = identify(of_gauges)
+    assert "residual_outlier" in {warning.code for warning in run.result.warnings}
+    assert run.result.assessment.verdict != "use"
+    actions = [reason.action for reason in run.result.assessment.reasons if reason.action]
+    assert "use_huber" not in {action.kind for action in actions}
+
+
+class TestImport:
+    HEADER = "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];tip along x [mm];tip along z [mm]\n"
+
+    def document(self, rows, **options):
+        files = sources_of(("gauges.csv", self.HEADER + rows))
+        asked = {
+            "encoders": "motor",
+            "load_point": (0.0, 0.0, 100.0),
+            "flange_targets": {"tip": (1.0, 2.0, 3.0)},
+        }
+        return import_files(files, ImportRequest.model_validate(asked | options))
+
+    def test_a_column_with_its_direction(self):
+        answer = self.document("a;1;2;0;0;-100;0.25;\nb;1;2;0;0;-100;;-0.5\n")
+        assert answer.missing == []
+        first, second = (each.readings for each in answer.measurement_set.observations)
+        assert [(r.target, r.displacement, r.direction) for r in (*first, *second)] == [
+            ("tip along x", 0.25, (1.0, 0.0, 0.0)),
+            ("tip along z", -0.5, (0.0, 0.0, 1.0)),
+        ]
+        assert answer.measurement_set.flange_targets["tip along z"] == (1.0, 2.0, 3.0)
+
+    def test_its_place_is_asked_for(self):
+        answer = self.document("a;1;2;0;0;-100;0.25;\n", flange_targets={})
+        assert "flange_targets" in answer.missing_fields
+
+    def test_a_row_without_any_reading_is_told(self):
+        answer = self.document("a;1;2;0;0;-100;0.25;\nb;1;2;0;0;-100;;\n")
+        assert any("b" in note for note in answer.preview.assumptions)
+
+    def test_no_target_or_another_state_is_refused(self):
+        for header in ("along z [mm]", "tip unloaded along z [mm]"):
+            files = sources_of(("a.csv", f"label;{header}\na;1\n"))
+            with pytest.raises(ImportRefusedError, match="along an axis"):
+                import_files(files, ImportRequest())
