@@ -17,6 +17,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "generated_pages",
     "external_code",
+    "llms",
 ]
 exclude_patterns = ["extensions"]
 

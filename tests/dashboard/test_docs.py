@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(not SITE.is_dir(), reason="the documentation is 
 def test_the_policy_of_the_documentation_is_strict(api):
     answer = api.get("/docs")
     assert answer.headers["location"] == "docs/"
-    for path in ("/docs/", "/docs/api.html", "/docs/searchindex.js"):
+    for path in ("/docs/", "/docs/api.html", "/docs/searchindex.js", "/docs/llms.txt"):
         headers = api.get(path).headers
         assert "default-src 'none'; script-src 'self'; style-src 'self'" in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"

@@ -14,6 +14,7 @@ sys.path.insert(0, str(ROOT / "docs" / "extensions"))
 from external_code import externalise, inline_code  # noqa: E402
 from generated_pages import python_pages  # noqa: E402
 from http_reference import messages_page, operations_page  # noqa: E402
+from llms import llms_text  # noqa: E402
 
 
 def test_the_reference_has_every_operation_and_message(openapi):
@@ -62,6 +63,15 @@ def test_every_guide_is_on_the_map():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
     assert pages <= set(index.split())
+
+
+def test_llms_txt_has_every_page_with_its_task():
+    text = llms_text((ROOT / "docs" / "index.md").read_text(encoding="utf-8"))
+    assert text.startswith("# Jointstiff\n\n> Jointstiff identifies")
+    listed = {line.split("](")[1].split(")")[0] for line in text.splitlines() if line.startswith("- [")}
+    pages = {f"{path.stem}.html" for path in (ROOT / "docs").glob("*.md")} - {"index.html", "changelog.html"}
+    assert pages <= listed
+    assert "- [Webhooks](webhooks.html): inform other systems of runs and alarms\n" in text
 
 
 def test_the_python_reference_has_every_public_module():

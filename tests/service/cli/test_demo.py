@@ -53,6 +53,14 @@ def test_it_shows_the_whole_path_and_adds_nothing_twice(demonstrated):
     assert (folder / "jointstiff-demo.db").exists()
 
 
+def test_it_prints_the_lines_of_the_readme(demonstrated):
+    _, printed = demonstrated
+    blocks = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8").split("\n```\n")
+    lines = next(block for block in blocks if block.startswith("Use: ")).splitlines()
+    words = " ".join(printed.replace("┃", "│").split())  # a terminal breaks long lines
+    assert [line for line in lines if " ".join(line.split()) not in words] == []
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="children are read from /proc")
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_no_process_is_left_after_a_signal(demonstrated, sent):
