@@ -46,8 +46,8 @@ _TURN_SECONDS: Final = 0.0005
 """Time that a thread computes before another one that waits gets its turn: the one that answers waits for
 each of those that work, several times a request."""
 _UNCONTROLLED: Final = (
-    "warning: no access control; whoever reaches this address reads, posts and deletes, "
-    "unless a proxy refuses them"
+    "warning: no access control: everyone who reaches this address can read, post and delete, unless a "
+    "proxy prevents it"
 )
 
 
@@ -248,8 +248,9 @@ def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool, r
     except ValueError as error:
         raise ServerError(
             f"will not listen on {host}: {error}",
-            "demand keys (make one with `jointstiff keys create`), or put a proxy that authenticates before "
-            "it and add --no-access-control and --allowed-host NAME, the name in its addresses ('*' for any)",
+            "require keys (create one with `jointstiff keys create`), or put an authenticating proxy in "
+            "front and add --no-access-control and --allowed-host NAME, the name in its addresses ('*' for "
+            "any)",
         ) from error
 
 
@@ -269,10 +270,10 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture) -
     keyring.look()
     if not keyring.has_keys():
         raise ServerError(
-            "will not start: it demands keys, and there is none that is valid",
+            "will not start: it requires keys, and no key is valid",
             f'make one: jointstiff keys create "tablet hall 3" --role operator --database {_shown(database)} '
-            "(or --keys-file FILE); or listen on 127.0.0.1 without --require-key; or put a proxy that "
-            "authenticates before it and add --no-access-control and --allowed-host NAME",
+            "(or --keys-file FILE); or listen on 127.0.0.1 without --require-key; or put an authenticating "
+            "proxy in front and add --no-access-control and --allowed-host NAME",
         )
     return keyring
 

@@ -115,5 +115,5 @@ class IdentifiedModel(Message):
     degrees_of_freedom: float | None = Field(
         description="Degrees of freedom of sigma; null where it was given."
     )
-    error: ModelError | None = Field(description="Null where no posture could be left out: see `no_error`.")
-    no_error: str | None = Field(default=None, description="Reason why no posture could be left out.")
+    error: ModelError | None = Field(description="Null where no posture could be omitted: see `no_error`.")
+    no_error: str | None = Field(default=None, description="Reason why no posture could be omitted.")

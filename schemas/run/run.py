@@ -248,7 +248,7 @@ class RunResult(Result):
     budget: Budget | None = Field(
         default=None,
         description="Uncertainty budget of the compliances; null if links or coupling are elastic, or where "
-        "no uncertainty of the readings is known.",
+        "the uncertainty of the readings is unknown.",
     )
     weight: WeightResult | None = Field(
         default=None,

@@ -23,7 +23,7 @@ _LENGTH: Final = 43
 """62^43 > 2^256."""
 _KEY: Final = re.compile(r"(jst_([0-9a-f]{10})_[A-Za-z0-9]{43})_([0-9a-f]{8})", re.ASCII)
 _SECRETS: Final = re.compile(r"(jst|jsl)_[A-Za-z0-9_%-]*", re.ASCII)
-_REMEDY: Final = "copy the whole key, from jst_ to its last character; it was shown when it was made"
+_REMEDY: Final = "copy the whole key, from jst_ to its last character; it was shown once, when it was created"
 
 
 class Minted(NamedTuple):
@@ -64,7 +64,7 @@ def id_in(text: str) -> str:
     """
     found = _KEY.fullmatch(text)
     if found is None:
-        raise KeyRefusedError("what was sent is not the text of a key", _REMEDY)
+        raise KeyRefusedError("the text sent is not a key", _REMEDY)
     if _check(found[1]) != found[3]:
         raise KeyRefusedError("the key is mistyped: its check sum does not fit", _REMEDY)
     return found[2]

@@ -20,7 +20,7 @@ from jointstiff.service.store.store import Store
 
 _NOBODY: Final = digest(mint_token("jst"))
 """Hash that a key of unknown id is compared with: the answer takes as long."""
-_REMEDY: Final = "use another key; `jointstiff keys create NAME --role ROLE` makes one"
+_REMEDY: Final = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
 _NONE: Final[Mapping[str, AccessKey]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)

@@ -67,7 +67,7 @@ class KeysFile:
         try:
             with self._path.open("rb") as file:
                 if os.fstat(file.fileno()).st_mode & stat.S_IWOTH:
-                    raise KeysFileError(self._path, "every user can write keys into it (chmod o-w mends it)")
+                    raise KeysFileError(self._path, "every user can write to it; correct this with chmod o-w")
                 content = file.read(MAX_BYTES + 1)
             if len(content) > MAX_BYTES:
                 raise KeysFileError(self._path, f"it exceeds {MAX_BYTES // 1024} KiB")
@@ -75,9 +75,9 @@ class KeysFile:
         except OSError as error:
             raise KeysFileError(self._path, error.strerror) from error
         except ValidationError as error:
-            raise KeysFileError(self._path, "it is not a file of keys") from error
+            raise KeysFileError(self._path, "its content is not a file of keys") from error
         if len({entry.id for entry in document.keys}) < len(document.keys):
-            raise KeysFileError(self._path, "an id stands there twice")
+            raise KeysFileError(self._path, "an id occurs twice")
         return [AccessKey(**entry.model_dump(), last_used_at=None) for entry in document.keys]
 
     def add(self, key: AccessKey) -> None:

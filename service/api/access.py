@@ -44,7 +44,8 @@ _LONGEST_METHOD: Final = 16
 ASKED: Final = "jointstiff.asked"
 """Who asks, in the scope of a request; a process that forwards it has found out."""
 _REMEDY: Final = (
-    "send the header `Authorization: Bearer KEY`, or sign in on the page; `jointstiff keys create` makes keys"
+    "send the header `Authorization: Bearer KEY`, or sign in on the page; create keys with `jointstiff keys "
+    "create`"
 )
 
 _logger = logging.getLogger(__name__)
@@ -56,7 +57,7 @@ class UndeclaredRoleError(TypeError):
 
 _BEARER: Final = HTTPBearer(
     scheme_name="key",
-    description="A key (`jointstiff keys create`), where the service demands one. Browsers sign in with it "
+    description="A key (`jointstiff keys create`), where the service requires one. Browsers sign in with it "
     "(`POST /v1/session`) and send a cookie in its place.",
     auto_error=False,
 )
@@ -101,15 +102,15 @@ class Asked:
             return
         if self.is_open:
             raise RoleError(
-                "keys, webhooks and the audit are for admins, and this service demands no keys",
+                "keys, webhooks and the audit need an admin key, but this service requires no keys",
                 "use `jointstiff keys` at the terminal, or start the service with --require-key",
             )
         if self.key is None:
-            raise KeyRefusedError("no key came with the request", _REMEDY)
+            raise KeyRefusedError("the request has no key", _REMEDY)
         if ROLES.index(cast("Role", self.key.role)) < ROLES.index(role):
             raise RoleError(
-                f"the key's role is {self.key.role}, and this needs {role}",
-                f"use a key with the role {role}; `jointstiff keys create` makes one",
+                f"the key's role is {self.key.role}, but this needs {role}",
+                f"use a key with the role {role}; create one with `jointstiff keys create`",
             )
 
 
@@ -284,7 +285,7 @@ class _Auditor:
             self._minute, self._anonymous = minute, 0
         self._anonymous += 1
         if self._anonymous == ANONYMOUS_ENTRIES + 1:
-            _logger.warning("more requests without a valid key than the audit notes in a minute")
+            _logger.warning("more requests without a valid key than the audit records in a minute")
         return self._anonymous > ANONYMOUS_ENTRIES
 
 

@@ -125,7 +125,7 @@ class BoundedProtocol(H11Protocol):
             and not self.transport.is_closing()
         ):
             if not self.cycle.response_started:
-                reason = "too many bodies are being sent or worked on at once"
+                reason = "too many request bodies are being received or processed"
                 retry = {"Retry-After": str(RETRY_SECONDS[503])}
                 self.transport.write(_whole_answer(503, reason, "send it again later", retry))
             self.cycle.disconnected = True

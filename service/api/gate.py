@@ -127,8 +127,8 @@ class Gate:
         """
         if self.is_open:
             raise RequestError(
-                "nobody signs in here: the service demands no key",
-                remedy="open the page; a link stays unused, for a service that demands keys",
+                "signing in is not needed: this service requires no key",
+                remedy="open the page; the link stays valid for a service that requires keys",
             )
         await self._watch.latest()
         found = await self._checked(key, address) if key is not None else await self._redeemed(link, address)

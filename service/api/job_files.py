@@ -123,5 +123,5 @@ def _succeeded(jobs: Jobs, job_id: str) -> Job:
     """
     job = jobs.current(job_id)
     if job.result is None:
-        raise HTTPException(409, f"there is no result, because the {job.kind}'s state is {job.state}")
+        raise HTTPException(409, f"there is no result: the {job.kind}'s state is {job.state}")
     return job

@@ -80,12 +80,12 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
         RequestError: its assessment does not advise the action, or it cannot be applied.
     """
     if run.result is None:
-        raise HTTPException(409, f"there is no assessment, because the run's state is {run.state}")
+        raise HTTPException(409, f"there is no assessment: the run's state is {run.state}")
     if all(reason.action != action for reason in run.result.assessment.reasons):
         raise RequestError(
             "the assessment of this run does not advise this",
             where="kind",
-            remedy="send the `action` of one of its reasons unchanged",
+            remedy="send the `action` of one of its reasons without changes",
         )
     request = run.request.model_copy(update={"variant_of": run.id})
     if action.kind == "leave_out_readings":

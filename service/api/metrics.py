@@ -19,7 +19,7 @@ SILENT_SECONDS: Final = 10.0
 """A connection to the metrics that says nothing for so long is closed."""
 _SECONDS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
 _HELP: Final = {
-    "database_up": "1 if the last look at the database succeeded.",
+    "database_up": "1 if the last check of the database succeeded.",
     "workers": "Workers with a sign of life within 30 s.",
     "failing_workers": "Workers of this service that end soon after each start.",
     "stored_bytes": "Size of the database.",

@@ -121,14 +121,14 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {
 
 _DESCRIPTIONS: Final = {
     400: "The client disconnected before its body was complete.",
-    401: "A key is needed, and none came that opens the service.",
-    403: "The role of the key does not allow it, or a page of another site asks for a change.",
+    401: "A key is needed, and the request has no valid one.",
+    403: "The key's role does not allow this, or a page of another site requested a change.",
     404: "The resource does not exist.",
     409: "The resource's state does not allow this; see `remedy`.",
     413: "The body is too large.",
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
-    507: "The database has the size that it may have.",
-    429: "The queue is full, or too many wrong keys came; try again later.",
+    507: "The database has reached its quota.",
+    429: "The queue is full, or too many wrong keys were sent; try again later.",
     503: "The database is not available; try again later.",
 }

@@ -50,14 +50,14 @@ class Posture:
         named = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
         own = LOOPBACK_NAMES | {_bracketed(address)}
         if require_key and not access_control:
-            raise ValueError("it cannot both demand keys and leave the control to a proxy")
+            raise ValueError("the service cannot both require keys and leave access control to a proxy")
         if is_loopback(address):
             return cls("keys" if require_key else "loopback", own | named)
         if access_control:
             # A rebound name has neither the cookie nor the key: without names given, all are answered.
             return cls("keys", own | named if named - {"*"} else None)
         if not named:
-            raise ValueError("others reach this address, and no name of the service is given")
+            raise ValueError("other machines can reach this address, but the service has no name")
         return cls("none", None if "*" in named else LOOPBACK_NAMES | named)
 
 
@@ -100,9 +100,17 @@ class PostureGuard:
         hosts = headers.getlist("host")
         parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
         if parsed is None or not self._is_ours(parsed[1]):
-            return 421, "the service has no such name", "name it with --allowed-host where it is started"
+            return (
+                421,
+                "the service does not have this name",
+                "start the service with --allowed-host and this name",
+            )
         if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0]):
-            return 403, "a page of another site asks for a change", "use the service's own page, or a program"
+            return (
+                403,
+                "a page of another site requested a change",
+                "use the service's own page, or a program",
+            )
         return None
 
     def _is_ours(self, name: str) -> bool:

@@ -111,9 +111,7 @@ def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) 
     found = next((each for each in result.files if file in {None, each.name}), None)
     if found is None:
         names = ", ".join(each.name for each in result.files)
-        raise RequestError(
-            "the program has no such file", where="query.file", remedy=f"ask for one of {names}"
-        )
+        raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
     path = PurePath(found.name)
     name = f"{path.stem}-corrected{path.suffix}" if result.corrected else found.name
     return Response(
@@ -126,9 +124,7 @@ def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) 
 def _result(parts: PartsOf, program_id: str) -> ProgramResult:
     program = cast("Program", parts.jobs[Program.kind].current(program_id))
     if program.result is None:
-        raise HTTPException(
-            409, f"there are no corrected files, because the program's state is {program.state}"
-        )
+        raise HTTPException(409, f"there are no corrected files: the program's state is {program.state}")
     return program.result
 
 

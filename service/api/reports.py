@@ -84,7 +84,7 @@ def exported_model(parts: Parts, run_id: str) -> ExportedModel:
     """
     run = cast("Run", parts.jobs[Run.kind].current(run_id))
     if run.result is None:
-        raise HTTPException(409, f"there is no result, because the run's state is {run.state}")
+        raise HTTPException(409, f"there is no result: the run's state is {run.state}")
     prepared = parts.sets.prepared(run.request.measurement_set_id)
     stored = Robot.model_validate_json(parts.store.robots.get(prepared.robot_id).document)
     return ExportedModel(run, run.result, prepared.robot, stored.name, stored.geometry_id)
@@ -141,7 +141,7 @@ def get_issued_report(parts: PartsOf, run_id: JobId, number: Annotated[int, Path
     for record in parts.store.authorisations.of(run_id=run_id):
         if record.number == number:
             return _file(record.pdf, f"{run_id}-{number}", "pdf")
-    raise HTTPException(404, f"no report {number} of run '{run_id}' was authorised")
+    raise HTTPException(404, f"run '{run_id}' has no authorised report {number}")
 
 
 @router.post(
@@ -164,12 +164,12 @@ def authorise_run(
     subject = _subject(parts, run_id, settings)
     if settings.laboratory is None:
         raise HTTPException(
-            409, "no laboratory issues the report: start the service with --laboratory lab.toml"
+            409, "the service has no laboratory to issue reports: start it with --laboratory lab.toml"
         )
     _refuse_unknown(parts, run_id, body.supersedes)
     key = asked_of(request).key
     if key is None:
-        raise HTTPException(403, "a report is authorised under a named key, and none came")
+        raise HTTPException(403, "only a named key can authorise a report, and the request has no key")
     if body.customer is not None:
         changed = settings.laboratory.model_copy(update={"customer": body.customer})
         subject = replace(subject, settings=replace(settings, laboratory=changed))
@@ -237,7 +237,9 @@ def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
         return
     if superseded == run_id:
         raise RequestError(
-            "a report does not supersede itself", where="supersedes", remedy="omit it: a later one counts"
+            "a report cannot supersede itself",
+            where="supersedes",
+            remedy="omit it: the latest report of a run is valid",
         )
     try:
         stored_job(parts.store, Run, superseded)
@@ -247,7 +249,7 @@ def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
         raise RequestError(
             f"the report of run '{superseded}' supersedes this one",
             where="supersedes",
-            remedy="omit it: of two reports that supersede each other none would count",
+            remedy="omit it: if two reports supersede each other, none is valid",
         )
 
 

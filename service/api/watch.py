@@ -104,7 +104,9 @@ class Watch:
         if self._unwritable is not None:
             raise self._unwritable.with_traceback(None)
         if self._seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
-            raise StoreUnavailableError("a write to the database does not end", "look for what locks it")
+            raise StoreUnavailableError(
+                "a write to the database does not finish", "find the program that locks it"
+            )
         return seen
 
     def _prove_again(self) -> None:
@@ -141,7 +143,7 @@ class Watch:
             return Seen(time.monotonic(), error=error)
         except Exception:  # the thread has to go on; it may work again at the next look
             if self._seen is None or self._seen.error is None:  # not at each look again
-                _logger.exception("unexpected failure of a look at the database")
-            failed = StoreUnavailableError("the look at the database failed", "try again; see the log")
+                _logger.exception("unexpected failure of a check of the database")
+            failed = StoreUnavailableError("the check of the database failed", "try again; see the log")
             return Seen(time.monotonic(), error=failed)
         return Seen(time.monotonic(), workers, database, stored)

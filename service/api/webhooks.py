@@ -38,13 +38,13 @@ def create_webhook(request: Request, parts: PartsOf, body: WebhookRequest) -> Ne
         url = urlsplit(body.url)
         if "@" in url.netloc:
             raise RequestError(
-                "it has a user or a password, which lists would show",
+                "the address has a user or a password, which lists would show",
                 where="url",
-                remedy="leave them out: the receiver knows a message by its signature",
+                remedy="omit them: the receiver checks a message by its signature",
             )
         receiver_addresses(url.hostname or "", url.port or (443 if url.scheme == "https" else 80))
     except ValueError as error:
-        raise RequestError("it is no address", where="url", remedy="give https://HOST/PATH") from error
+        raise RequestError("this is not an address", where="url", remedy="give https://HOST/PATH") from error
     secret = new_secret()
     record = WebhookRecord(
         id=uuid4().hex,

@@ -181,7 +181,7 @@ def read_options(path: Path) -> dict[str, Any]:
         return dict(json.loads(path.read_bytes()))
     except (ValueError, TypeError, RecursionError):
         raise CampaignError(
-            http_problem(422, "the options are no JSON object", "correct that file")
+            http_problem(422, "the options are not a JSON object", "correct that file")
         ) from None
 
 

@@ -57,9 +57,7 @@ def write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None
         if not answer.missing:
             reason = "no template was written: the files have too many columns, or too long headers"
             raise failed(reason, "ignore columns that are not needed, in smaller files")
-        raise failed(
-            f"no template was written, because this is missing: {'; '.join(answer.missing)}", "add it"
-        )
+        raise failed(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
     refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
     write_text(path, json.dumps(template, indent=1, ensure_ascii=False))

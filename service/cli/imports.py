@@ -97,7 +97,7 @@ def import_readings(
         write_template(save_template, answer, overwrite=overwrite)
     if has_errors(answer) and not despite_errors:
         if output is not None:
-            warn(f"{output} is not written: correct the errors, or --despite-errors")
+            warn(f"{output} was not written: correct the errors, or use --despite-errors")
         raise typer.Exit(1)
     if output is not None:
         write_campaign(output, answer, owner, overwrite=overwrite)

@@ -128,7 +128,7 @@ def link(
     with _refusals():
         found = {key.id: key for key in _known(database, keys_file)}.get(key_id)
         if found is None or not found.is_live(now):
-            raise failed(f"no key {key_id!r} opens the service", "see `jointstiff keys list`")
+            raise failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
         with _opened(database) as store:
             store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
             _note(store, found, "POST", "createLink", 201)

@@ -64,7 +64,7 @@ def mended(campaign: Campaign, action: Action) -> Campaign:
         measured = _SETS[action.kind](measured, action)
     else:
         raise RequestError(
-            f"'{action.kind}' changes nothing", where="apply", remedy="do what the remedy of the reason says"
+            f"'{action.kind}' changes nothing", where="apply", remedy="follow the remedy of the reason"
         )
     label = f"in {action.unit}" if action.unit else action.kind.replace("_", " ")
     measured = measured.model_copy(update={"name": _renamed(measured.name, label)})

@@ -67,9 +67,9 @@ class PreparedSet:
         """
         if self.readings.unloaded_only.any():
             raise RequestError(
-                "the set has positions without a load, which show no deflection",
+                "the set has only positions without load, which show no deflection",
                 where="measurement_set_id",
-                remedy="identify it by the robot's own weight: a run with `weight`",
+                remedy="identify it by the robot's own weight: give `weight` in the run",
             )
         return self
 
@@ -208,5 +208,5 @@ def without(observations: Sequence[Observation], labels: Collection[str]) -> lis
         )
     kept = [observation for observation in observations if observation.label not in labels]
     if not kept:
-        raise RequestError("all observations are left out", where="leave_out", remedy="leave some of them in")
+        raise RequestError("all observations are left out", where="leave_out", remedy="include some of them")
     return kept

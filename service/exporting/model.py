@@ -45,7 +45,7 @@ class ExportedModel:
             raise RequestError(
                 f"run '{run.id}' has {run.state} and has no model",
                 where="run_id",
-                remedy="name one that succeeded",
+                remedy="give the id of a succeeded run",
             )
         return cls(run, run.result, robot, name, geometry_id)
 
@@ -113,7 +113,7 @@ def why_no_stiffness(joint: JointResult) -> str:
     if joint.compliance is None:
         return joint.reason or "the readings cannot determine it"
     if joint.compliance < 0.0:
-        return "the estimate is negative, which no spring is: identify with compliances not negative"
+        return "the estimate is negative: identify with compliances not negative"
     least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
     bound = "" if least is None else f"; it is at least {least / 1e6:.3g} · {_UNIT.label}"
     return f"the readings cannot distinguish the joint from rigid{bound}"

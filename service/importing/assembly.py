@@ -16,8 +16,8 @@ from jointstiff.service.importing.words import ALONG, Kind
 
 _U95: Final[Mapping[Literal["coordinate", "point"], str]] = MappingProxyType(
     {
-        "coordinate": "U(95) X, Y, Z was taken as the expanded uncertainty of each coordinate: σ = U/1.96",
-        "point": "U(95) was taken as the expanded uncertainty of each point, the root of the squares of its "
+        "coordinate": "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96",
+        "point": "U(95) was read as the expanded uncertainty of each point, the root of the squares of its "
         "coordinates' uncertainties: σ = U/(1.96 √3), for both states the root of the mean square",
     }
 )

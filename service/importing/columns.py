@@ -114,7 +114,7 @@ def understand(
     kinds = {meaning.kind for meaning in meanings}
     if rotation:
         first, *_, last = (headers[column].text for column in rotation)
-        notes.append(f"{first} to {last} were taken for the rotation of a probe, and not read")
+        notes.append(f"{first} to {last} were ignored as the rotation of a probe")
     if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
         meanings = [Meaning("name") if meaning.kind == "target" else meaning for meaning in meanings]
     names = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAMES]
@@ -261,7 +261,7 @@ def _with_states(
         if len(named) != 2 or len(split) != len(parts) or len(split) != 2 * len(targets):
             continue
         if named == words.DIGITS.keys():
-            notes.append("0 and 1 in headers were taken for `unloaded` and `loaded`")
+            notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
             found = list(meanings)
             for column, meaning in points:
                 target, word = split[meaning.target or ""]
@@ -273,7 +273,7 @@ def _with_states(
                 headers[points[0][0]].place,
                 f"{shown(first)} and {shown(second)} in the headers of positions may be states, but are "
                 "not known",
-                f'say which is without load: `state_words`, such as {{"{first}": "unloaded", '
+                f'name the state of each in `state_words`, such as {{"{first}": "unloaded", '
                 f'"{second}": "loaded"}}',
                 "state_words",
                 (first, second),
@@ -309,7 +309,7 @@ def _check_spelling(quantity: Quantity, headers: Sequence[HeaderCell], faults: F
     if quantity.kind in POINTS and len({letter.isupper() for letter in letters}) > 1:
         reason = f"{' and '.join(map(shown, (header.text for header in headers)))} are not spelt alike"
         faults.report(
-            headers[0].place, reason, "write x, y and z alike, or say what they mean with `columns`", UNKNOWN
+            headers[0].place, reason, "write x, y and z alike, or give their meaning in `columns`", UNKNOWN
         )
 
 
@@ -390,7 +390,7 @@ def _report_bare(bare: Sequence[tuple[Meaning, HeaderCell]], faults: Faults) -> 
     what = str(meaning)
     if meaning.target is not None:  # which may be another word
         what = f"{shown(header.text)}, read as {meaning},"
-        remedy += f"; if it is something else, say so with `columns`, such as {header.text}=x"
+        remedy += f"; if it means something else, give `columns`, such as {header.text}=x"
     faults.report(header.place, f"{what} has no unit{more}", remedy, f"units.{dimension}")
 
 

@@ -270,7 +270,7 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
         raise Fault(
             f"unknown column header {shown(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
-            "[mm]`, `P10 dx [mm]`, `x [mm]`; say what it means with `columns`, or skip it with `ignore`",
+            "[mm]`, `P10 dx [mm]`, `x [mm]`; give its meaning in `columns`, or skip it with `ignore`",
             UNKNOWN,
         )
     meaning = Meaning(meant, axes[0] if axes else 0, target, states[0] if states else None)

@@ -111,13 +111,13 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
         )
     notes += (*columns.notes, *deleted)
     if frame is not None:
-        notes += (f"positions are in the frame {shown(frame)}, as the file says",)
+        notes += (f"positions are in the frame {shown(frame)}, as the file states",)
     if unit is not None:
-        notes += (f"positions are in {spoken(unit)}, as the file says",)
+        notes += (f"positions are in {spoken(unit)}, as the file states",)
     if columns.units.get("length") == "in":
         notes += ("lengths in inches were converted to mm; so are numbers in options",)
     if "name" not in columns.texts and options.by_order:
-        notes += ("rows were matched to observations by their order, as `by_order` asks",)
+        notes += ("rows were matched to observations by their order, as `by_order` requires",)
     mark, numbers = None, [column for indices in columns.quantities.values() for column in indices]
     with faults.collected():
         mark, assumed = decide_mark(grid, rows, numbers, options.decimal_mark)
@@ -197,9 +197,9 @@ def _in_rows(grid: Grid, grammar: _Grammar, faults: Faults) -> _Heading:
                 f"the row is above the header in line {lines[0]}, but looks like data",
                 "move it below the header, or remove it",
             )
-    notes = [f"rows above the header were taken for titles: {start}"] if start else []
+    notes = [f"rows above the header were read as titles: {start}"] if start else []
     if count > 1:
-        notes.append(f"the header was put together of rows {', '.join(map(str, lines))}")
+        notes.append(f"the header was combined from rows {', '.join(map(str, lines))}")
     cells = _cells(grid, lines[-1], merged, guessed=count > 1)
     return _Heading(cells, lines, start + count, tuple(notes))
 
@@ -446,7 +446,7 @@ def _not_deleted(
     for row in rows:
         marked = MARKS.get(folded(row.cells[index]))
         if marked is None:
-            reason = f"{shown(row.cells[index])} does not say whether the row is deleted"
+            reason = f"{shown(row.cells[index])} does not show whether the row is deleted"
             remedy = "use 0 or 1, or skip the column with `ignore`"
             faults.report(grid.place(row, index), reason, remedy)
         elif not marked:

@@ -110,7 +110,7 @@ def names_of(layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
             names.of(layout.rows[0])
             by_file = any("target" in lacking for lacking in names.by_file)
             if not by_file or names_a_state(layout.grid.stem, options.state_words):
-                note = f"{layout.grid.file}: the column of targets was taken for the instrument's reflector"
+                note = f"{layout.grid.file}: the column of targets was read as the instrument's reflector"
                 notes += [*said, note]
                 return names
     return Names(layout, options, notes)
@@ -189,7 +189,7 @@ class Names:
             parts, state = _parts(name, words)
             if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
                 if words is not self._words:
-                    self._note("0 and 1 in names were taken for `unloaded` and `loaded`")
+                    self._note("0 and 1 in names were read as `unloaded` and `loaded`")
                 return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
         raise Fault(
             f"the name {shown(name)} does not show which observation, target and state it is",
@@ -263,7 +263,7 @@ def _merged(first: Naming, second: Naming) -> Naming:
         one, other = getattr(first, kind), getattr(second, kind)
         if one is not None and other is not None and one != other:
             raise Fault(
-                f"the {kind} is {shown(one)} by one name and {shown(other)} by another",
+                f"the {kind} is {shown(one)} in one name and {shown(other)} in another",
                 "correct the name of the point or of the file, or the templates",
             )
     return Naming(first.label or second.label, first.target or second.target, first.state or second.state)

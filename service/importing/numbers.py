@@ -61,8 +61,8 @@ def decide_mark(
         text, place = first[","]
         raise ImportFileError(
             place,
-            f"the comma in {shown(text)} may be a decimal comma or a thousands separator, "
-            "and no other number decides it",
+            f"{shown(text)} may have a decimal comma or a thousands separator, and no other number shows "
+            "which",
             "give `decimal_mark`, or write a point",
             "decimal_mark",
         )

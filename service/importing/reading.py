@@ -117,7 +117,7 @@ class _Reader:
             twice = [kind for kind in said for one in naming if kind not in {*one.needed, *one.texts}]
             if text and (twice or not naming):
                 what = " and ".join(twice or ["target", "state"])
-                reason = f"the template {shown(text)} is not needed: headers or columns say the {what}"
+                reason = f"the template {shown(text)} is not needed: headers or columns give the {what}"
                 self._faults.report(Place(), reason, f"correct it, or omit `{option}`", option)
         known = {collapsed(header) for layout in self.layouts for header in layout.headers}
         if self._options.layouts or "" in known:
@@ -141,7 +141,7 @@ class _Reader:
             if before != layout.frame:
                 frames = layout.frame or "not named", before or "not named"
                 reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
-                remedy = "export all in one frame; a file that names none may say it: # Frame: NAME"
+                remedy = "export all in one frame; add a line `# Frame: NAME` to a file that names none"
                 self._faults.report(place, reason, remedy)
 
 

@@ -169,7 +169,7 @@ class RowReader:
             return None, False
         reason = ""
         if state == "deflection":
-            reason = "an uncertainty of a deflection is not taken: those of its two positions are needed"
+            reason = "an uncertainty of a deflection cannot be used: give those of its two positions"
         elif expanded is None or min(expanded, default=0.0) < 0.0:
             reason = "an uncertainty must be positive"
         if reason:

@@ -58,7 +58,7 @@ def read_remarks(grid: Grid, titles: Sequence[Row]) -> tuple[Lines, str | None, 
         if match := _FRAME.search(text):
             name = collapsed(match[1].rstrip(", \t")).strip("'\"")
             if frame not in (None, name):
-                reason = f"the frame of the positions is {shown(name)}, but {shown(frame or '')} before"
+                reason = f"the frame of the positions is {shown(name)} here, but {shown(frame or '')} above"
                 raise ImportFileError(place, reason, "export one frame per file")
             frame = name
     return lines, unit, frame
@@ -85,6 +85,6 @@ def check_units(file: str, remarks: Lines, columns: Columns, faults: Faults) -> 
             dimension, unit = any_unit(word) or (None, "")
             held = columns.units.get(dimension) if dimension else None
             if dimension and held and unit != held:
-                reason = f"{shown(word)} stands here, but {dimension}s are in {spoken(held)}"
+                reason = f"{shown(word)} is given here, but {dimension}s are in {spoken(held)}"
                 remedy = "correct the unit, or remove the remark"
                 faults.report(Place(file, line), reason, remedy, f"units.{dimension}")

@@ -87,11 +87,11 @@ class Surroundings:
         for kind, texts in self.unclear.items():
             field_ = {"times": "measured_at", "temperatures": "conditions"}[kind]
             notes.append(
-                f"{kind} were not understood, such as {shown(texts[0])} ({len(texts)} rows), and not taken: "
-                f"note them with `{field_}`"
+                f"{kind} were not understood and not used, such as {shown(texts[0])} ({len(texts)} rows): "
+                f"give them with `{field_}`"
             )
         if self.rounded:
-            notes.append(f"U(95) of 0 is rounded to 1 µm, and was taken as 0.5 µm ({self.rounded} cells)")
+            notes.append(f"U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm ({self.rounded} cells)")
         return notes
 
 

@@ -75,5 +75,5 @@ def _unknown(what: str, identifier: str, where: str) -> RequestError:
     return RequestError(
         f"the file holds no {what} '{identifier}'",
         where=where,
-        remedy=f"give the {what} itself: nothing stored can be used from a file",
+        remedy=f"give the {what} itself: a file cannot refer to stored resources",
     )

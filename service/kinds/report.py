@@ -26,7 +26,7 @@ from jointstiff.service.tables.verdict import (
 from jointstiff.service.tables.view import Report, View
 
 _DEFAULT: Final = View()
-_DESPITE: Final = Line("  made despite this verdict, as the request accepts it", "bad")
+_DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
 
 
 def job_report(kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:

@@ -24,7 +24,7 @@ def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:
     try:
         return kind.model_validate(_printable(json.loads(response.content)))
     except (ValidationError, ValueError, RecursionError) as error:
-        raise alien(f"which is no {kind.__name__}") from error
+        raise alien(f"which is not a {kind.__name__}") from error
 
 
 def problem_in(response: httpx2.Response) -> Problem:
@@ -48,14 +48,14 @@ def silence(address: object, error: Exception) -> Problem:
     return http_problem(
         503,
         f"no answer from {address}: {error}",
-        "start it: jointstiff serve; or name the address of one that runs: --server",
+        "start it with `jointstiff serve`, or give the address of a running service with --server",
     )
 
 
 def no_address(text: str) -> Problem:
     """Build the problem that a text is no address of a service."""
     remedy = "write the address with http:// before it, such as http://127.0.0.1:8000"
-    return http_problem(422, f"'{text}' is no address of a service", remedy)
+    return http_problem(422, f"'{text}' is not the address of a service", remedy)
 
 
 def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON

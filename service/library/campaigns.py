@@ -236,7 +236,7 @@ def add_model(inputs: FromFile, campaign: Campaign, run: Run | None) -> str:
             raise RequestError(
                 f"the run '{run.id}' is of another robot or of other readings",
                 where="run_id",
-                remedy="give a run of this campaign, made by this version, or none to identify it now",
+                remedy="give a run of this campaign by this version, or omit it to identify the campaign now",
             )
     return inputs.add_run(run, set_id)
 

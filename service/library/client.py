@@ -77,7 +77,7 @@ class Client:
             raise RefusedError(no_address(url))
         key = (os.environ.get("JOINTSTIFF_KEY", "") if key is None else key).strip()
         if not (key.isascii() and key.isprintable()):  # HTTP's own complaint would show the key
-            raise RefusedError(http_problem(401, "what was given cannot be a key", "copy the whole key"))
+            raise RefusedError(http_problem(401, "the text given is not a key", "copy the whole key"))
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
             self._http = httpx2.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)

@@ -25,7 +25,7 @@ from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.resources.imports import import_files
 
 _CONFLICT: Final = "urn:jointstiff:problem:idempotency-conflict"
-_TAKEN_BEFORE: Final = "its content was taken before, under another name"
+_TAKEN_BEFORE: Final = "the same content was imported before, under another name"
 
 
 class Delivery:
@@ -101,7 +101,7 @@ class Delivery:
                 http_problem(
                     422,
                     f"the campaign's robot has other kinematics, limits or joint map than '{robot.name}'",
-                    "drop it into the folder of its own robot, or post it with `jointstiff post`",
+                    "move it to the folder of its own robot, or post it with `jointstiff post`",
                 )
             )
         return _plain(campaign.measurement_set), _plain(campaign.run)

@@ -150,7 +150,7 @@ class WatchedFolder:
     def _take(self, name: str, seen: _Seen, now: float) -> Iterator[Event]:
         if Path(name).suffix.lower() not in self._deliver.suffixes:
             taken = ", ".join(sorted(self._deliver.suffixes))
-            yield from self._once(name, "left", f"only {taken} are taken; it stays")
+            yield from self._once(name, "left", f"only {taken} are read; the file stays")
             return
         settled = now - seen.since >= self._settle
         file = self._read(name, seen)

@@ -59,7 +59,7 @@ class _Shown:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
         if file.made_of == "work" and self._inputs is None:
-            raise ValueError(f"the table of a {kind.name} is made of its inputs, which are the service's")
+            raise ValueError(f"the table of a {kind.name} is made from inputs that only the service has")
         return written(job_sheet(kind, file, job, lambda: kind.work(self._inputs, job.request)), suffix)
 
     def __str__(self) -> str:
@@ -143,7 +143,7 @@ class TabledRun(_Shown, Run):
         """
         if self._campaign is None:
             raise RequestError(
-                "the run does not know its campaign",
+                "the run has no reference to its campaign",
                 where="run",
                 remedy="use a run that `jointstiff.identify` returned, or the client of its service",
             )

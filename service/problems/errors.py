@@ -65,8 +65,10 @@ class VerdictError(RequestError):
         super().__init__(
             f"the verdict on {subject} is: do not use",
             where=where,
-            remedy="do what the reasons advise and identify again; or, to go on all the same, state "
-            "accept_verdict: do_not_use (--despite-verdict in the terminal)",
+            remedy=(
+                "follow the remedies of its reasons and identify again; to continue anyway, give "
+                "`accept_verdict`: do_not_use (--despite-verdict in the terminal)"
+            ),
         )
         self.subject = subject
         self.items = items
@@ -166,7 +168,7 @@ class AuthorisedError(StoreError):
     def __init__(self, identifier: str) -> None:
         super().__init__(
             f"a report on the run {_shown(identifier)} was authorised",
-            "keep the run: whoever has the report may ask for what it states",
+            "keep the run: the report refers to it",
         )
 
 
@@ -176,7 +178,7 @@ class WorkerLostError(StoreError):
     def __init__(self, reason: str) -> None:
         super().__init__(
             reason,
-            "send it again; if its workers die again, split it, give them more memory, or see their logs",
+            "send it again; if its workers end again, split it, give them more memory, or read their logs",
         )
 
 
@@ -185,7 +187,7 @@ class QuotaError(StoreError):
 
     def __init__(self, used: int, quota: int) -> None:
         super().__init__(
-            f"the database has {used / 1e6:,.0f} MB, and may have {quota / 1e6:,.0f} MB",
+            f"the database has {used / 1e6:,.0f} MB, and its quota is {quota / 1e6:,.0f} MB",
             "delete jobs and measurement sets, which gives room after 30 days, or start the service with a "
             "larger --quota",
         )
@@ -212,8 +214,8 @@ class WrongKeysError(KeyRefusedError):
 
     def __init__(self) -> None:
         super().__init__(
-            "too many wrong keys came from this address",
-            "wait a minute, then send the right key; a right one is taken at any time",
+            "too many wrong keys were sent from this address",
+            "wait a minute before trying again; a valid key is accepted at any time",
         )
 
 

@@ -52,7 +52,7 @@ _NO_OBJECT: Final = {"model_type", "model_attributes_type", "dict_type"}
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
     {
         UnsupportedMethodError: (422, "unsupported-method", "The readings cannot support this method"),
-        VerdictError: (422, "not-to-be-used", "The result is not to be used"),
+        VerdictError: (422, "not-to-be-used", "The result must not be used"),
         FilesError: (422, "invalid-file", "The files were not understood"),
         RequestError: (422, "invalid-request", "The request cannot be carried out"),
         RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
@@ -69,7 +69,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         TooManyJobsError: (429, "too-many-jobs", "The queue is full"),
         ReferencedError: (409, "referenced", "Other resources refer to it"),
         QuotaError: (507, "quota", "The database is full"),
-        AuthorisedError: (409, "authorised", "Its report was authorised"),
+        AuthorisedError: (409, "authorised", "The run has an authorised report"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
         WorkerLostError: (500, "worker-lost", "The workers of the job died"),
         NotFoundError: (404, "not-found", "The resource does not exist"),
@@ -161,7 +161,7 @@ def _otherwise(error: Mapping[str, Any]) -> str:
     """The remedy where the kind of fault has none of its own."""
     if error["loc"] and error["loc"][0] in _OUTSIDE:
         return "see this address in /openapi.json"
-    return "correct it as the reason says" if error["type"] == "value_error" else _COMPARE
+    return "correct the field as the reason says" if error["type"] == "value_error" else _COMPARE
 
 
 def _remedy(error: Mapping[str, Any]) -> str | None:

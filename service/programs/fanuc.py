@@ -74,7 +74,7 @@ class _Program(Script):
         )
         if name in self.recorded or not stand:
             fault = "comes twice" if stand else "moves another group"
-            self.refuse(place, f"{name} {fault}", "keep GP2 ... where they are, and each position once")
+            self.refuse(place, f"{name} {fault}", "leave GP2 ... unchanged, and give each position once")
         else:
             self.given[name] = place, literal
         self.recorded.add(name)
@@ -98,7 +98,7 @@ class _Program(Script):
         """Take the second position of an arc, which has a line of its own."""
         via, self.arc = self.arc, None
         if via is None:
-            self.refuse(place, "a position stands without a motion", "write J, L, C, A or S before it")
+            self.refuse(place, "a position has no motion command", "write J, L, C, A or S before it")
         else:
             self._moved(via[0], "C", [via, (place, point)])
 
@@ -126,8 +126,8 @@ class _Program(Script):
             used = [literal.texts.get(kind) or f"{at.value(literal.fields[kind]):g}" for kind in ("UF", "UT")]
             for which, number in zip(("UFRAME_NUM", "UTOOL_NUM"), used, strict=True):
                 if number.isdigit() and self.current.get(which, number) != number:
-                    reason = f"{name} is recorded with another {which} than is active"
-                    self.refuse(where, reason, "set the frame that it is recorded with")
+                    reason = f"{name} is recorded with another {which} than the active one"
+                    self.refuse(where, reason, "activate the frame that it is recorded with")
             frames.append((self.frame("UF", used[0]), self.frame("UT", used[1])))
             names.append(name)
         self.targeted(place, _MOTIONS[letter], names, frames)
@@ -166,7 +166,7 @@ def _point(c: Cursor) -> int:
     """Take P[n]."""
     if found := c.taken("P[n]"):
         return found[0]
-    raise c.misread("the target is no position of /POS", _REMEDY)
+    raise c.misread("the target is not a position of /POS", _REMEDY)
 
 
 _SPEED: Final = Forms("plain R [ e* ]", whole=False)
@@ -201,7 +201,7 @@ def _tail(c: Cursor) -> frozenset[str]:
         elif c.peek().text in _TAIL:
             calls |= _TAIL.take(c).calls
         else:
-            raise c.misread("what follows the target moves it, or is not known", _REMEDY)
+            raise c.misread("the text after the target moves it, or is unknown", _REMEDY)
     return calls
 
 
@@ -273,7 +273,7 @@ def _position(c: Cursor) -> Statement:
     c.expect(";")
     c.finish()
     if literal is None:
-        raise Misread("the position has no group GP1", "only the arm of group 1 is known")
+        raise Misread("the position has no group GP1", "only the arm of group 1 is supported")
     return Statement(act=partial(_Program.position, number=number, literal=literal, others=others))
 
 
@@ -287,7 +287,7 @@ def _group(c: Cursor, *, own: bool) -> Literal:
         name = c.name()
         c.expect(":", "=")
         if name in numbers or name in texts:
-            raise Misread(f"{name} stands twice in a position", _AGAIN)
+            raise Misread(f"{name} occurs twice in a position", _AGAIN)
         if name == "CONFIG":
             texts[name], said = _configuration(c)
         elif c.peek().kind == "number":
@@ -369,7 +369,7 @@ def read_fanuc(reader: Reader) -> None:
         elif here == "MN" and text.strip():
             instructions += _instructions(reader, line, start, text)
         elif here == "END" and text.strip():
-            reader.refuse(line, "something stands behind /END", "send one program")
+            reader.refuse(line, "there is text after /END", "send one program")
     if "MN" not in sections or "POS" not in sections:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         reader.refuse(None, "the file has no /MN and /POS", remedy)
@@ -389,7 +389,7 @@ def _instructions(reader: Reader, line: int, start: int, text: str) -> list[tupl
     if head or _ARC.match(text):
         remark = text[body:].lstrip().startswith(("!", "//", "--"))
         return [] if remark else [(start + body, start + len(text))]
-    remedy = "write the program as the controller does"
+    remedy = "write the program in the controller's form"
     reader.refuse(line, f"the line {shown(text)} has no number and colon", remedy)
     return []
 
@@ -399,7 +399,7 @@ def _positions(reader: Reader, place: int, end: int) -> list[tuple[int, int]]:
     source, spans = reader.sources[0], list[tuple[int, int]]()
     for found in _POSITION.finditer(source.text, place, end):
         if found[1] is None:
-            reason = f"{shown(found[0])} between positions is not known, or is one that has no end"
+            reason = f"{shown(found[0])} between positions is unknown or has no end"
             reader.refuse(source.line(found.start()), reason, _AGAIN)
             break
         spans.append(found.span())

@@ -61,12 +61,12 @@ def read_program(
         ProgramError: any of it was not understood; then nothing of it is taken.
     """
     if not files:
-        _refuse("program", None, "there is no file", "send a program")
+        _refuse("program", None, "no file was sent", "send a program")
     suffix = PurePath(files[0][0].lower()).suffix
     chosen = name or next((each for each, known in FORMATS.items() if suffix in known.suffixes.split()), "")
     if chosen not in FORMATS:
-        reason = "the format is not known by the file's name"
-        _refuse(files[0][0], None, reason, f"state it: {', '.join(FORMATS)}")
+        reason = "the file's name does not show the format"
+        _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > (3 if chosen == "krl" else 1):
         remedy = "send one program; with KUKA's .src its .dat and $config.dat"
         _refuse(files[-1][0], None, "one file too many", remedy)
@@ -87,12 +87,14 @@ def _source(name: str, content: bytes) -> Source:
         _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
     source = Source.of(name, content)
     if (place := source.text.find(MARK)) >= 0:
-        reason = "the program says that it is corrected already: a second correction would add to the first"
+        reason = (
+            "the program states that it was corrected already: a second correction would add to the first"
+        )
         _refuse(
             name,
             source.line(place),
             reason,
-            "send the program as it was before; remove the line if it is not true",
+            "send the original program; remove this line if it is wrong",
         )
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:

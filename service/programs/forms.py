@@ -39,7 +39,7 @@ class Forms:
         """Take the statement that begins here."""
         begin, fault = (
             c.place,
-            Misread("the statement is not known: it may move the robot, targets or frames"),
+            Misread("the statement is unknown: it may move the robot, targets or frames"),
         )
         for effect, elements in self._forms.get(c.peek().text, ()):
             c.attempt(begin)

@@ -100,10 +100,10 @@ class _Program(Script):
         shared = {name for name, given in names.items() if given and self.is_config(given[0].source)}
         home = [name for name, given in names.items() if name in _HOME and (given is None or name in shared)]
         if home and len(targets) > 1:
-            self.refuse(place, "an arc through a place that the controller keeps")
+            self.refuse(place, "an arc through a position stored in the controller")
         elif home:
             self.moved = True
-            self.reader.leave(place.line, f"a move to {home[0]}, which the controller keeps")
+            self.reader.leave(place.line, f"a move to {home[0]}, a position stored in the controller")
         else:
             held = dict(self.active)
             if own:
@@ -114,7 +114,7 @@ class _Program(Script):
                 reason = f"the frames {shown(str(missing))} are not in the program"
                 self.refuse(place, reason, "send the .dat, and $config.dat, with the .src")
             elif shared:
-                reason = "the target stands in $config.dat, which other programs use"
+                reason = "the target is declared in $config.dat, which other programs use"
                 self.refuse(place, reason, "declare it in the program's own .dat")
             else:
                 self.targeted(place, motion, targets, [(base, tool)] * len(targets))
@@ -158,7 +158,7 @@ class _Program(Script):
         if number.is_integer():  # infinity is none
             self.named(place, which.lstrip("#"), f"{which.lstrip('#')}_DATA[{int(number)}]", move=move)
         else:
-            self.refuse(place, "the number of a frame is no whole number", _FRAME_REMEDY)
+            self.refuse(place, "the number of a frame is not a whole number", _FRAME_REMEDY)
 
     def named(self, place: Place, which: str, name: str, *, move: bool = False) -> None:
         """Take $BASE or $TOOL by a name that has numbers."""
@@ -181,8 +181,8 @@ class _Program(Script):
         """Take tool and base of an inline form: `FDAT_ACT={TOOL_NO 1,BASE_NO 2}`."""
         fixed = literal.texts.get("IPO_FRAME", "#BASE").upper() != "#BASE"
         if fixed or not literal.fields.keys() >= {"TOOL_NO", "BASE_NO"}:
-            reason = "TOOL_NO or BASE_NO is no number, or the tool is fixed in the cell (IPO_FRAME)"
-            self.refuse(place, reason, "only tools on the flange, by TOOL_NO and BASE_NO, are known")
+            reason = "TOOL_NO or BASE_NO is not a number, or the tool is fixed in the cell (IPO_FRAME)"
+            self.refuse(place, reason, "only tools on the flange, by TOOL_NO and BASE_NO, are supported")
             return
         for which in ("TOOL", "BASE"):
             self.numbered(place, which, literal.fields[f"{which}_NO"], where, move=move)
@@ -236,7 +236,7 @@ def _call(c: Cursor, name: str) -> Statement:
     c.arguments(used)
     c.finish()
     if name in _LEXICON.reserved:
-        raise Misread(f"{name} is no routine")
+        raise Misread(f"{name} is not a routine")
     return used_in(used)
 
 
@@ -343,7 +343,7 @@ def _assigned(c: Cursor, name: str) -> Statement:
     if name in {"$BASE", "$TOOL", "FDAT_ACT"}:
         return _frame(c, name, whole=whole and index is None)
     if name.startswith("$") and name not in _SETTINGS:
-        raise Misread(f"the controller's variable {name} is not known here", "leave it out")
+        raise Misread(f"the controller's variable {name} is not supported", "omit it")
     literal = _value(c, used)
     c.finish()
     if name in {"BASE_DATA", "TOOL_DATA"}:
@@ -411,7 +411,7 @@ def _move(c: Cursor, name: str) -> Statement:
     while c.accept(*_BLENDS):
         pass
     if not c.ended:
-        raise c.misread("what follows the target is not known", _REMEDY)
+        raise c.misread("the text after the target is unknown", _REMEDY)
     act = partial(_Program.move, motion=motion, targets=tuple(targets), own=own)
     return Statement(act=act, repeats=not own and all(isinstance(each, Literal) for each in targets))
 
@@ -428,13 +428,13 @@ def _with(c: Cursor, *, moves: bool = False) -> str:
         elif name in _SETTINGS or (name == "$IPO_MODE" and c.at("SIPO_MODE")):
             _value(c, used, ",")
         else:
-            reason = "a move or a block of moves has frames of its own"
+            reason = "a move or a block of moves has separate frames"
             raise Misread(reason, "set $TOOL and $BASE before it")
         if used.calls:
             raise Misread("a call in the settings of a move")
         more = c.accept(",")
     if own and (len(own) < 2 or len(set(own.values())) > 1):
-        raise Misread("the move has a frame of its own", "set $TOOL and $BASE before the move")
+        raise Misread("the move has a separate frame", "set $TOOL and $BASE before the move")
     return own.get("$TOOL", "")
 
 

@@ -123,7 +123,7 @@ class _Module(Script):
             known = self.frames.get(name)
             changes = name in self.changed and known is None
             if changes or name in self.parameters or name in self.computed:
-                reason = f"{shown(name)} is no fixed frame in numbers, or changes while the program runs"
+                reason = f"{shown(name)} is not a fixed frame in numbers, or changes while the program runs"
                 self.refuse(place, reason, _FRAME_REMEDY)
                 return
             if known is not None and " of line " not in known.name:
@@ -157,7 +157,7 @@ def _statement(c: Cursor) -> Iterable[Statement]:
     if name in _HEADERS:
         return (_header(c, name),)
     if local:
-        raise Misread("what is declared is not known", _REMEDY)
+        raise Misread("the declaration is unknown", _REMEDY)
     if name in _MOVES:
         return _ended(c, _move(c, name))
     if c.accept(":"):
@@ -168,7 +168,7 @@ def _statement(c: Cursor) -> Iterable[Statement]:
 def _ended(c: Cursor, statement: Statement) -> Iterable[Statement]:
     """Require the semicolon behind a statement."""
     if not c.accept(";"):
-        raise c.misread("what stands here is not known, or a semicolon is missing before it", _REMEDY)
+        raise c.misread("this text is unknown, or a semicolon is missing before it", _REMEDY)
     return (statement,)
 
 
@@ -231,7 +231,7 @@ def _header(c: Cursor, name: str) -> Statement:
     except Misread as fault:
         if name != "IF":
             raise
-        reason = "a condition that is not known, or a move, a call or an assignment behind IF"
+        reason = "an unknown condition, or a move, a call or an assignment after IF"
         raise Misread(reason, "write IF ... THEN ... ENDIF", fault.offset) from None
 
 
@@ -343,12 +343,12 @@ def _move(c: Cursor, name: str) -> Statement:
         targets.append(c.name() if literal is None else literal)
         _options(c, options)
         if not c.accept(","):
-            raise c.misread("what follows the target is not known", _REMEDY)
+            raise c.misread("the text after the target is unknown", _REMEDY)
     rest, used = [], Used()  # speed, zone and tool; signal and value
     for i in range(3 + name.startswith("TRIGG") + behind):
         if i and not c.accept(","):
             raise c.misread(
-                "the move names no speed, zone and tool", "write them, with \\WObj:= where there is one"
+                "the move names no speed, zone and tool", "write them, and \\WObj:= if there is a work object"
             )
         rest.append(c.peek())
         c.expression(",", "\\", ";", used=used)
@@ -377,7 +377,7 @@ def _options(c: Cursor, options: dict[str, str]) -> None:
     while c.accept("\\"):
         name, used = c.name(), Used()
         if name not in _OPTIONS or name in options:
-            raise Misread(f"the argument \\{name} moves the target, or is not known", "leave it out")
+            raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
         options[name] = ""
         if c.accept(":="):
             options[name] = c.written(c.peek()) if c.peek(1).text in {",", "\\", ";"} else ""

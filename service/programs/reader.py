@@ -39,7 +39,7 @@ MAX_COUNTED: Final = 10_000
 """Faults after which nothing more is read."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
-NO_TARGET: Final = "write its numbers, or leave it out"
+NO_TARGET: Final = "write its numbers, or omit it"
 _MAX_SHAPES: Final = 10_000
 """Shapes of statements that are remembered."""
 _STANDS: Final = 2e-3
@@ -143,19 +143,20 @@ class Reader:
         if len(self._remarks) < MAX_REMARKS:
             self._remarks.append(Remark(line, text))
         else:
-            self.refuse(line, f"more than {MAX_REMARKS} lines that are left as they are", "split the program")
+            self.refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
 
     def call(self, line: int, name: str, source: int = 0) -> None:
         """Take a call of a routine that the user vouched for; refuse any other."""
         if name.upper() in self.allowed:
             self.leave(
                 line,
-                f"{name} is called; the request says that it neither moves the robot nor changes its frames",
+                f"{name} is called; the request states that it neither moves the robot nor changes its "
+                "frames",
             )
             return
         self.refuse(
             line,
-            f"{shown(name)} is not known: it may move the robot or change its frames",
+            f"{shown(name)} is unknown: it may move the robot or change its frames",
             f"if it does neither, name it in `leave_alone`: [{shown(name)}]",
             source,
         )
@@ -188,7 +189,7 @@ class Reader:
         self.refuse(
             line,
             f"target {shown(name)} is used with another base or tool than on an earlier line",
-            "use a target of its own for each base and tool: one correction cannot serve both",
+            "use a separate target for each base and tool: one correction cannot suit both",
         )
         return None
 
@@ -230,7 +231,9 @@ class Reader:
         """
         targets = self._columns()
         if not len(targets) and not self.faults:
-            self.refuse(None, "no target was found", "send a program with moves to targets given by numbers")
+            self.refuse(
+                None, "the program has no target", "send a program with moves to targets given by numbers"
+            )
         if self.faults:
             raise ProgramError(tuple(self.faults), self._count)
         moves = Moves(*_as_columns(self.moves, 3), *_as_columns(self._visits, 1))
@@ -270,7 +273,7 @@ class Reader:
             (out, line, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, line, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
             (moved, used, "an external axis moves",
-             "only programs that keep the external axes where they are can be corrected"),
+             "only programs that do not move the external axes can be corrected"),
         ):  # fmt: skip
             for i in np.flatnonzero(faults).tolist():
                 self.refuse(int(lines[i]), reason, remedy, 0 if lines is used else int(source[i]))
@@ -332,7 +335,7 @@ class Script:
                 line, text = int(lines[i]), file.text[starts[i] : ends[i]]
                 if long[i]:
                     reason = f"a statement of more than {_MAX_STATEMENT} characters"
-                    self.reader.refuse(line, reason, "break it up", source)
+                    self.reader.refuse(line, reason, "split it", source)
                     statements = ()
                 else:
                     statements = self._parsed(source, int(starts[i]), text)
@@ -434,7 +437,7 @@ class Script:
         """Refuse a frame that depends on the way that the program takes."""
         again = self.moved or self.routine > 1
         if self.depth or (again and (self.jumps or self.calls or len(self.routines) > 1)) or self.jumped:
-            reason = f"{what} changes in a branch, a loop or another routine, or beside a jump or a call"
+            reason = f"{what} changes in a branch, a loop or another routine, or near a jump or a call"
             self.refuse(place, reason, "set it once, in the first routine, before its moves, jumps and calls")
             return False
         return True
@@ -459,7 +462,7 @@ class Script:
             elif known := self.constant(target, place):
                 found.append(self.reader.target(target, *known, frame, place.line))
             else:
-                self.refuse(place, f"the target {shown(target)} is not given by numbers that stay")
+                self.refuse(place, f"the target {shown(target)} is not given by constant numbers")
                 return
         self.reader.move(place.line, motion, found)
 

@@ -198,7 +198,7 @@ class Cursor:
         """Return the fault of the next token: what stands there is not known."""
         token = self.peek()
         rest = self.text[token.start :]
-        where = "what stands here is not known" if rest.strip() else "the statement is not complete"
+        where = "this text is unknown" if rest.strip() else "the statement is not complete"
         return Misread(reason or where, remedy, min(token.start, max(len(self.text) - 1, 0)), rest)
 
     def expression(self, *stops: str, used: Used) -> None:

@@ -104,7 +104,7 @@ def _columns(
         return None
     kinds = [each for each in _KINDS if names.keys() >= set(each.split())]
     if len({_KINDS[each][0] is Orientation.JOINTS for each in kinds}) > 1:
-        reader.refuse(line, "the columns are poses and joint angles, which would disagree", "leave one out")
+        reader.refuse(line, "the table has both poses and joint angles", "omit one of them")
         return None
     for kind in kinds[:1]:
         notation = _notation(*_KINDS[kind], [units[name] for name in kind.split()])
@@ -113,7 +113,7 @@ def _columns(
         reason = "the columns of the targets have no units, different ones, or those of another quantity"
         reader.refuse(line, reason, _REMEDY)
         return None
-    reader.refuse(line, f"the header {shown(header)} does not say where the targets are", _REMEDY)
+    reader.refuse(line, f"the header {shown(header)} does not name the coordinates of the targets", _REMEDY)
     return None
 
 

@@ -156,13 +156,15 @@ class _Script(Script):
     def move(self, place: Place, motion: Motion, targets: Sequence[_Target]) -> None:
         """Take a move."""
         if self.thread:
-            self.refuse(place, "a thread moves the robot beside the program", "move it in the program")
+            self.refuse(
+                place, "a thread moves the robot in parallel with the program", "move it in the program"
+            )
             return
         bases = [self.frame(place, target.frame) for target in targets]
         frames = [(base, self.tool) for base in bases if base is not None]
         if len(frames) < len(targets):
             self.moved = True
-            self.refuse(place, "the frame of a target is not given by numbers that stay")
+            self.refuse(place, "the frame of a target is not given by constant numbers")
         else:
             self.targeted(place, motion, [target.numbers for target in targets], frames)
 
@@ -188,7 +190,7 @@ def _statement(c: Cursor) -> Statement:
     if name in _RULES:
         return _RULES[name](c, name)
     if name in _MOVING:
-        raise Misread(f"{name} moves the robot where no target says", "use movej, movel, movep or movec")
+        raise Misread(f"{name} moves the robot without a target", "use movej, movel, movep or movec")
     if not c.at("("):
         return _assigned(c, name)
     used = Used(set() if name in _STILL else {name})
@@ -274,7 +276,7 @@ def _move(c: Cursor, name: str) -> Statement:
             c.expect(",")
         targets.append(_target(c))
         if not c.at(",", ")"):
-            raise c.misread("what follows the target is not known", _REMEDY)
+            raise c.misread("the text after the target is unknown", _REMEDY)
     while c.accept(","):
         if c.peek().text in _ARGUMENTS and c.peek(1).text == "=":
             c.take()

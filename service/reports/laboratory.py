@@ -84,7 +84,9 @@ def _read(path: Path, most: int) -> bytes:
         with path.open("rb") as file:  # which may be a pipe, of no size
             content = file.read(most + 1)
     except OSError as error:
-        raise SettingsError(f"cannot read {path}: {error.strerror}", "name a file that is there") from error
+        raise SettingsError(
+            f"cannot read {path}: {error.strerror}", "give the name of an existing file"
+        ) from error
     if len(content) > most:
         raise SettingsError(f"{path} exceeds {most // 1024} KiB", "use a smaller file")
     return content
@@ -97,9 +99,13 @@ def _logo(folder: Path, name: str) -> Logo:
         SettingsError: the name has a folder, or it is no small PNG or JPEG.
     """
     if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
-        raise SettingsError(f"logo: {name!r} is no name of a file", "put it beside the settings")
+        raise SettingsError(
+            f"logo: {name!r} is not the name of a file", "put it into the folder of the settings"
+        )
     if (folder / name).is_symlink():
-        raise SettingsError(f"logo: {name!r} is a link", "put the file itself beside the settings")
+        raise SettingsError(
+            f"logo: {name!r} is a link", "put the file itself into the folder of the settings"
+        )
     content = _read(folder / name, MAX_LOGO_BYTES)
     kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
     size = _png_size(content) if kind == "png" else _jpeg_size(content)
@@ -128,7 +134,7 @@ def _shown(logo: Logo, name: str) -> Logo:
             inputs = {"logo": json.dumps(list(logo.content))}
             typst.Compiler(source.encode(), root=empty, sys_inputs=inputs).compile(format="pdf")
     except typst.TypstError as error:
-        raise SettingsError(f"logo: {name!r} cannot be shown: {error.message}", "write it anew") from error
+        raise SettingsError(f"logo: {name!r} cannot be shown: {error.message}", "save it again") from error
     return logo
 
 

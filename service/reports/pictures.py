@@ -93,8 +93,8 @@ def before_and_after(result: RunResult) -> Picture | None:
     drawing.text(_WIDTH - 6, base + 12, f"observations 1 to {len(before)} of {len(measured)}", anchor="end")
     return Picture(
         str(drawing),
-        "Mean length of the targets' deflection in each observation: as measured (pale), and what remains "
-        "where the model's prediction is taken off (dark).",
+        "Mean length of the targets' deflection in each observation: as measured (pale), and the rest after "
+        "subtraction of the model's prediction (dark).",
         0.8,
     )
 

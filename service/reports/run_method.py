@@ -66,7 +66,7 @@ def _deviations(request: RunRequest) -> Iterator[str]:
         (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
         (request.priors, f"prior knowledge of {', '.join(request.priors)} was used."),
         (request.stiffness_bounds, f"stiffness of {', '.join(request.stiffness_bounds)} was bounded."),
-        (request.stiffness_order, f"an order of stiffness was demanded: {chains}."),
+        (request.stiffness_order, f"an order of stiffness was required: {chains}."),
         (
             request.elasticity not in {"automatic", "joints"},
             f"elastic elements: {request.elasticity.replace('_', ' ')}.",
@@ -86,7 +86,7 @@ def adjustment(model: ExportedModel) -> Section:
         facts = [
             ("Mean deflection, before: as measured", f"{rounded(before)} mm"),
             ("Mean deflection, after compensation by the model, computed", f"{rounded(after)} mm"),
-            ("Share that the model takes off", percent(model.result.compensation)),
+            ("Share that the model compensates", percent(model.result.compensation)),
         ]
     return Section(
         statements.ADJUSTMENT,

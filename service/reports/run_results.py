@@ -27,8 +27,7 @@ _USUAL = 0.95
 _MOST_WARNINGS = 12
 _MISSING = {
     "model_error": "there is no bound of the model error",
-    "lack_of_fit": "the assessment names a lack of fit, so that U does not hold what bends besides "
-    "the joints, such as links",
+    "lack_of_fit": "the assessment names a lack of fit: U does not include the bending of links",
 }
 _STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
 
@@ -116,7 +115,7 @@ def uncertainty(model: ExportedModel) -> Section:
             statements.UNCERTAINTY,
             paragraphs=[
                 "The run has no budget: it was made without one, by own weight, or links or a coupling of "
-                "joints bend. The intervals in the results hold what is known."
+                "joints bend. The intervals in the results include what is known."
             ],
         )
     sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
@@ -152,9 +151,9 @@ def uncertainty(model: ExportedModel) -> Section:
             f"corresponds to a coverage probability of approximately {percent(budget.probability)} "
             "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
             f"{missing}{_correlation(budget)}",
-            "The interval of a joint differs from y ± U: it holds all stiffnesses that the likelihood of the "
-            "readings does not refuse, is skew where the readings are, and leaves out the sources that are "
-            "not included above.",
+            "The interval of a joint differs from y ± U: it has all stiffnesses that the likelihood of the "
+            "readings does not exclude, can be asymmetric, and omits the sources that are not included "
+            "above.",
         ],
     )
 
@@ -193,7 +192,7 @@ def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
             *([("The robot is in alarm", "\n".join(alarms))] if alarms else []),
         ],
         notes=[
-            *(said[:_MOST_WARNINGS] or ["Nothing speaks against these numbers."]),
+            *(said[:_MOST_WARNINGS] or ["Every number passed the checks."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),
             *result.assessment.notes,
         ],

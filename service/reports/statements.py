@@ -16,9 +16,9 @@ STATEMENTS: Final = (
     "No statement of conformity with a specification is made. The verdicts are opinions by the rules of the "
     "software, which are published with it; they say whether a number may be used, not whether the item is "
     "good.",
-    "Sampling: none. All observations of the measurement set were used but for those named under deviations.",
-    "Results from external providers: none, but for the readings if others than the laboratory took them; "
-    "the operator is named above.",
+    "Sampling: none. All observations of the measurement set were used, except those named under deviations.",
+    "Results from external providers: none, except the readings if the laboratory did not take them; the "
+    "operator is named above.",
 )
 
 IDENTIFICATION: Final = "Identification"
@@ -31,7 +31,7 @@ TRACEABILITY: Final = "Conditions and traceability"
 ASSESSMENT: Final = "Assessment and warnings"
 STATED: Final = "Statements"
 ORIGIN: Final = "Origin of the numbers"
-ITEMS_HEADING: Final = "Items of ISO/IEC 17025:2017 and where they stand"
+ITEMS_HEADING: Final = "Items of ISO/IEC 17025:2017 and their places in this report"
 
 ITEMS: Final = (
     ("7.8.2.1 a", "title", "above"),

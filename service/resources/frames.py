@@ -82,7 +82,7 @@ def _drift(
             message=finding.message
             if finding.code == "base_drifted"
             else f"base target '{drift.moved_targets[0]}': {finding.message}",
-            remedy="the drift is corrected in this set; let the tracker warm up, and mount it more firmly"
+            remedy="the drift is corrected in this set; let the tracker warm up, and mount it more rigidly"
             if finding.code == "base_drifted"
             else finding.remedy,
         )

@@ -54,13 +54,13 @@ def measurement_set_of(imported: Imported, request: ImportRequest, first: str) -
     if imported.assembly.uncertainty and stated:
         raise ImportFileError(
             Place(),
-            "the files state the uncertainty of each reading, and `noise` states another",
+            "the files give the uncertainty of each reading, and `noise` gives another",
             "omit `noise`, or skip the columns of U(95) with `ignore`",
             "noise",
         )
     if request.force is not None and with_forces:
         raise ImportFileError(
-            Place(), "the files have forces, and `force` states another", "omit `force`", "force"
+            Place(), "the files have forces, and `force` gives another", "omit `force`", "force"
         )
     units = length_unit(imported, request), imported.units.get("length", "mm")
     lengths = converted(request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units)

@@ -174,9 +174,7 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWar
     fields = [f"`{field}`" for field in ("load_point", "flange_targets") if getattr(document, field)]
     for index, finding in enumerate(findings):
         if fields and finding.code == "length_unit_suspect" and "the flange frame" in finding.message:
-            small = (
-                "; the numbers seem to be in m, but to be taken in mm" if finding.remedy == M_AS_MM else ""
-            )
+            small = "; the numbers seem to be in m, but are read as mm" if finding.remedy == M_AS_MM else ""
             remedy = f"check the unit of {' and '.join(fields)}{small}"
             findings[index] = finding.model_copy(update={"remedy": remedy})
     return findings

@@ -59,16 +59,18 @@ def find_arm(name: str, where: str) -> Arm:
     if found:
         shown = ", ".join(arm.name for arm in found[:_SHOWN])
         raise RequestError(
-            f"'{name}' is more than one arm of the catalogue: {shown}{', …' if found[_SHOWN:] else ''}",
+            f"'{name}' matches several arms of the catalogue: {shown}{', …' if found[_SHOWN:] else ''}",
             where=where,
             remedy="give the whole name",
         )
     names = {_bare(arm.name): arm.name for arm in catalogue().arms}
     near = [names[each] for each in get_close_matches(asked, names, n=3, cutoff=0.5)]
     raise RequestError(
-        f"the catalogue has no arm '{name}'" + (f"; near are {', '.join(near)}" if near else ""),
+        f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
         where=where,
-        remedy="`jointstiff robots` and GET /v1/catalogue list its arms; else describe yours by DH or URDF",
+        remedy=(
+            "`jointstiff robots` and GET /v1/catalogue list its arms; or describe yours by a DH table or URDF"
+        ),
     )
 
 

@@ -44,7 +44,7 @@ def export_database(url: str, folder: Path) -> int:
     number = 0
     with ExitStack() as made, closing(open_existing(url)) as database, database.reading() as connection:
         if not set(inspect(connection).get_table_names()) >= _TABLES:
-            raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
+            raise StoreError("the database has no Jointstiff tables", "check the URL of the database")
         try:
             folder.mkdir(mode=_FOLDER_MODE, parents=True)
             made.callback(shutil.rmtree, folder, ignore_errors=True)

@@ -97,11 +97,11 @@ def restore(url: str, folder: Path, *, overwrite: bool = False) -> Manifest:
     source = folder / _FILES[manifest.database]
     with _as_store_errors():
         if _sha256(source) != manifest.sha256:
-            raise StoreError(f"{source} has changed since the backup was made", "take another backup")
+            raise StoreError(f"{source} has changed since the backup was made", "make another backup")
         parsed = make_url(url)
         if (parsed.get_backend_name() == "sqlite") != (manifest.database == "sqlite"):
             raise StoreError(
-                f"this is a backup of a {manifest.database} database", "restore it to such a one"
+                f"this is a backup of a {manifest.database} database", "restore it to a database of that kind"
             )
         if manifest.database == "sqlite":
             _restore_file(parsed, source, manifest, overwrite=overwrite)
@@ -127,7 +127,7 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
         copy = folder / _FILES[dialect]
         with database.reading() as connection:
             if not has_tables(connection):
-                raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
+                raise StoreError("the database has no Jointstiff tables", "check the URL of the database")
             revision = str(revision_of(connection))
         if dialect == "sqlite":
             copy_file(path_of(make_url(url)), copy)
@@ -147,7 +147,7 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
 def _restore_file(url: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
     target = path_of(url).absolute()
     if target.exists() and not overwrite:
-        raise StoreError(f"{target} exists", "give another file, or --overwrite, which sets it aside")
+        raise StoreError(f"{target} exists", "give another file, or use --overwrite, which renames it")
     partial = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         make_private(partial)
@@ -187,7 +187,8 @@ def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *,
         with database.reading() as connection:
             if revision_of(connection) is not None and not overwrite:
                 raise StoreError(
-                    f"the database {parsed.database} holds something", "give an empty one, or --overwrite"
+                    f"the database {parsed.database} is not empty",
+                    "give an empty database, or use --overwrite",
                 )
             others = text(
                 "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
@@ -210,7 +211,7 @@ def _check_arrived(manifest: Manifest, connection: Connection) -> None:
     found = content_of(connection)
     for name, expected in manifest.tables.items():
         if found.get(name) != expected:
-            raise StoreError(f"the table {name} did not arrive as it was", "take another backup")
+            raise StoreError(f"the restored table {name} differs from the backup", "make another backup")
 
 
 def _use_utc(connection: Connection) -> None:
@@ -236,7 +237,7 @@ def _run(url: str, program: str, *arguments: str) -> None:
     database = shown.render_as_string(hide_password=False)
     found = shutil.which(program)
     if found is None:
-        raise StoreError(f"there is no {program} here", "install PostgreSQL's client programs")
+        raise StoreError(f"{program} is not installed", "install PostgreSQL's client programs")
     done = subprocess.run(
         [found, f"--dbname={database}", *arguments],
         env=environment,
@@ -247,7 +248,8 @@ def _run(url: str, program: str, *arguments: str) -> None:
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or ["no reason given"]
         raise StoreError(
-            f"{program} failed ({lines[0][:200]})", "see what it says; the server's version fits?"
+            f"{program} failed ({lines[0][:200]})",
+            "read its message; check that its version fits the server's",
         )
 
 
@@ -277,7 +279,9 @@ def _as_store_errors() -> Iterator[None]:
         yield
     except OSError as error:
         raise StoreError(
-            f"{error.filename or 'a file'}: {error.strerror}", "choose a place with room that can be written"
+            f"{error.filename or 'a file'}: {error.strerror}", "choose a writable folder with free space"
         ) from error
     except sqlite3.Error as error:
-        raise StoreError(f"the sqlite database failed ({error})", "run jointstiff doctor on it") from error
+        raise StoreError(
+            f"the sqlite database failed ({error})", "check it with `jointstiff doctor`"
+        ) from error

@@ -80,7 +80,7 @@ class Inspection:
         """Return rows that name what is not there."""
         with self._database.reading() as connection:
             return [
-                Fault("orphan", f"{name} {identifier}", f"names {what}, which is not there", _BACKUP)
+                Fault("orphan", f"{name} {identifier}", f"refers to {what}, which does not exist", _BACKUP)
                 for name, what, query in _orphans()
                 for identifier in connection.execute(query.limit(_SHOWN)).scalars()
             ]
@@ -134,7 +134,7 @@ class Inspection:
         return "dbos" if schema == "public" else f"dbos_{schema}"
 
 
-_BACKUP: Final = "restore a backup; keep this database for those who look into it"
+_BACKUP: Final = "restore a backup; keep this database for the investigation"
 
 
 def _orphans() -> Iterator[tuple[str, str, Select[Any]]]:

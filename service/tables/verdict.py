@@ -22,7 +22,7 @@ VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
 """Words of the verdicts."""
 _HEADLINES: Final[Mapping[Verdict, tuple[str, Style]]] = MappingProxyType(
     {
-        "use": ("Use: nothing speaks against these numbers", "verdict_use"),
+        "use": ("Use: every number below passed the checks", "verdict_use"),
         "use_with_care": ("Use with care", "verdict_care"),
         "do_not_use": ("Do not use", "verdict_not"),
     }

@@ -88,15 +88,15 @@ def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
     if record.state not in OPEN_STATES and job.state != record.state:
         yield Fault("state", where, f"its row says {record.state}, its document {job.state}", _RESTORE)
     if record.state == "succeeded" and job.result is None:
-        yield Fault("result", where, "it has succeeded and has no result", _RESTORE)
+        yield Fault("result", where, "it succeeded, but has no result", _RESTORE)
 
 
 def _endless(record: JobRecord, workflows: Mapping[str, str] | None) -> Iterator[Fault]:
     """Yield a fault if nobody will end a job."""
     state = (workflows or {}).get(record.id)
-    where, remedy = f"{record.kind} {record.id}", "start a worker, which ends it"
+    where, remedy = f"{record.kind} {record.id}", "start a worker, which will finish it"
     if state is None:
-        yield Fault("endless", where, f"it is {record.state}, and the engine does not know it", remedy)
+        yield Fault("endless", where, f"it is {record.state}, but the job engine does not know it", remedy)
     elif is_ended(state):
         yield Fault("endless", where, f"it is {record.state}, but its workflow has ended ({state})", remedy)
 
@@ -106,8 +106,8 @@ def _pickles(inspection: Inspection) -> Iterator[Fault]:
         yield Fault(
             "pickle",
             "the engine's tables",
-            f"{count} rows hold a pickled object, which is never read",
-            "someone wants code to run: find out who writes here",
+            f"{count} rows have a pickled object, which is never read",
+            "this may be an attack: find out who writes to this table",
         )
 
 

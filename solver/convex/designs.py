@@ -109,7 +109,8 @@ def _solve(problem: cp.Problem) -> None:
         if problem.status == cp.OPTIMAL:
             return
     raise SolverError(
-        f"Clarabel ended a design's program as {problem.status}", remedy="report this with the request"
+        f"Clarabel ended a design's program as {problem.status}",
+        remedy="please report this problem, with the request",
     )
 
 

@@ -131,9 +131,9 @@ class ElasticPredictor(ForwardModel):
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, off[..., None]))[..., 0]
         raise RequestError(
-            "no posture near it brings the loaded tool there",
+            "no posture near this one brings the loaded tool to its place",
             where=f"cases[{int(np.argmax(np.abs(off).max(axis=1)))}]",
-            remedy="move the part away from the singularity, or leave the load out here",
+            remedy="move the part away from the singularity, or give no load here",
         )
 
     def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:

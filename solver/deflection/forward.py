@@ -78,7 +78,9 @@ class ForwardModel(ABC):
         """Return half the width of a two-sided interval in standard uncertainties."""
         if not 0.0 < confidence < 1.0:
             raise RequestError(
-                f"the confidence is {confidence}", where="confidence", remedy="give it between 0 and 1"
+                f"the confidence is {confidence}",
+                where="confidence",
+                remedy="give a confidence between 0 and 1",
             )
         return student_quantile(0.5 * (1.0 + confidence), self.degrees_of_freedom)
 

@@ -34,7 +34,8 @@ class LoadCases:
             width = array.shape[-1] if field.name == "joints" else 3
             if count == 0 or array.shape != (count, width) or not np.isfinite(array).all():
                 raise RequestError(
-                    f"{field.name} has shape {array.shape} where {(count, width)} finite numbers are needed",
+                    f"{field.name} needs finite numbers of shape {(count, width)}, but has shape "
+                    f"{array.shape}",
                     where=f"cases.{field.name}",
                     remedy="give at least one case, and the same fields for each",
                 )

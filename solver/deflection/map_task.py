@@ -83,7 +83,7 @@ def _frame_about(axis: FloatArray) -> FloatArray:
         if (size := float(np.linalg.norm(across))) > 1e-6:
             first = across / size
             return np.stack([first, np.cross(axis, first), axis], axis=1)
-    raise RequestError("a direction has no length", where="directions", remedy="give unit vectors")
+    raise RequestError("a direction is the zero vector", where="directions", remedy="give unit vectors")
 
 
 def postures_within_limits(

@@ -143,7 +143,7 @@ def leave_postures_out(
         )
     if estimate.covariance is None:
         raise RequestError(
-            "no uncertainty of the readings is known", remedy="measure more, or state the noise"
+            "the uncertainty of the readings is unknown", remedy="measure more postures, or state `noise`"
         )
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
@@ -262,7 +262,7 @@ def _with_scores(
 
 
 def _too_few() -> RequestError:
-    return RequestError("it takes two postures under load", remedy="measure more postures")
+    return RequestError("the model error needs two postures under load", remedy="measure more postures")
 
 
 def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -70,7 +70,7 @@ class Candidates:
         """
         if not len(packed) or not np.isfinite(packed).all():
             raise RequestError(
-                "there is no candidate, or a number of one is not finite",
+                "there are no candidates, or one has a number that is not finite",
                 where="candidates",
                 remedy="give at least one posture with a finite load",
             )

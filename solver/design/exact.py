@@ -157,8 +157,8 @@ class _Search:
                 free &= ~self._excluded(each, slice(None))
             if not free.any():
                 raise RequestError(
-                    f"only {len(found)} candidates in postures {np.degrees(self._distinct.angle):.3g}° apart "
-                    f"were found, and {self._readings} readings were asked for",
+                    f"only {len(found)} candidates are in postures {np.degrees(self._distinct.angle):.3g}° "
+                    f"apart, but {self._readings} readings are requested",
                     where="distinct_angle",
                     remedy="ask for fewer readings, a smaller angle, or more candidates",
                 )

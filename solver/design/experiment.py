@@ -197,9 +197,9 @@ def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     joints = joints[within_limits(robot, joints)]
     if not len(joints):
         raise RequestError(
-            "the joints' limits leave no posture in whole degrees",
+            "no posture in whole degrees is within the joint limits",
             where="postures",
-            remedy="give the postures, or mend the limits of the robot's model",
+            remedy="give the postures, or correct the joint limits of the robot's model",
         )
     return joints
 

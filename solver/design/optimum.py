@@ -102,8 +102,8 @@ def _generated(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatAr
         new = problem.candidates.atoms(_entering(problem, bound.prices, held.index), bound.support)
         held, weights = held.joined(new), np.concatenate([weights, np.zeros(len(new))])
     raise SolverError(
-        f"the gap of the design is {1.0 - efficiency:.1e} and does not close",
-        remedy="report this with the request",
+        f"the design did not converge: its gap is {1.0 - efficiency:.1e}",
+        remedy="please report this problem, with the request",
     )
 
 

@@ -99,7 +99,7 @@ class Pool:
             raise RequestError(
                 f"none of {strikes.considered} readings is feasible: {counts}",
                 where="candidates",
-                remedy="loosen what strikes most of them out, or give other postures or loads",
+                remedy="relax the condition that excludes most of them, or give other postures or loads",
             )
         inside = _inside(robot, request, joints, kept)
         if request.links:

@@ -55,9 +55,13 @@ class DesignProblem:
         """
         if self.readings < 1 or (self.once and self.readings > len(self.candidates)):
             raise RequestError(
-                f"{self.readings} readings of {len(self.candidates)} candidates, each at most once",
+                f"{self.readings} readings are requested of {len(self.candidates)} candidates, each at most "
+                "once",
                 where="readings",
-                remedy="ask for at least one reading, and for fewer readings or more candidates",
+                remedy=(
+                    "request at least one reading and at most as many as there are candidates, or give "
+                    "more candidates"
+                ),
             )
         share = self.readings / len(self.candidates)
         total = self.base + share * self.candidates.total()

@@ -241,7 +241,7 @@ def _flange(conventions: Conventions, nominal: KinematicChain | None) -> FlangeC
 def _needed(nominal: KinematicChain | None, where: str) -> KinematicChain:
     if nominal is None:
         raise MeasurementError(
-            "the base or flange frame is to be that of the nominal model, but there is no nominal model",
+            "the base or flange frame is requested by the nominal model, but there is no nominal model",
             where=where,
             remedy="give the robot's nominal model, or define the frame by `axes`",
         )

@@ -123,13 +123,14 @@ def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> As
 def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     if estimate.common is not None and estimate.common.of("assumed_load_point").any():
         yield (
-            f"Load point: no uncertainty is stated, so ±{1e3 * ASSUMED_LOAD_POINT:g} mm in each direction "
-            "are assumed; state `noise.load_point` to change that."
+            f"The uncertainty of the load point is not stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm in each "
+            "direction is assumed. Measure where the force acts on the flange, and give the standard "
+            "uncertainty of that point in the measurement set: `noise.load_point`, in its unit of length."
         )
     if measurements.in_flange[measurements.present].all():
         yield (
-            "No position was read, only deflections: the geometry of robot, frames and targets, and the "
-            "angles, are not checked."
+            "The set has deflections and no positions, so the geometry of robot, frames and targets, and "
+            "the joint angles, cannot be checked."
         )
 
 

@@ -82,7 +82,7 @@ class UncertaintyBudget:
         *,
         lack_of_fit: bool = False,
     ) -> UncertaintyBudget | None:
-        """Return the budget; None where no uncertainty of the readings is known.
+        """Return the budget; None where the uncertainty of the readings is unknown.
 
         Args:
             estimate: of n compliances.

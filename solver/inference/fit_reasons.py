@@ -142,8 +142,8 @@ def _postures(measurements: Measurements) -> Iterator[Reason]:
         "few_postures",
         "use_with_care",
         None,
-        f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: nothing shows whether the "
-        "stiffnesses hold in others",
+        f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses were not "
+        "tested in others",
         f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° or more",
     )
 
@@ -195,8 +195,8 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Reas
             None,
             f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds the "
             "stated uncertainty. Predicted deflections are not affected",
-            "use the model to predict deflections; quote no joint by itself, as readings under load do not "
-            "tell a joint from its link",
+            "use the model to predict deflections; do not quote the stiffness of a single joint, as "
+            "readings under load cannot separate a joint from its link",
         )
     elif screening is not None and screening.lack_of_fit:
         predicted = "" if gain is None else f". {_predicted(gain)}"

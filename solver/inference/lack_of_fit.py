@@ -9,7 +9,7 @@ from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.verdict import JointCompliance, OneSidedBounds
 
-_NO_UPPER_END = "fits without single postures leave no upper end of its stiffness: more than the joints bends"
+_NO_UPPER_END = "without single postures its stiffness has no upper limit: something besides the joints bends"
 
 
 def widened(estimate: Estimate, budget: UncertaintyBudget, bounds: Bounds) -> Estimate:

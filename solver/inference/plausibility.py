@@ -63,8 +63,8 @@ def _sigma(estimate: Estimate) -> Iterator[Finding]:
             None,
             f"the residuals are {ratio:.3g} times as large as sigma predicts (chi-square test, "
             f"{_p_value(test.p_value)}), so the uncertainties are too small by the same factor",
-            "check frames, joint map, units and `noise`; if all are correct, something besides the "
-            "joints deflects: omit `noise` so that sigma is estimated from the residuals",
+            "check frames, joint map, units and noise; if all are correct, something besides the joints "
+            "deflects: omit `noise` so that sigma is estimated from the residuals",
         )
 
 
@@ -86,7 +86,7 @@ def _priors(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             "prior_dominates",
             None,
-            f"the prior of {joint.name} {says}: the estimate is the data sheet's rather than measured",
+            f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
             "add loads and postures with more torque about its axis, or omit the prior to see what was "
             "measured",
             joint=joint.name,

@@ -184,7 +184,7 @@ def noise_reasons(measurements: Measurements) -> Iterator[Reason]:
             "use_with_care",
             None,
             f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
-            f"{length_text(noise)}: these readings show least stiffnesses only",
+            f"{length_text(noise)}: these readings give only lower limits of the stiffnesses",
             "increase the load; check that the loaded readings were taken with the load applied, and check "
             "the stated noise",
         )
@@ -274,10 +274,10 @@ def _outlying(
         "deflection_unexplained",
         "use_with_care",
         None,
-        f"{count} of {len(measurements)} observations deflect far otherwise than springs in the joints make "
-        "the others: too many for single wrong readings, so something besides the joints bends, or angles or "
-        "loads are wrong",
-        "look at these postures; if their readings are right, try elasticity joints_and_links",
+        f"{count} of {len(measurements)} observations deflect very differently from what joint springs "
+        "fitted to the others predict: too many for single wrong readings, so something besides the joints "
+        "bends, or angles or loads are wrong",
+        "check these postures; if their readings are right, try elasticity joints_and_links",
         Action("show_posture", observations),
     )
 

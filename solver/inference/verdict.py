@@ -179,14 +179,14 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
     """Which constraint holds joint j, or None."""
     value, active = float(evidence.fit.compliance[j]), int(evidence.fit.active[j])
     if active and value == 0.0:
-        rigid = "these readings cannot distinguish it from rigid"
+        rigid = "these readings cannot distinguish it from a rigid joint"
         if ends is None or ends[1, 1] <= 0:
             return f"its compliance is zero: {rigid}"
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
         return f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: {rigid}"
     partners = [evidence.names[k] for k in _tied(evidence, j)]
     if partners:
-        return f"`stiffness_order` holds it at the stiffness of {', '.join(partners)}"
+        return f"`stiffness_order` makes its stiffness equal to that of {', '.join(partners)}"
     if active:
         return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
     return None
@@ -202,7 +202,11 @@ def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | Non
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
         bound = f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: "
     size = f"the standard uncertainty of its compliance, {1e6 * uncertainty:.2g} µrad/(N·m), "
-    size += "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper end"
+    size += (
+        "exceeds the compliance itself"
+        if uncertainty >= abs(value)
+        else "leaves its stiffness without an upper limit"
+    )
     return f"{bound}{size}: add loads with more torque about the axis of {evidence.names[j]}"
 
 
@@ -232,8 +236,8 @@ def _hidden(evidence: Evidence, j: int) -> str | None:
         if np.isnan(evidence.prior_to_data[j]):
             return observability.reasons[j]
         return (
-            f"{observability.reasons[j]}; its prior is not returned as a result, because nothing was "
-            f"measured of {name}"
+            f"{observability.reasons[j]}; its prior is not returned as a result, because the readings do "
+            f"not determine {name}"
         )
     for group in evidence.fit.undetermined:
         if j in group.joints:

@@ -79,8 +79,8 @@ def _of_the_set(
             "deflections_unexplained",
             None,
             "joint compliances do not explain the deflections: of "
-            f"{length_text(median(deflection))} (median), {100.0 * springs.unexplained:.3g} "
-            "% remain",
+            f"{length_text(median(deflection))} (median), {100.0 * springs.unexplained:.3g} % remain "
+            "unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
         )
     return _force_sign(part, springs) if springs.work < 0.0 else None

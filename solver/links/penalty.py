@@ -38,8 +38,8 @@ def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
         yield Finding(
             "link_penalty_raised",
             None,
-            f"cross-validation chose a penalty of {chosen:.3g}, whose optimum rounding "
-            f"does not let us certify: {used:.3g} was used instead",
+            f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the certificate of "
+            f"its optimum: {used:.3g} was used instead",
             "compare `selection`; give link_penalty, or choose fewer links",
             "note",
         )
@@ -55,8 +55,8 @@ def judge_losses(targets: int) -> Iterator[Finding]:
         yield Finding(
             "loss_not_compared",
             None,
-            f"the loss is squared: others are compared in sets of at most {MOST_TARGETS} targets, and "
-            f"there are {targets}",
+            f"loss squared was used: other losses are compared only in sets of at most {MOST_TARGETS} "
+            f"targets, and this one has {targets}",
             "leave observations out to compare losses; with this many readings the loss matters little",
             "note",
         )

@@ -42,7 +42,7 @@ class EncoderReadings:
             raise MeasurementError(
                 "the encoder readings must be one finite number for each observation and joint",
                 where="encoder_readings",
-                remedy="remove or repeat the reading",
+                remedy="omit or repeat the reading",
             )
         for array in (self.deflection, self.present):
             array.setflags(write=False)
@@ -265,5 +265,5 @@ def _check(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) ->
             remedy="give one entry for each observation and target",
         )
     if array.dtype != np.bool_ and not np.isfinite(array).all():
-        raise MeasurementError("a number is not finite", where=name, remedy="remove or repeat the reading")
+        raise MeasurementError("a number is not finite", where=name, remedy="omit or repeat the reading")
     array.setflags(write=False)

@@ -161,5 +161,5 @@ def _no_balance(case: int) -> RequestError:
     return RequestError(
         "the load finds no stable balance near the unloaded posture",
         where=f"cases[{case}]",
-        remedy="check the units of force, moment and length, or lessen the load",
+        remedy="check the units of force, moment and length, or reduce the load",
     )

@@ -153,9 +153,9 @@ def charts_of(series: Sequence[Series], size: int) -> list[Chart | None]:
     """
     if size < LEAST_BASELINE:
         raise RequestError(
-            f"a baseline of {size} campaigns does not tell chance from change",
+            f"a baseline of {size} campaigns cannot distinguish chance from change",
             where="size",
-            remedy=f"take {LEAST_BASELINE} campaigns or more; two are compared as a pair",
+            remedy=f"use at least {LEAST_BASELINE} campaigns; compare two campaigns as a pair",
         )
     enough = [one for one in series if one.values.size >= size]
     baselines = [Baseline.of(one.values[:size], one.uncertainties[:size]) for one in enough]

@@ -35,8 +35,8 @@ class Series:
         fits = values.ndim == 1 and values.shape == uncertainties.shape
         if not fits or not np.all(np.isfinite(values) & np.isfinite(uncertainties) & (uncertainties > 0)):
             raise RequestError(
-                "a campaign without a finite stiffness and uncertainty has no place in a chart",
-                remedy="leave it out, and say why",
+                "a campaign without a finite stiffness and uncertainty cannot be charted",
+                remedy="omit this campaign, and give the reason",
             )
 
 

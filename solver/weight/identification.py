@@ -72,7 +72,8 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
             None,
             f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} was "
             "stated: something bends or moves that neither geometry nor own weight explains",
-            "look for gears, links that bend, a target or base that moved; intervals are of the larger sigma",
+            "look for gears, links that bend, a target or base that moved; the intervals use the larger "
+            "sigma",
         )
         chance = stats.f.sf(loss / rank / (outside / freedom), rank, freedom)
     elif stated is not None:
@@ -110,7 +111,8 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], found.ends[k]
         if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
             reason = (
-                f"own weight and readings leave the compliance of {name} open: read more postures in which "
+                f"own weight and readings do not determine the compliance of {name}: read more postures in "
+                "which "
                 "its weight torque differs, or hang on a known payload"
             )
             joints[j] = WeightedJoint(JointCompliance(name, "not_observable", reason=reason))
@@ -137,7 +139,8 @@ def _constant(fit: WeightFit, j: int, name: str) -> str:
     torque = fit.rows.torques.known[:, j]
     return (
         f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} N·m), "
-        f"so that its sag is an offset of {name}'s angle: hang a known payload off its axis, or pull across "
+        f"so its sag looks like an offset of {name}'s angle: hang a known payload off its axis, or pull "
+        "across "
         "it with a known force; a vertical axis carries no weight at all"
     )
 
@@ -195,7 +198,7 @@ def identify_weight(
     poses, base = readings.poses, base or RigidTransform.identity()
     if loaded is not None and (poses.sigma is None or loaded.sigma is None):
         raise MeasurementError(
-            "positions and deflections join, but not all of their uncertainties are stated",
+            "positions and deflections are combined, but not all of their uncertainties are stated",
             where="noise",
             remedy="state `noise.sigma` of both",
         )
@@ -216,7 +219,8 @@ def identify_weight(
     freedom = problem.freedom - rank
     if freedom < 1:
         raise NotObservableError(
-            f"{problem.freedom} coordinates beyond those that the geometry takes do not determine {rank} "
+            f"{problem.freedom} coordinates that remain after the fit of the geometry do not determine "
+            f"{rank} "
             "compliances and weights",
             where="observations",
             remedy="read more postures, or more targets in each posture",

@@ -59,7 +59,7 @@ def test_the_preview_shows_how_a_header_was_put_together():
     assert file.columns[-1].meaning == "P10 loaded z"
     assert all(column.guessed for column in file.columns)
     assert (file.header_lines, file.first_lines) == ([2, 3], [4])
-    assert "rows above the header were taken for titles: 1" in file.assumptions
+    assert "rows above the header were read as titles: 1" in file.assumptions
     assert points_of(imported)["c01", "P10", "loaded"] == (1.5, 2.0, 2.5)
 
 
@@ -129,7 +129,7 @@ def test_leicas_uncertainties_are_the_noise_of_each_reading():
     assert any("σ = U/(1.96 √3)" in note for note in answer.preview.assumptions)
     assert answer.preview.uncertainty == "point"
     request = ImportRequest(**options, noise={"sigma": 0.01}, show_faults=True)
-    assert "`noise` states another" in import_files(files, request).faults[0].reason
+    assert "`noise` gives another" in import_files(files, request).faults[0].reason
     assert refused(("a.csv", LEICA.replace("0.04", "")))  # every reading, or none
     assert refused(("a.csv", LEICA.replace("0.04", "-0.04"))) == ["an uncertainty must be positive"]
     assert points_of(read(("a.csv", LEICA), ignore=["U(95) [mm]"]))

@@ -67,7 +67,7 @@ class ComparisonWork(SteppedWork[Part]):
         number, start = divmod(span[0], self._repetitions)
         fit, stop = self._resampled[number], start + span[1] - span[0]
         if fit.draws is None:
-            raise ValueError("this comparison takes no steps")
+            raise ValueError("this comparison has no steps")
         try:
             return fit.draws.compute((start, stop), fit.bounds)
         except JointstiffError as error:
@@ -153,8 +153,8 @@ _NO_FIT: Final = Reason(
     code="no_joint_identified",
     weight="do_not_use",
     where=None,
-    message="the readings support none of these methods",
-    remedy="see the error of each",
+    message="these readings cannot support any of these methods",
+    remedy="read the error of each method",
     action=None,
 )
 

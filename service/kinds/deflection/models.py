@@ -197,7 +197,7 @@ def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCase
     points = [case.load_point or request.load_point for case in request.cases]
     if None in points:
         raise RequestError(
-            "it is not said where the force acts",
+            "the load point is missing",
             where=f"cases[{points.index(None)}].load_point",
             remedy="give load_point, in the flange frame, for all cases or for each",
         )

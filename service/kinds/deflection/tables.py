@@ -53,7 +53,7 @@ def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> De
     rows = [[cell.strip() for cell in row] for row in rows]
     if not rows or not any(any(row) for row in rows[1:]):
         raise RequestError(
-            "the table has no load case", where="line 1", remedy="give a header and a row a case"
+            "the table has no load cases", where="line 1", remedy="give a header and one row per case"
         )
     columns = [_column(header, joint_names) for header in rows[0]]
     _refuse_missing(columns, len(joint_names))
@@ -118,9 +118,9 @@ def _refuse_missing(columns: list[_Column], joints: int) -> None:
             else field
         )
         raise RequestError(
-            f"the column {name} {'comes twice' if twice else 'is missing'}",
+            f"the column {name} {'occurs twice' if twice else 'is missing'}",
             where="line 1",
-            remedy="give each joint an angle, and each vector three columns, once",
+            remedy="give one column for each joint and three for each vector",
         )
 
 
@@ -140,7 +140,7 @@ def _case(row: list[str], columns: list[_Column], line: int, delimiter: str) -> 
             value = factor * float(text if delimiter == "," else text.replace(",", "."))
         except ValueError:
             raise RequestError(
-                f"'{text[:40]}' is no number", where=f"line {line}, column {place}", remedy="correct it"
+                f"'{text[:40]}' is not a number", where=f"line {line}, column {place}", remedy="correct it"
             ) from None
         case.setdefault(field, {})[k] = value
     return {

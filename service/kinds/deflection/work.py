@@ -90,7 +90,7 @@ def forward_model(
     model, error = to_forward_model(robot, model_of(run), weight)
     if weight is not None and model.first_order:
         raise RequestError(
-            f"run '{run.id}' lets links or coupling bend, where own weight is not supported",
+            f"run '{run.id}' has elastic links or coupling, which do not support own weight",
             where="masses",
             remedy="omit masses, or choose a run with elasticity joints",
         )
@@ -110,7 +110,7 @@ def model_of(run: Run) -> IdentifiedModel:
     """
     model = _result_of(run).model
     if model is None:
-        raise RequestError(f"run '{run.id}' holds no model", where="run_id", remedy="identify the set again")
+        raise RequestError(f"run '{run.id}' has no model", where="run_id", remedy="identify the set again")
     return model
 
 
@@ -119,7 +119,7 @@ def _result_of(run: Run) -> RunResult:
         raise RequestError(
             f"run '{run.id}' has {run.state} and has no model",
             where="run_id",
-            remedy="name one that succeeded",
+            remedy="give the id of a succeeded run",
         )
     return run.result
 
@@ -144,10 +144,10 @@ def remarks_of(run: Run, model: ForwardModel, error: ModelError | None, confiden
             )
     level = f"no bound of the model error at {100 * confidence:g} %"
     if error is None:
-        reason = model_of(run).no_error or "no posture could be left out"
+        reason = model_of(run).no_error or "no posture could be omitted"
         remarks.append(f"no bound of the model error: {reason}")
     elif error.postures < (needed := error.needed(confidence)):
-        remarks.append(f"{level}: it takes {needed} postures, and there are {error.postures}")
+        remarks.append(f"{level}: {needed} postures are needed, and there are {error.postures}")
     elif np.isinf(error.quantile(confidence)):
         remarks.append(f"{level}: too many postures twist a joint that the others do not determine")
     return remarks
@@ -194,7 +194,8 @@ def to_case_results(
 
 def _without_numbers(label: str, unseen: Sequence[str]) -> messages.CaseResult:
     reason = (
-        f"the load twists {', '.join(unseen)}, of which the readings of the run say nothing: no number holds"
+        f"the load twists {', '.join(unseen)}, which the readings of the run do not determine: the "
+        "prediction is not valid"
     )
     return messages.CaseResult(
         label=label,
@@ -224,15 +225,13 @@ def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
     load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
     remarks = []
     if np.isinf(load):
-        remarks.append(
-            f"extrapolated: no {bound.unmeasured} was measured, so the model error under one has no bound"
-        )
+        remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so its model error has no bound")
     elif load > 1.0 + 1e-6:
         remarks.append(f"extrapolated: the load is {load:.2g} times the greatest that was measured")
     if np.isfinite(load) and leverage > 1.0 + 1e-6:
         remarks.append(
-            f"extrapolated: of this posture and place the readings say {leverage:.2g} times less than of the "
-            "worst target that was measured"
+            f"extrapolated: the readings determine this posture and place {leverage:.2g} times less than "
+            "the worst measured target"
         )
     return remarks
 

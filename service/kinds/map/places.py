@@ -45,7 +45,7 @@ def to_places(request: messages.MapOptions) -> FloatArray:
             raise RequestError(
                 f"{count:,} {what} exceed {most:,}",
                 where="grid",
-                remedy="take a coarser grid, fewer orientations, or several maps",
+                remedy="use a coarser grid, fewer orientations, or several maps",
             )
     axes = [
         np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
@@ -65,9 +65,9 @@ def to_map_task(request: messages.MapOptions, robot: Robot) -> MapTask:
         raise RequestError("there is no load", where="force", remedy="give the force of the process in N")
     if request.direction is None and not force.any():
         raise RequestError(
-            "it is not said along which direction compliance is asked for",
+            "the direction of the compliance is missing",
             where="direction",
-            remedy="give a direction, as there is no force",
+            remedy="give `directions`, because there is no force",
         )
     rotation = tool_rotations(
         _unit(request.tool_axis, "tool_axis"),
@@ -166,7 +166,9 @@ def _unit(vector: Sequence[float], where: str) -> FloatArray:
     array = np.array(vector, dtype=np.float64)
     length = float(np.linalg.norm(array))
     if length < _LEAST_LENGTH:
-        raise RequestError("the direction has no length", where=where, remedy="give a vector that has one")
+        raise RequestError(
+            "the direction is the zero vector", where=where, remedy="give a vector that is not zero"
+        )
     return np.asarray(array / length)
 
 

@@ -17,8 +17,8 @@ from jointstiff.solver.deflection.maps import STATUSES
 _REASONS: Final = {
     "out_of_reach": "out of reach",
     "joint_limits": "beyond the joints' limits",
-    "unseen_joint": "load twists a joint that the readings say nothing of",
-    "overloaded": "load beyond what springs are a model of",
+    "unseen_joint": "load twists a joint that the readings do not determine",
+    "overloaded": "load beyond the range of the spring model",
     "not_followed": "too near a singularity to keep the branch of the given posture",
 }
 

@@ -166,9 +166,9 @@ def named_targets(
         return tuple(request.targets), np.array(list(request.targets.values()))
     if so_far is None:
         raise RequestError(
-            "it is not said where the targets are",
+            "the positions of the targets are missing",
             where="targets",
-            remedy="give at least one target by name, in the flange frame and in metres",
+            remedy="give `targets`: name and position of at least one target, in the flange frame, in m",
         )
     places = targets_in_flange(robot, so_far[0])
     if so_far[0].direction is None:
@@ -206,9 +206,9 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: SoFar | None) -> Lo
     size = 0.0 if so_far is None else float(np.linalg.norm(so_far[0].force, axis=1).max())
     if so_far is None or size == 0.0:
         raise RequestError(
-            "it is not said which loads there are",
+            "the loads are missing",
             where="load",
-            remedy="give a load: its kind (dead_weight, any_direction or cable) and its force in newtons",
+            remedy="give `load`: its kind (dead_weight, any_direction or cable) and its force in N",
         )
     down = so_far[0].force[:, 2] < -0.999 * np.linalg.norm(so_far[0].force, axis=1)
     return Loads("dead_weight" if down.all() else "any_direction", size, limits)
@@ -245,7 +245,7 @@ def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> Cell:
             raise RequestError(
                 f"facing directions of {', '.join(around.facing)} for the targets {', '.join(names)}",
                 where="surroundings.facing",
-                remedy="give a direction other than zero for each target, or none",
+                remedy="give a nonzero direction for each target, or omit all",
             )
         facing = np.array([around.facing[name] for name in names])
     return Cell(

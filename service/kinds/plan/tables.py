@@ -30,18 +30,18 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
         + (f"; struck out: {struck}" if struck else ""),
     ]
     if result.elastic_links:
-        lines.append("elastic links are taken for a nuisance, as joints alone do not explain the deflection")
+        lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
         lines.append(
             f"predicted deflection in the work area: ± {1e6 * result.deflection_uncertainty:.2g} µm rms, "
             f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
         )
     if result.left_out:
-        lines.append(f"not determined, as no load twists them: {', '.join(result.left_out)}")
+        lines.append(f"not determined, because no load twists them: {', '.join(result.left_out)}")
     if job.request.measurement_set_id is not None:
         lines.append(
-            "the list has the new readings alone; the promise counts those of the campaign so far, too: "
-            "identify from both, as the campaign to fill in has them"
+            "the list has only the new readings, but the predicted uncertainties also use those of the "
+            "campaign so far: identify both together, as in the campaign to fill in"
         )
     readings = _readings(job, result, boxes=view.details)
     return Report([_joints(result), readings, *map(Line, lines)])
@@ -56,7 +56,7 @@ def _joints(result: PlanResult) -> Table:
             Column("relative", [joint.relative for joint in joints], lambda share: f"{100 * share:.2g} %"),
             Column("now", [joint.before for joint in joints], nano),
         ],
-        title="Promised standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
+        title="Predicted standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
         caption="by the noise of the readings alone",
     )
 

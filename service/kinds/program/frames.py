@@ -106,7 +106,7 @@ class ProgramFrames:
         """Return poses whose z axis points from spindle to tip, and whose x axis is nearest to `x_axis`."""
         if self.x_axis is None:
             raise RequestError(
-                "the program states the tool's axis, and no angle about it",
+                "the program gives the tool's axis, but no angle about it",
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
@@ -118,7 +118,7 @@ class ProgramFrames:
         size = np.linalg.norm(x, axis=1, keepdims=True)
         if not (size > _LEAST_SINE * np.linalg.norm(self.x_axis)).all():
             raise RequestError(
-                "the tool's axis is along `tool_x`", where="tool_x", remedy="give another direction"
+                "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
             )
         x = x / size
         poses = np.tile(np.eye(4), (len(numbers), 1, 1))
@@ -147,15 +147,15 @@ class _Given:
         if frame.pose is not None:
             if key in self._poses:
                 raise RequestError(
-                    f"the program states the numbers of {shown(frame.name)}",
+                    f"the program already has the numbers of {shown(frame.name)}",
                     where=self._where,
-                    remedy="leave this frame out",
+                    remedy="omit this frame",
                 )
             return frame.pose
         key = key if key in self._poses else None
         if key not in self._poses:
             raise RequestError(
-                f"the program names {shown(frame.name)}, and not its numbers",
+                f"the program names {shown(frame.name)}, but has no numbers for it",
                 where=self._where,
                 remedy=f"give them: {{'name': {frame.name!r}, 'values': [...]}}",
             )
@@ -171,9 +171,7 @@ class _Given:
                     if name is None
                     else f"the program uses no {shown(name)}"
                 )
-                raise RequestError(
-                    what, where=self._where, remedy="leave this frame out, or correct its name"
-                )
+                raise RequestError(what, where=self._where, remedy="omit this frame, or correct its name")
 
 
 def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName], chosen: IndexArray) -> FloatArray:
@@ -203,7 +201,7 @@ def _stated(notation: Notation, values: Sequence[float] | None, where: str) -> F
         return np.eye(4)
     if len(values) != 3 + notation.count or not notation.states(np.array(values)):
         raise RequestError(
-            f"it is no frame of {3 + notation.count} numbers",
+            f"a frame has {3 + notation.count} numbers",
             where=where,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )

@@ -85,12 +85,14 @@ def _from_table(content: bytes, points: IndexArray) -> Loads:
     if any(text.count(sign) > lines for sign in "\n\r") or any(
         text.count(sign) > 8 * lines for sign in ",;\t"
     ):
-        raise _fault(1, "it has more lines or cells than the program has points", f"number them 1 to {most}")
+        raise _fault(
+            1, "the table has more lines or cells than the program has points", f"number them 1 to {most}"
+        )
     delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=delimiter)]
     except csv.Error:
-        raise _fault(1, "it is no table", _REMEDY) from None
+        raise _fault(1, "this is not a table", _REMEDY) from None
     columns = _columns(rows[0] if rows else [])
     values, number = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
     for line, row in enumerate(rows[1:], 2):
@@ -98,7 +100,7 @@ def _from_table(content: bytes, points: IndexArray) -> Loads:
             point, load = _row(line, row, columns)
             if not 1 <= point <= most or number[point]:
                 raise _fault(
-                    line, f"point {point} comes twice, or not in the program", f"number them 1 to {most}"
+                    line, f"point {point} occurs twice, or is not in the program", f"number them 1 to {most}"
                 )
             number[point] = len(values)
             values.append(load)
@@ -116,7 +118,7 @@ def _columns(header: Sequence[str]) -> list[tuple[int, float]]:
         found.append((3 * (column[1] == "M") + "xyz".index(column[2]), units[column[3]]))
     places = [place for place, _ in found]
     if header[:1] != ["point"] or len(set(places)) < len(places) or not {0, 1, 2} <= set(places):
-        raise _fault(1, "a column is missing, or comes twice", _REMEDY)
+        raise _fault(1, "a column is missing, or occurs twice", _REMEDY)
     return found
 
 
@@ -125,7 +127,7 @@ def _row(line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]) ->
     try:
         point, numbers = int(row[0]), [float(cell) for cell in row[1:]]
     except ValueError:
-        raise _fault(line, "a cell is no number", "write numbers with decimal points") from None
+        raise _fault(line, "a cell is not a number", "write numbers with decimal points") from None
     if len(numbers) != len(columns) or not np.isfinite(numbers).all() or max(map(abs, numbers)) > 1e9:
         raise _fault(line, "cells are missing, or out of range", "give a finite number in each column")
     for (place, factor), number in zip(columns, numbers, strict=True):

@@ -32,11 +32,11 @@ _REASONS: Final = {
         "check tool, base, `start`, and the limits of the robot's model",
     ),
     Unreached.NOT_AS_STATED: (
-        "no posture within the limits has the configuration that is stated",
+        "no posture within the limits has the stated configuration",
         "check tool and base, and that the joint map gives the controller's angles",
     ),
     Unreached.NOT_FOLLOWED: (
-        "the arm is so near a singularity that its branch cannot be followed",
+        "the arm is so near a singularity that the configuration of the arm is ambiguous",
         "move the part away from the singularity, or write the target as joint angles",
     ),
     Unreached.AMBIGUOUS: (
@@ -87,7 +87,9 @@ class Visits:
         """
         visits = program.moves.visits
         if not len(visits):
-            fault = Fault(program.sources[0].name, None, "no move was found", "send a program with moves")
+            fault = Fault(
+                program.sources[0].name, None, "the program has no move", "send a program with moves"
+            )
             raise ProgramError([fault])
         order, number = _in_order(visits)
         loads = loads_of(options, table, program.moves.line[program.moves.of_visit], number + 1)
@@ -96,7 +98,7 @@ class Visits:
             raise RequestError(
                 "no move is under load",
                 where="segments",
-                remedy="give the lines of moves, or points, that have one",
+                remedy="give lines or points of moves for the loads",
             )
         _refuse_two_loads(program, visits, number, loads.of_visit, loads.of_visit[first])
         return cls(visits, order, number, first, loads)
@@ -147,7 +149,7 @@ def _refuse_two_loads(
     program: Program, visits: IndexArray, number: IndexArray, load: IndexArray, load_of_target: IndexArray
 ) -> None:
     reason = "a target is used under two loads"
-    _refuse(program, visits[load != load_of_target[number]], reason, "use a target of its own for each load")
+    _refuse(program, visits[load != load_of_target[number]], reason, "use a separate target for each load")
 
 
 def _refuse_two_postures(
@@ -156,7 +158,7 @@ def _refuse_two_postures(
     apart = joints - joints_of_target
     apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
     reason = "a target is reached in two configurations of the arm"
-    _refuse(program, visits[apart > _SAME], reason, "use a target of its own for each of them")
+    _refuse(program, visits[apart > _SAME], reason, "use a separate target for each configuration")
 
 
 def _refuse(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
@@ -228,7 +230,7 @@ def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArr
         if before and letters and letters != before:
             changed.append(target)
         before = "" if joints else letters or before
-    remedy = "put a move to joint angles between, or split the program there"
+    remedy = "insert a move to joint angles before it, or split the program there"
     reason = "the arm changes its configuration (N/F, U/D, T/B)"
     _refuse(program, np.array(changed, dtype=np.intp), reason, remedy)
 

@@ -62,7 +62,10 @@ def rewritten(
         wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
         residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - under.q)
     if lost:
-        reason, remedy = "the corrected target is not reached", "move the part away from the singularity"
+        reason, remedy = (
+            "the robot does not reach the corrected target",
+            "move the part away from the singularity",
+        )
         raise ProgramError([path.fault(point, reason, remedy) for point in sorted(lost)])
     points = WrittenPoints(
         path=path,
@@ -91,7 +94,7 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
     angles = robot.joint_map.model_angles(found.commanded)
     outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
     reason = "the corrected target is outside of the joints' limits"
-    remedy = "move the part, or leave its load out"
+    remedy = "move the part, or omit its load"
     faults = [path.fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
     if faults:
         raise ProgramError(faults)

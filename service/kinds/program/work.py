@@ -67,9 +67,9 @@ class ProgramWork(SteppedWork[Corrections]):
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
-                "the controller compensates the load itself, so that it would be compensated twice",
+                "the controller already compensates the load",
                 where="accuracy_option",
-                remedy="switch that option off, measure with it off, and state `off`",
+                remedy="switch the controller's accuracy option off, measure with it off, and give `off`",
             )
         self.robot_id, self._run, self._request = robot_id, run, request
         options = request.model_dump_json(exclude={"run_id", "files"})
@@ -80,7 +80,7 @@ class ProgramWork(SteppedWork[Corrections]):
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
-                "no such file was sent", where="loads", remedy="send the table of loads among the files"
+                "this file was not sent", where="loads", remedy="send the table of loads with the files"
             )
         self._assessment = assessment_of(run)
         self._program = read_program(files, request.format, request.leave_alone)
@@ -209,7 +209,7 @@ class ProgramWork(SteppedWork[Corrections]):
         beyond = int((found.extrapolation > 1.0).sum())
         if beyond:
             remarks.append(
-                f"{beyond} points are beyond the loads or postures of the campaign: they extrapolate"
+                f"{beyond} points are extrapolated: their loads or postures are beyond those of the campaign"
             )
         return [*remarks, *left[:_MAX_REMARKS], *more]
 
@@ -273,6 +273,6 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
             raise RequestError(
                 f"a file is the output of the corrected program '{summary['id']}'",
                 where="files",
-                remedy="send the program as it was before that correction",
+                remedy="send the original program",
             )
     return ProgramWork(found.prepared.robot, found.prepared.robot_id, found.run, request)

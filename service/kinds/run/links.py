@@ -85,7 +85,7 @@ def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str
     elif excluded is not None:
         source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
     elif screening.links_p_value < LINKS_LEVEL:
-        source, text = "screening", f"Joints alone: mend the mistake that the reasons name first ({p})."
+        source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
     else:
         source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
     return ModelChoice(

@@ -104,17 +104,17 @@ def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, In
     m, robot = prepared.measurements, prepared.robot
     if not robot.bodies:
         raise RequestError(
-            "the robot has no masses, so that its own weight is unknown",
+            "the robot has no masses, so its own weight is unknown",
             where="weight",
-            remedy="state `bodies` of the robot, or give a URDF with inertials",
+            remedy="give `bodies` of the robot, or a URDF with inertials",
         )
     unloaded = prepared.readings.present & ~prepared.readings.as_deflection
     loaded = m.present & ~prepared.readings.as_deflection
     if not unloaded.any():
         raise RequestError(
-            "the set has deflections only, which the own weight does not change",
+            "the set has only deflections, which own weight does not change",
             where="weight",
-            remedy="give positions, `unloaded` alone or with `loaded`, or leave `weight` out",
+            remedy="give positions, `unloaded` alone or with `loaded`, or omit `weight`",
         )
     first, second = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
     observation = np.concatenate([first, second])

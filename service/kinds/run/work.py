@@ -89,7 +89,7 @@ class RunWork(SteppedWork[Resamples]):
             JointstiffError: as the identification of the whole set does.
         """
         if self._draws is None:
-            raise ValueError("this run takes no steps")
+            raise ValueError("this run has no steps")
         return self._draws.compute(span)
 
     def encode(self, part: Resamples) -> str:

@@ -107,14 +107,14 @@ def _unfit(candidate: Candidate) -> str | None:
         why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
         return f"its assessment is: do not use{why}"
     if result.links is not None:
-        return "its links or coupling are elastic, so that its joints' numbers are effective ones"
+        return "it has elastic links or coupling, so its joint stiffnesses are effective values"
     for name, stated in (
         ("priors", asked.priors),
         ("bounds of the stiffness", asked.stiffness_bounds),
         ("an order of the joints", asked.stiffness_order),
     ):
         if stated:
-            return f"it was identified with {name}, which draw the numbers together"
+            return f"it was identified with {name}, which shift the stiffnesses"
     return None
 
 
@@ -131,7 +131,7 @@ def sorted_out(
         if fitting:
             entering.append(fitting[0])
         else:
-            reason = _difference(candidates[0], selection) if candidates else "it has no run with numbers"
+            reason = _difference(candidates[0], selection) if candidates else "it has no run with stiffnesses"
             left_out.append(messages.LeftOut(measurement_set_id=one.id, name=one.name, reason=reason or ""))
     entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
     return [_campaign(candidate) for candidate in entering], left_out
@@ -140,7 +140,7 @@ def sorted_out(
 def _difference(candidate: Candidate, selection: messages.TrendSelection | None) -> str | None:
     """Return why a run is not comparable; None if it is."""
     if (unfit := _unfit(candidate)) is not None or selection is None:
-        return unfit or "no run was found that fits the query"
+        return unfit or "no run of it matches the query"
     mine, wanted = candidate.selection.model_dump(), selection.model_dump()
     differing = [name for name in wanted if mine[name] != wanted[name]]
     return ", ".join(f"{name.replace('_', ' ')}: {_shown(mine[name])}" for name in differing) or None

@@ -267,7 +267,7 @@ class Trends:
                 if one.entry.id == run_id:
                     return one
         raise RequestError(
-            f"the robot has no run '{run_id}' with numbers",
+            f"the robot has no run '{run_id}' with stiffnesses",
             where="run_id",
             remedy="give the id of a succeeded run of this robot",
         )

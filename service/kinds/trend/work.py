@@ -17,7 +17,7 @@ from jointstiff.schemas.assessment import Assessment
 from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, Alarm, Chart, alarms_of, charts_of
 from jointstiff.solver.trend.series import Change, Series, change_between, log_stiffness
 
-_OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a quarter"
+_OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of it"
 
 
 class JointBudget(BaseModel):
@@ -217,7 +217,7 @@ def _why_not(joint: JointNumbers | None) -> str | None:
     if joint.status != "identified":
         return joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
     if joint.verdict == "do_not_use":
-        return joint.reason or "the number is not to be used"
+        return joint.reason or "its verdict is: do not use"
     return None if _number(joint) else _OPEN_INTERVAL
 
 
@@ -281,13 +281,13 @@ def _pair(part: _Part) -> messages.TrendPair | None:
 def _note(chosen: Sequence[int], baselines: Sequence[messages.TrendBaseline]) -> str | None:
     """Return what the charts cannot say yet; None where they compare."""
     if not chosen:
-        return "no campaign enters: identify measurement sets of this robot by the same method"
+        return "no campaign is charted: identify measurement sets of this robot by the same method"
     size, have = baselines[-1].campaigns, sum(1 for one in chosen if one == len(baselines) - 1)
     if have < size:
         return (
-            f"the baseline takes {size} campaigns and has {have}: no chart yet, only the test of the latest "
+            f"the baseline has {have} of {size} campaigns: there is no chart yet, only a test of the latest "
             "campaign against the first"
         )
     if have == size:
-        return "the baseline is whole; the next campaign is the first that is compared with it"
+        return "the baseline is complete; the next campaign is the first that is compared with it"
     return None

@@ -75,6 +75,6 @@ def refuse_other_layout(found: str) -> None:
     if found != ours:
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {ours}",
-            "write what it holds as files (jointstiff export-database URL -o FOLDER), and post them to a new "
-            "database (jointstiff post FOLDER); or give another one",
+            "export it to files (jointstiff export-database URL -o FOLDER) and post these to a new database "
+            "(jointstiff post FOLDER), or give another database",
         )

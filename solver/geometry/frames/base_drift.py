@@ -105,7 +105,7 @@ def find_drift(
         )
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         raise MeasurementError(
-            "a coordinate is not finite", where="base_targets", remedy="remove or repeat the reading"
+            "a coordinate is not finite", where="base_targets", remedy="omit or repeat the reading"
         )
     spread = np.linalg.svd(before - before.mean(axis=0), compute_uv=False)
     if spread[1] <= _COLLINEAR * spread[0]:

@@ -128,8 +128,8 @@ def link_findings(links: Sequence[LinkParameter]) -> tuple[GeometryFinding, ...]
             float(len(vague)),
             "",
             "the readings hardly determine " + ", ".join(link.text for link in vague),
-            "read targets farther from the last axes, or turn these joints over more of their range; results "
-            "at the same targets, over the same range, do not suffer",
+            "read targets farther from the last axes, or turn these joints over more of their range; "
+            "results at the same targets, over the same range, are not affected",
         ),
     )
 

@@ -96,9 +96,9 @@ class CalibratedAxes(IdentifiedAxes):
                 (self.sigma / self.stated_sigma) ** 2,
                 "",
                 f"the residuals give sigma = {length_text(self.sigma)}, but "
-                f"{length_text(self.stated_sigma)} was stated: gears and sag that no geometry explains; the "
-                "uncertainties hold what of it changes from pose to pose",
-                "sweep the joints, which shows gear errors apart, or correct sigma",
+                f"{length_text(self.stated_sigma)} was stated: gear errors and sag, which no geometry "
+                "explains, are part of it; the uncertainties include the part that changes from pose to pose",
+                "sweep single joints, which shows gear errors separately, or correct sigma",
             ),
         )
 

@@ -177,7 +177,7 @@ class Poses:
             )
         if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
             raise MeasurementError(
-                "an angle or a coordinate is not finite", where="poses", remedy="remove or repeat the reading"
+                "an angle or a coordinate is not finite", where="poses", remedy="omit or repeat the reading"
             )
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
             raise MeasurementError(

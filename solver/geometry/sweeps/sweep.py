@@ -118,7 +118,7 @@ class Sweep:
             raise MeasurementError(
                 "an angle or a coordinate is not finite",
                 where=self.where,
-                remedy="remove or repeat the reading",
+                remedy="omit or repeat the reading",
             )
         if not 0 <= self.joint < self.angles.shape[1]:
             raise MeasurementError(

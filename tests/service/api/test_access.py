@@ -155,12 +155,12 @@ def test_open_services_demand_no_key_but_issue_none_either(store):
 @pytest.mark.parametrize(
     ("header", "reason"),
     [
-        ("Bearer ", "not the text"),
-        (f"Bearer {KEYS['admin'].text[:-1]}", "not the text"),
+        ("Bearer ", "is not a key"),
+        (f"Bearer {KEYS['admin'].text[:-1]}", "is not a key"),
         (f"bearer {KEYS['admin'].text[:-8]}00000000", "mistyped"),
         (f"BEARER {mint('stranger', 'admin', NOW, None).text}", "not one of"),
-        ("Basic YWRtaW46YWRtaW4=", "no key came"),
-        (KEYS["admin"].text, "no key came"),
+        ("Basic YWRtaW46YWRtaW4=", "has no key"),
+        (KEYS["admin"].text, "has no key"),
     ],
     ids=["empty", "cut off", "mistyped", "unknown", "another scheme", "no scheme"],
 )
@@ -322,7 +322,7 @@ def test_an_open_service_uses_no_link_up(store):
     token = offered(store)
     answer = Client(store).request("POST", "/v1/session", json={"link": token})
     assert answer.status_code == 422
-    assert "demands no key" in answer.json()["detail"]
+    assert "requires no key" in answer.json()["detail"]
     assert store.sessions.redeem(digest(token), NOW) == key.id
 
 

@@ -102,7 +102,7 @@ def test_from_draft_to_superseded(ask, runs):
     assert ">draft<" not in shown
     assert page(ask, first, settings=LaboratorySettings(Laboratory(name="Another Lab"))) == shown
 
-    for other, reason in ((first, "does not supersede itself"), ("none", "there is no run")):
+    for other, reason in ((first, "cannot supersede itself"), ("none", "there is no run")):
         refused = ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"supersedes": other})
         assert refused.status_code == 422
         assert reason in refused.text

@@ -157,7 +157,7 @@ def test_large_answers_are_bounded_together(serve, connect, caplog):
     while (refused := httpx2.get(f"{url}/openapi.json", timeout=60)).status_code == 200:
         assert time.monotonic() < deadline
     assert refused.status_code == 503
-    assert refused.json()["remedy"] == "ask again later"
+    assert refused.json()["remedy"] == "try again later"
     assert int(refused.headers["Retry-After"]) > 0
     assert 503 in [getattr(record, "status", None) for record in caplog.records]  # as the metrics count it
     assert httpx2.get(f"{url}/live").status_code == 204  # small ones are answered

@@ -76,7 +76,7 @@ def test_the_answer_holds_the_truth(client, pulled):
         assert high <= wide[1]
     assert case.compliance.along.lateral_free <= case.compliance.along.lateral_blocked
     assert case.compliance.symmetric
-    assert result.remarks == ["own weight is left out, as no masses are given"]
+    assert result.remarks == ["own weight is not included, because no masses are given"]
     again = post(client, "/v1/deflections", request(pulled, confidence=0.95), expected=200)
     assert again == answer
 
@@ -135,7 +135,7 @@ def test_the_reason_for_no_bound_is_the_true_one():
         observation["joints"] = observations[0]["joints"]
     campaign = Campaign.model_validate_json(json.dumps(robot_and_set))
     result = campaigns.predict(campaign, TABLE, load_point=POINT)
-    assert any("it takes two postures under load" in remark for remark in result.remarks)
+    assert any("the model error needs two postures under load" in remark for remark in result.remarks)
     assert not any("there are 0" in remark for remark in result.remarks)
 
 

@@ -147,9 +147,9 @@ class Stumbling(Store):
 
 def test_the_look_at_the_database_outlives_any_failure(caplog):
     with Stumbling.open("sqlite://") as store, Watch(store) as watch:
-        with pytest.raises(StoreUnavailableError, match="look at the database failed"):
+        with pytest.raises(StoreUnavailableError, match="check of the database failed"):
             anyio.run(watch.latest)
-        assert "unexpected failure of a look" in caplog.text
+        assert "unexpected failure of a check" in caplog.text
         store.stumbles = False
         deadline = time.monotonic() + 60
         while True:

@@ -99,7 +99,7 @@ def test_the_own_page_and_programs_may_change(headers):
 
 
 def test_without_access_control_any_name_is_answered_only_if_that_is_said():
-    with pytest.raises(ValueError, match="no name of the service"):
+    with pytest.raises(ValueError, match="the service has no name"):
         Posture.of("192.0.2.1", (), access_control=False)
     with Store.open("sqlite://") as store:
         everything = Client(store, Posture.of("192.0.2.1", ("*",), access_control=False), "cell3.example")

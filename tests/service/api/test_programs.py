@@ -138,5 +138,5 @@ def test_a_corrected_program_is_not_corrected_again(client, run_id, mark):
     assert ("; Jointstiff run " in corrected) == mark
     again = post(client, run_id, corrected, mark=mark)
     assert again.status_code == 422
-    assert "as it was before" in json.dumps(again.json())
+    assert "the original program" in json.dumps(again.json())
     assert post(client, run_id, mark=mark).status_code == 201  # the program itself may be corrected anew

@@ -132,8 +132,8 @@ def test_what_is_not_comparable_is_left_out_and_said(client, robot, runs):
     reasons = {one["name"]: one["reason"] for one in trend["left_out"]}
     assert reasons == {
         "secondary": "encoders: secondary",
-        "with prior": "it was identified with priors, which draw the numbers together",
-        "no run": "it has no run with numbers",
+        "with prior": "it was identified with priors, which shift the stiffnesses",
+        "no run": "it has no run with stiffnesses",
     }
     assert len(trend_of(client, robot, encoders="secondary")["campaigns"]) == 1
 
@@ -203,7 +203,7 @@ def test_the_fleet_has_a_row_for_each_serial_number(client, robot, runs):
     assert fleet["is_whole"]
     assert set(rows) == {("worn", "A"), ("worn", "B"), ("new", None)}
     assert rows["worn", "B"]["state"] == "unjudged"
-    assert rows["worn", "B"]["missing"].startswith("the baseline takes 3 campaigns and has 1")
+    assert rows["worn", "B"]["missing"].startswith("the baseline has 1 of 3 campaigns")
     assert rows["new", None]["measured_at"] is rows["new", None]["verdict"] is None
     (newest,) = client.get("/v1/runs", params={"limit": 1}).json()["items"]
     assert rows["worn", "B"]["verdict"] == newest["verdict"] == "use"
@@ -215,7 +215,7 @@ def test_below_three_campaigns_there_is_only_the_pair(client):
     measured(client, robot, 1)
     measured(client, robot, 2, soft=True)
     trend = trend_of(client, robot)
-    assert "no chart yet, only the test" in trend["note"]
+    assert "no chart yet, only a test" in trend["note"]
     assert {one["time_source"] for one in trend["campaigns"]} == {"created_at"}
     found = joint(trend)
     assert found["charts"] == []
@@ -250,7 +250,7 @@ def test_a_robot_without_runs_says_what_is_missing(client):
     robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "bare"})["id"]
     trend = trend_of(client, robot)
     assert trend["selection"] is None
-    assert trend["note"].startswith("no campaign enters")
+    assert trend["note"].startswith("no campaign is charted")
     assert {one["state"] for one in trend["joints"]} == {"unjudged"}
     assert client.get("/v1/robots/nobody/trend").status_code == 404
     assert client.get(f"/v1/robots/{robot}/trend", params={"methode": "x"}).status_code == 422

@@ -105,7 +105,7 @@ def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
     assert "-1.86" in run("identify", path, "--no-positive").stdout
     constrained = run("identify", path).stdout
     assert "rigid" in constrained
-    assert "cannot distinguish it from rigid" in constrained
+    assert "cannot distinguish it from a rigid" in constrained
 
 
 @pytest.mark.parametrize(

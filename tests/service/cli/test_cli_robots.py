@@ -49,7 +49,7 @@ def test_writes_a_robot(folder):
 
 @pytest.mark.parametrize(
     ("arm", "said"),
-    [("KUKA", "more than one arm"), ("KR 500", "no arm 'KR 500'"), ("robot.json", "no file 'robot.json'")],
+    [("KUKA", "several arms"), ("KR 500", "no arm 'KR 500'"), ("robot.json", "no file 'robot.json'")],
 )
 def test_an_unclear_arm_is_refused_with_its_remedy(folder, arm, said):
     (folder / "table.csv").write_text("J1 [deg]\n0\n")

@@ -53,7 +53,7 @@ def test_a_program_and_its_report(folder):
         (["--force", "0,0,-500"], "TOOL_DATA[1]"),
         (["--options", "options.json", "--load-point", "0,0,6000"], "6 m from the flange"),
         (["--options", "campaign.json"], "the file is a campaign"),
-        (["--options", "path.src"], "no JSON object"),
+        (["--options", "path.src"], "not a JSON object"),
         (["--options", "options.json", "--accuracy-option", "compensates_load"], "twice"),
         (["--options", "options.json", "--tool", "a,b"], "must be numbers"),
     ],

@@ -79,7 +79,7 @@ def test_a_statement_that_nothing_needs_is_refused(options, words):
 def test_a_template_that_repeats_the_headers_is_refused():
     table = "name;unloaded x [mm];unloaded y [mm];unloaded z [mm]\nc01_P10_loaded;1;2;3.5\n"
     (reason,) = reasons(("a.csv", table), point_name="{label}_{target}_{state}")
-    assert "is not needed: headers or columns say the state" in reason
+    assert "is not needed: headers or columns give the state" in reason
 
 
 # ---- frames and units in remarks
@@ -234,7 +234,7 @@ def test_a_rotation_is_known_by_its_numbers():
         imported = read(probed(first, ROTATIONS))
         assert points_of(imported) == READ_POINTS
         assert imported.preview.joint_count is None
-        assert f"Q{first} to Q{first + 3} were taken for the rotation" in " ".join(
+        assert f"Q{first} to Q{first + 3} were ignored as the rotation" in " ".join(
             imported.preview.files[0].assumptions
         )
     assert read(probed(0, [("", "", "", "")] * 4)).preview.joint_count is None
@@ -454,5 +454,5 @@ def test_a_load_point_in_metres_is_blamed_on_itself():
     findings = import_files(sources_of(("a.csv", table)), request, robot).findings
     (finding,) = [one for one in findings if one.code == "length_unit_suspect"]
     assert finding.remedy == (
-        "check the unit of `load_point`; the numbers seem to be in m, but to be taken in mm"
+        "check the unit of `load_point`; the numbers seem to be in m, but are read as mm"
     )

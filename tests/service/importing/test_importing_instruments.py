@@ -168,7 +168,7 @@ def test_uncertainties_of_coordinates_become_covariances():
     assert reading.unloaded_covariance[0][1:] == (0.0, 0.0)
     notes = " ".join(answer.preview.assumptions)
     assert "σ = U/1.96" in notes
-    assert "U(95) of 0 is rounded to 1 µm, and was taken as 0.5 µm (4 cells)" in notes
+    assert "U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm (4 cells)" in notes
     assert answer.measurement_set.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
     assert answer.measurement_set.conditions == "temperature 20.5 to 23.5 °C"
 
@@ -192,7 +192,7 @@ def test_rows_marked_delete_are_left_out_and_counted():
     (fault,) = faults(("tracker.csv", leica(deleted=(3,))))
     assert fault.reason == "c02: target P10 was read only unloaded"
     (fault,) = faults(("tracker.csv", leica().replace(b"False,\r\n", b"perhaps,\r\n", 1)))
-    assert "does not say whether the row is deleted" in fault.reason
+    assert "does not show whether the row is deleted" in fault.reason
 
 
 def test_leicas_target_is_its_reflector_unless_nothing_else_names_one():
@@ -244,7 +244,7 @@ def test_digits_are_states_only_where_nothing_else_can_be_meant():
     assert "does not show which" in faults(("loaded.txt", names), units={"length": "mm"})[0].reason
     digits = read(("day.txt", names), units={"length": "mm"})
     assert points_of(digits)["c01", "P1", "loaded"] == (1, 2, 4.5)
-    assert "0 and 1 in names were taken for `unloaded` and `loaded`" in digits.preview.assumptions
+    assert "0 and 1 in names were read as `unloaded` and `loaded`" in digits.preview.assumptions
 
 
 def test_unknown_words_for_states_are_asked_about_once():

@@ -225,7 +225,7 @@ def test_names_of_the_caller_for_states():
 def test_names_that_contradict():
     file = ("P11_loaded.txt", POINTS)
     options = {"units": MM, "point_name": "{label}_{target}_{state}", "file_name": "{target}_{state}"}
-    refused(file, reason="the target is 'P10' by one name and 'P11' by another", file="P11_loaded.txt",
+    refused(file, reason="the target is 'P10' in one name and 'P11' in another", file="P11_loaded.txt",
             line=1, column=1, **options)  # fmt: skip
 
 

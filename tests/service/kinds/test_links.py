@@ -291,7 +291,7 @@ def test_a_gross_mistake_is_mended_before_models_are_compared(store):
     choice = run.result.choice
     assert (choice.elasticity, choice.source, run.result.selection) == ("joints", "screening", None)
     assert choice.links_p_value < 3e-3
-    assert "mend the mistake" in choice.message
+    assert "correct the mistake" in choice.message
 
 
 @pytest.mark.parametrize(

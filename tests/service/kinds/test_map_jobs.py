@@ -121,7 +121,7 @@ class TestDownloads:
         ({"grid": [1000, 1000, 1]}, "grid", "1,000,000 places exceed 100,000"),
         ({"grid": [300, 300, 1], "turns": 4}, "grid", "360,000 places times"),
         ({"force": [0, 0, 0]}, "force", "no load"),
-        ({"force": [0, 0, 0], "moment": [0, 0, 9]}, "direction", "along which direction"),
+        ({"force": [0, 0, 0], "moment": [0, 0, 9]}, "direction", "direction of the compliance is missing"),
         ({"tool_axis": [0, 0, 0]}, "tool_axis", "no length"),
         ({"directions": [[0, 0, 1], [0, 0, 0]]}, "directions[1]", "no length"),
         ({"limits": {"joint_9": [0, 1]}}, "limits.joint_9", "no joint"),

@@ -146,7 +146,7 @@ class TestPlans:
         plan = plan_of(parts, measurement_set_id=set_id, readings=5, candidates=300)
         result = plan.result
         report = job_document(PLAN, plan, plan.model_dump_json(), LaboratorySettings())
-        assert "the list has the new readings alone" in report_page(report).decode()
+        assert "the list has only the new readings" in report_page(report).decode()
         assert all(joint.standard_uncertainty < joint.before for joint in result.joints)
         assert all(joint.relative < 0.1 for joint in result.joints)
         sizes = [np.linalg.norm(each.force) for each in result.readings]
@@ -174,7 +174,7 @@ class TestPlans:
         ("changes", "where", "message"),
         [
             ({"load": None}, "load", "which loads"),
-            ({"targets": {}}, "targets", "where the targets are"),
+            ({"targets": {}}, "targets", "positions of the targets"),
             ({"joints": ["joint_9"]}, "joints", "no joint 'joint_9'"),
             ({"stiffness": {"joint_9": 1e6}}, "stiffness.joint_9", "no joint"),
             (

@@ -251,7 +251,7 @@ def test_a_key_is_sent_as_a_bearer_token(key, sent):
 
 @pytest.mark.parametrize("address", ["127.0.0.1:9199", "localhost", "ftp://localhost", ""])
 def test_an_address_needs_its_scheme(address):
-    with pytest.raises(RefusedError, match=r"no address of a service; remedy: .*http://"):
+    with pytest.raises(RefusedError, match=r"not the address of a service; remedy: .*http://"):
         Client(address)
 
 

@@ -658,7 +658,7 @@ def test_each_motion_word_is_read_or_refused(monkeypatch, name, text):
         program = mutated(draw, kind, text)
         found = Reader(kind, (formats._source(name, program.encode()),))
         FORMATS[kind].read(found)
-        left = [remark.line for remark in found._remarks if "which the controller keeps" in remark.text]
+        left = [remark.line for remark in found._remarks if "stored in the controller" in remark.text]
         lines = [*found.moves[::3], *left]
         refused = refused_lines(kind, program, found.faults)
         words = motion_lines(kind, program)

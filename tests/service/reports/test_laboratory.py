@@ -34,10 +34,10 @@ def written(folder, logo=None, content=b"", text='name = "Lab"\n'):
 @pytest.mark.parametrize(
     ("logo", "content", "reason"),
     [
-        ("../../etc/passwd", b"", "no name of a file"),
-        ("/etc/passwd", b"", "no name of a file"),
-        ("..\\secret.png", b"", "no name of a file"),
-        ("..", b"", "no name of a file"),
+        ("../../etc/passwd", b"", "not the name of a file"),
+        ("/etc/passwd", b"", "not the name of a file"),
+        ("..\\secret.png", b"", "not the name of a file"),
+        ("..", b"", "not the name of a file"),
         ("logo.svg", SVG, "neither PNG nor JPEG"),
         ("logo.png", SVG, "neither PNG nor JPEG"),
         ("logo.png", png(10, 10, 10_000_000), "exceeds 256 KiB"),

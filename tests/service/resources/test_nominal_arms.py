@@ -109,7 +109,7 @@ def test_part_of_a_name_is_enough(typed, name):
 @pytest.mark.parametrize(
     ("typed", "said"),
     [
-        ("IRB", "more than one"),
+        ("IRB", "several arms"),
         ("", "no arm"),
         ("/", "no arm"),
         ("KUKA KR 6 R700", "near are KUKA KR 6 R900 sixx"),

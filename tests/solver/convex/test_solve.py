@@ -322,7 +322,7 @@ def test_an_order_that_the_readings_contradict(method):
     for j, other in ((4, "joint_6"), (5, "joint_5")):
         joint = held.joints[j]
         assert joint.status == "at_bound"
-        assert f"holds it at the stiffness of {other}" in joint.reason
+        assert f"makes its stiffness equal to that of {other}" in joint.reason
         assert joint.compliance_interval[0] <= joint.compliance <= joint.compliance_interval[1]
     across = estimate(robot, measurements, method=method, stiffness_order=[["joint_6", "joint_2"]])
     assert across.compliance[5] == across.compliance[1]
@@ -344,7 +344,7 @@ def test_an_order_through_a_joint_that_no_load_twists():
     assert joints[1].compliance == joints[4].compliance
     for j, other in ((1, "joint_5"), (4, "joint_2")):
         assert joints[j].status == "at_bound"
-        assert f"holds it at the stiffness of {other}" in joints[j].reason
+        assert f"makes its stiffness equal to that of {other}" in joints[j].reason
 
 
 def test_what_is_solved_is_what_cvxpy_stated():

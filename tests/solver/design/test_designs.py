@@ -204,7 +204,7 @@ class TestRefusals:
             optimise(problem_of(rows, DOptimality()))
 
     def test_more_readings_than_candidates_that_come_once(self):
-        with pytest.raises(RequestError, match="40 readings of 30 candidates"):
+        with pytest.raises(RequestError, match="40 readings are requested of 30 candidates"):
             optimise(problem_of(random_rows(1, 30), DOptimality(), 40, once=True))
 
     def test_too_few_distinct_postures(self):
@@ -215,7 +215,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("rows", [np.zeros((0, 2, P)), np.full((5, 2, P), np.nan)])
     def test_no_candidate_or_one_that_is_not_finite(self, rows):
-        with pytest.raises(RequestError, match="no candidate, or a number"):
+        with pytest.raises(RequestError, match="no candidates, or one"):
             Candidates.from_rows(rows)
 
 
