@@ -54,7 +54,7 @@ def heavy(document):
 CASES = {
     "Repeat with Huber loss": (moved, {"loss": "huber"}),
     "Include K_c": (heavy, {"complementary_stiffness": "included"}),
-    "Take the noise from the residuals": (understated, {}),
+    "Estimate the noise from the residuals": (understated, {}),
     "Exchange the columns of joint_2 and joint_3": (exchanged, {}),
     "Use the suggested joint map": (zeroed_elsewhere, {}),
     "Exchange load point and P11": (load_and_target_exchanged, {}),

@@ -62,7 +62,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     page.get_by_role("link", name="Stiffness").click()
     page.locator("summary", has_text="Evidence").click()
     expect(page.locator(".evidence").get_by_text("5 of 6")).to_be_visible()
-    page.get_by_label("What to do with this result").get_by_role("link", name="Predict").click()
+    page.get_by_label("Uses of this result").get_by_role("link", name="Predict").click()
     page.get_by_label("Posture", exact=True).select_option(label="c03")
     page.get_by_label("Force on the robot").fill("0, 0, -500")
     page.get_by_role("button", name="Predict").click()
@@ -73,7 +73,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     page.get_by_label("Measurement set", exact=True).select_option(label=f"{size} motor ({name})")
     page.get_by_role("button", name="Compare").click()
     expect(page.get_by_role("row")).to_have_count(5)  # four methods and the head, as no constraint is active
-    expect(page.get_by_text("constrained and unconstrained give the same")).to_have_count(4)
+    expect(page.get_by_text("constrained and unconstrained agree")).to_have_count(4)
 
     visited.go("#/compare/pairs")
     page.get_by_label("First side", exact=True).select_option(label=f"{size} motor ({name})")
@@ -100,7 +100,7 @@ def test_three_taps_from_a_file_to_its_result(visit):
     chooser.value.set_files(file_of(campaign(load="pull", seed=31)))
     page.get_by_role("button", name="Identify").tap()  # three
     expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
-    expect(page.get_by_text("6 of 6 joints have a number")).to_be_visible()
+    expect(page.get_by_text("6 of 6 joints have a stiffness")).to_be_visible()
 
 
 def test_the_options_in_a_file_are_taken_and_shown(visit, api):

@@ -87,12 +87,14 @@ def test_from_a_robot_to_enough_readings(visit, api, stored):
         page.locator("input[type=file]").set_input_files(file)
 
     drop(0)
-    expect(page.get_by_text("No posture in this file has all its readings yet.")).to_be_visible()
+    expect(page.get_by_text("No posture in this file is complete yet.")).to_be_visible()
     drop(4)
-    expect(page.get_by_text("Go on: joint_")).to_be_visible()
+    expect(page.get_by_text("Continue: joint_")).to_be_visible()
     expect(page.get_by_text("4 of 10 done")).to_be_visible()
     drop(10)
-    expect(page.get_by_text("Enough: all joints are as sure as the plan promised.")).to_be_visible()
+    expect(
+        page.get_by_text("Complete: all joints have the uncertainty that the plan predicted.")
+    ).to_be_visible()
     expect(page.get_by_text("8 postures in the fit, 2 held out")).to_be_visible()
 
 
@@ -126,4 +128,4 @@ def test_a_weight_plans_what_it_twists_and_a_refusal_says_what_to_change(visit, 
     expect(page.get_by_text("twists joint_1")).to_be_visible()
     page.get_by_label("joint_2").check()
     page.get_by_role("button", name="Plan", exact=True).click()
-    expect(page.get_by_text("Not determined, as no load twists them: joint_1, joint_6.")).to_be_visible()
+    expect(page.get_by_text("Not determined, because no load twists them: joint_1, joint_6.")).to_be_visible()

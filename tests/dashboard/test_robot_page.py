@@ -14,7 +14,7 @@ def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):
     visited.go("#/robots/new")
     page.get_by_label("Search").fill("kr210")
     page.get_by_role("radio", name="KUKA KR 210 R2700 extra").check(force=True)
-    expect(page.get_by_text("Nominal figures of the maker")).to_be_visible()
+    expect(page.get_by_text("Nominal values of the maker")).to_be_visible()
     page.locator("canvas[data-ready=true]").wait_for()
     page.get_by_role("button", name="Edit as a table").click()
     expect(page.get_by_label("a of joint 3")).to_have_value("1150")
@@ -30,13 +30,13 @@ def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):
     page.get_by_role("button", name="Rename").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("press line, arm 2")
     page.get_by_role("button", name="Archive").click()
-    expect(page.get_by_role("button", name="Take back from the archive")).to_be_visible()
+    expect(page.get_by_role("button", name="Restore from the archive")).to_be_visible()
     robot = page.url.rpartition("/")[2]
     visited.go("#/robots")
     expect(page.get_by_text("press line, arm 2")).to_have_count(0)
     page.get_by_text("Archived", exact=True).click()
     page.get_by_role("link", name="press line, arm 2").click()
-    page.get_by_role("button", name="Take back from the archive").click()
+    page.get_by_role("button", name="Restore from the archive").click()
     expect(page.get_by_role("button", name="Archive", exact=True)).to_be_visible()
 
     with httpx2.Client(base_url=visited.url, timeout=60.0) as api:
@@ -58,4 +58,4 @@ def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):
     page.get_by_label("Search").fill("noted 211034")
     expect(page.locator(".rows .item")).to_have_count(1)
     page.get_by_label("Measured from").fill("2026-11-22")
-    expect(page.get_by_text("Nothing matches")).to_be_visible()
+    expect(page.get_by_text("No match")).to_be_visible()

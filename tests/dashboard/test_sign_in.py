@@ -68,7 +68,7 @@ def test_a_key_is_entered_once_and_the_page_works_until_sign_out(visit, run):
 
     page.get_by_label("Key").fill(KEY.text[:-1])
     page.get_by_role("button", name="Sign in").click()
-    expect(page.get_by_role("alert")).to_contain_text("not the text of a key")
+    expect(page.get_by_role("alert")).to_contain_text("is not a key")
     assert page.context.cookies() == []
 
     page.get_by_label("Key").fill(KEY.text)
@@ -159,7 +159,7 @@ def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, 
             connection.execute(insert(deliveries).values(asdict(dead)))
     page.reload()
     expect(row).to_contain_text("given up")
-    expect(page.get_by_role("region", name="Messages that did not arrive")).to_contain_text("answered 500")
+    expect(page.get_by_role("region", name="Messages not delivered")).to_contain_text("answered 500")
     assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     page.once("dialog", lambda dialog: dialog.accept())
     row.get_by_role("button", name="Delete").click()

@@ -39,10 +39,10 @@ def test_the_page_asks_before_it_maps(visit, unusable, tmp_path):
     expect(page).to_have_url(re.compile("#/maps/"))
     assert len(said) == 2
     assert "joint_2" in said[0]
-    assert "Go on all the same?" in said[0]
+    assert "Continue anyway?" in said[0]
     expect(page.locator(".head .badge")).to_have_text("Do not use")
     expect(page.get_by_role("region", name="Assessment")).to_contain_text("joint_2")
-    expect(page.get_by_text("Made despite this verdict.")).to_be_visible()
+    expect(page.get_by_text("Computed despite this verdict.")).to_be_visible()
     page.screenshot(path=tmp_path / "map.png")
     visited.go(f"#/runs/{unusable}/map")
     listed = page.locator(".list")

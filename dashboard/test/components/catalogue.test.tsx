@@ -47,7 +47,7 @@ describe("the catalogue", () => {
     const facts = await drawn(<ArmFacts arm={arm("KUKA KR 210 R2700 extra")} />);
     await settled(() => {});
     for (const said of [
-      "Nominal figures",
+      "Nominal values",
       "2696 mm",
       "wrist centre",
       "at the floor",

@@ -88,7 +88,7 @@ describe("tables of readings", () => {
     await wait();
     await settled(() => undefined);
     const faulty = [...root.querySelectorAll(".faulty")].map((cell) => cell.textContent);
-    expect(faulty[0]).toContain("Choose what it means");
+    expect(faulty[0]).toContain("Choose its meaning");
     expect(faulty[1]).toBe("1.2.3'1.2.3' is no number: correct it");
     expect(root.querySelector("tr.further th")?.textContent).toBe("6");
     expect(root.querySelector(".warnings")?.textContent).toContain("plan.pdf: a PDF document");

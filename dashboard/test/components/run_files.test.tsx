@@ -60,7 +60,7 @@ describe("files of a run", () => {
       "model.urdf",
     ])
       expect(links).toContain(`/v1/runs/r1/${name}`);
-    expect(root.textContent).toContain("it is a draft");
+    expect(root.textContent).toContain("marked as a draft");
     expect(root.querySelector("button")).toBeNull();
   });
 
@@ -79,7 +79,7 @@ describe("files of a run", () => {
     expect(root.textContent).toContain("under the name of your key, Dr. Key");
     const shown = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
     expect(shown).toContain("/v1/runs/r1/report.html?draft=true");
-    await press(root, "Issue it");
+    await press(root, "Issue the report");
     await settled(() => {});
     expect(authorise).toHaveBeenCalledWith("r1", { note: null, customer: null, received_on: null });
     expect(list).toHaveBeenCalledTimes(2);
@@ -87,6 +87,6 @@ describe("files of a run", () => {
     expect(root.textContent).toContain("checked");
     const issued = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
     expect(issued).toContain("/v1/runs/r1/issued/1.pdf");
-    expect(root.textContent).not.toContain("Issue it");
+    expect(root.textContent).not.toContain("Issue the report");
   });
 });
