@@ -40,10 +40,8 @@ def receiver_addresses(host: str, port: int) -> list[str]:
                 raise RequestError(
                     f"'{host}' is {address}, which is this machine or not public",
                     where="url",
-                    remedy=(
-                        f"list it in the environment variable {ALLOWED_VARIABLE} of the service and its "
-                        "workers"
-                    ),
+                    remedy=f"list it in the environment variable {ALLOWED_VARIABLE} of the service and its "
+                    "workers",
                 )
     return addresses
 

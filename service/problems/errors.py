@@ -65,10 +65,8 @@ class VerdictError(RequestError):
         super().__init__(
             f"the verdict on {subject} is: do not use",
             where=where,
-            remedy=(
-                "follow the remedies of its reasons and identify again; to continue anyway, give "
-                "`accept_verdict`: do_not_use (--despite-verdict in the terminal)"
-            ),
+            remedy="follow the remedies of its reasons and identify again; to continue anyway, give "
+            "`accept_verdict`: do_not_use (--despite-verdict in the terminal)",
         )
         self.subject = subject
         self.items = items

@@ -58,10 +58,8 @@ class DesignProblem:
                 f"{self.readings} readings are requested of {len(self.candidates)} candidates, each at most "
                 "once",
                 where="readings",
-                remedy=(
-                    "request at least one reading and at most as many as there are candidates, or give "
-                    "more candidates"
-                ),
+                remedy="request at least one reading and at most as many as there are candidates, or give "
+                "more candidates",
             )
         share = self.readings / len(self.candidates)
         total = self.base + share * self.candidates.total()

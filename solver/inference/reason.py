@@ -76,7 +76,7 @@ class Action:
 
 @dataclass(frozen=True)
 class Reason:
-    """One reason not to use the numbers without further ado."""
+    """One reason not to use the result, or to use it with care."""
 
     code: ReasonCode  #: its kind
     #: the best verdict that a result with this reason can have

@@ -128,7 +128,7 @@ DISAGREEMENT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class CentreEstimate:
-    """The wrist centre by one way."""
+    """The wrist centre by one estimate."""
 
     way: CentreWay  #: which
     centre: FloatArray  #: (3,) tracker's frame, arm as in the wrist's sweeps [m]
@@ -144,7 +144,7 @@ class CentreEstimate:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Two ways beside each other."""
+    """Two estimates side by side."""
 
     first: CentreWay  #: one way
     second: CentreWay  #: the other

@@ -42,7 +42,8 @@ def rapid(*lines, head="", more=""):
 
 def ls(*lines, positions="", groups=""):
     position = (
-        "P[{}]{{\n   GP1:\n\tUF : 1, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm,\tY = 2.0 mm,\tZ = 3.0 mm,\n"
+        "P[{}]{{\n   GP1:\n\tUF : 1, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm,\tY = 2.0 mm,\tZ = "
+        "3.0 mm,\n"
         "\tW = 0.0 deg,\tP = 0.0 deg,\tR = 0.0 deg\n}};"
     )
     body = ["UFRAME_NUM=1", "UTOOL_NUM=1", "L P[1] 50mm/sec FINE", *lines, "L P[2] 50mm/sec CNT100"]
@@ -531,7 +532,8 @@ LAYOUTS = [
     f"IF n=1 THEN\nMoveL {ROB},v1,z1,t1;\nELSEIF n=2 THEN MoveL {ROB},v1,z1,t1;\nENDIF MoveL {ROB},v1,z1,t1;",
     f"FOR i FROM 1 TO 3 DO MoveL {ROB},v1,z1,t1; MoveL {ROB},v1,z1,t1; ENDFOR",
     f"FOR i\nFROM 1 TO 3\nSTEP 2 DO MoveL\n{ROB},\nv1,z1,t1\n; ENDFOR",
-    f"TEST n\nCASE 1: MoveL {ROB},v1,z1,t1;\nCASE 2,3: MoveJ {ROB},v1,z1,t1;\nDEFAULT: MoveL {ROB},v1,z1,t1;\nENDTEST",
+    f"TEST n\nCASE 1: MoveL {ROB},v1,z1,t1;\nCASE 2,3: MoveJ {ROB},v1,z1,t1;\nDEFAULT: MoveL "
+    f"{ROB},v1,z1,t1;\nENDTEST",
     f"WHILE n < 3 DO MoveL {ROB},v1,z1,t1; n := n + 1; ENDWHILE",
     f"l: MoveL {ROB},v1,z1,t1;",
     f"MoveL {ROB},v1,z1,t1;MoveL {ROB},v1,z1,t1; ! MoveL p9,v1,z1,t1;",
