@@ -18,7 +18,7 @@ _ROLE = "`viewer` reads; `operator` also posts and deletes; `admin` also issues 
 
 
 class KeyRequest(Message):
-    """A key that is asked for."""
+    """A request to create a key."""
 
     name: Name = Field(
         description="Holder of the key: a person, a machine or a program.", examples=["tablet hall 3"]
@@ -57,11 +57,11 @@ class Key(Message):
 class KeyList(Message):
     """All keys of the service."""
 
-    items: list[Key] = Field(description="The keys, in the order in which they came.")
+    items: list[Key] = Field(description="Keys in order of creation.")
 
 
 class NewKey(Key):
-    """A key just made: the only time that its secret is shown."""
+    """A new key with its secret, which is not shown again."""
 
     key: str = Field(description="Text to send as `Authorization: Bearer …`. It is not shown again.")
 
@@ -82,19 +82,17 @@ class SessionRequest(Message):
 
 
 class Session(Message):
-    """Who the service takes the caller for."""
+    """Identity and role of the caller."""
 
     access: Access = Field(
-        description="Callers that the service answers. `loopback`: programs of this machine; `keys`: who "
-        "has a key; `none`: "
-        "whoever reaches the address."
+        description="Callers that the service answers. `loopback`: programs of this machine; `keys`: "
+        "holders of a key; `none`: everyone who reaches the address."
     )
     key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
     key_name: str | None = Field(description="Name of that key.")
     role: Role | None = Field(description="Role of that key.")
     ends_at: Timestamp | None = Field(
-        description="Latest time at which a browser has to sign in again; after 8 h without use it is "
-        "earlier."
+        description="End of the session; it ends earlier after 8 h without use."
     )
 
 
@@ -102,16 +100,16 @@ class AuditItem(Message):
     """An attempt to change something."""
 
     at: Timestamp
-    key_id: str | None = Field(description="Id of the key that asked; null without a valid one.")
+    key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
     key_name: str | None = Field(description="Name of the key.")
-    address: str = Field(description="Address that it came from; `terminal`: a command on the database.")
+    address: str = Field(description="Address of the caller; `terminal`: a command on the database.")
     method: str = Field(description="HTTP method.")
     operation: str | None = Field(description="Name of the operation, as in OpenAPI.")
-    path: str = Field(description="Address that was asked for, without its query.")
+    path: str = Field(description="Requested path, without its query.")
     status: int = Field(description="Outcome: the HTTP status of the answer.")
 
 
 class AuditQuery(PageQuery):
-    """Which entries of the audit."""
+    """Filters of the audit."""
 
     key_id: KeyId | None = Field(default=None, description="Filter by key.")

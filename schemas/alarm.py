@@ -19,15 +19,15 @@ class TrendChange(Message):
 
 
 class OpenAlarm(Message):
-    """An alarm that lasts and that nobody has acknowledged."""
+    """An alarm that has not ended and is not acknowledged."""
 
-    serial_number: str | None = Field(description="Serial number of the robot; null where sets state none.")
+    serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
     joint: Name
     change: TrendChange = Field(description="Change of the latest campaign against the baseline.")
     since: Timestamp = Field(description="Time of the first campaign of the alarm.")
     run_id: Identifier = Field(description="Run of that campaign, by which the alarm is acknowledged.")
     measurement_set_id: Identifier = Field(description="Measurement set of that campaign.")
-    message: str = Field(description="Joint, direction, size, limit, and since when.")
+    message: str = Field(description="Alarm in words: joint, direction, size, limit and first campaign.")
 
     @property
     def line(self) -> str:

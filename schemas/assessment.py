@@ -13,7 +13,7 @@ Verdict = Literal["use", "use_with_care", "do_not_use"]
 
 
 class Action(Message):
-    """Action that a program can offer at a click; it changes only what is named here."""
+    """Action that a program can offer; it changes only the named options or readings."""
 
     kind: Literal[
         "leave_out_readings",
@@ -31,10 +31,10 @@ class Action(Message):
         "show_posture",
     ] = Field(
         description="Action. `correct_load_point` and `correct_force` add `correction` to every load point "
-        "or force; `convert_units` declares `unit` for the numbers as they are; `exchange_readings` "
+        "or force; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
         "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and loss."
     )
-    observations: list[Name] = Field(description="Labels of the observations to leave out, or to show.")
+    observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
     joint_map: Dimensionless[list[list[float]]] = Field(
         description="Rows of the matrix of the corrected joint map; empty for other actions."
@@ -43,19 +43,19 @@ class Action(Message):
         description="Offset of the corrected joint map; empty for other actions."
     )
     target: Name | None = Field(
-        description="Target whose place and the load point are exchanged; null for other actions."
+        description="Target whose position is exchanged with the load point; null for other actions."
     )
     correction: list[float] = Field(
-        description="Vector that is added: to the load points in the flange frame, in m, or to the forces in "
-        "the axes of R0, in N; empty for other actions.",
+        description="Vector to add to the load points (flange frame, in m) or to the forces (axes of R0, in "
+        "N); empty for other actions.",
     )
     unit: Literal["m", "mm", "deg", "rad", "N", "kN"] | None = Field(
-        description="Unit that the numbers are in; null for other actions."
+        description="Unit of the numbers; null for other actions."
     )
 
 
 class Reason(Message):
-    """One reason not to use the numbers without further ado."""
+    """One reason not to use the result, or to use it with care."""
 
     code: Literal[
         "no_joint_identified",
@@ -80,38 +80,38 @@ class Reason(Message):
         "no_common_configuration",
     ]
     weight: Literal["use_with_care", "do_not_use"] = Field(
-        description="The best verdict that a result with this reason can have."
+        description="Best verdict of a result with this reason."
     )
     where: str | None = Field(
-        description="Which observation, reading or joint; null for all of it. In a pair it begins with the "
+        description="Observation, reading or joint; null for the whole result. In a pair it begins with the "
         "side."
     )
     message: str = Field(description="Reason in words, with its figure and unit.")
     remedy: str = Field(description="Remedy in words.")
     action: Action | None = Field(
-        description="Remedy that a program can carry out; null where only people can."
+        description="Remedy that a program can carry out; null if it needs a person."
     )
 
 
 class Assessment(Message):
-    """Assessment of a result: may the numbers be used?"""
+    """Assessment of a result: its verdict with the reasons."""
 
-    verdict: Verdict = Field(description="The least that the reasons allow; `use` where there are none.")
-    reasons: list[Reason] = Field(description="Most severe first.")
+    verdict: Verdict = Field(description="Worst verdict of the reasons; `use` without reasons.")
+    reasons: list[Reason] = Field(description="Reasons, most severe first.")
     notes: list[str] = Field(
         default_factory=list,
-        description="Notes on what the readings could not show, and on what was assumed instead.",
+        description="Checks that these readings do not allow, and assumptions in their place.",
     )
 
 
 class AcceptingOptions(Message):
-    """Options of what acts on a robot or guides a measurement: refused from a run not to be used."""
+    """Options of jobs that use the model of a run; a run with the verdict `do_not_use` is refused."""
 
     accept_verdict: Annotated[
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="`do_not_use` to go on although the verdict on the run is that; it is refused otherwise.",
+        description="`do_not_use` accepts a run with this verdict, which is refused otherwise.",
     )
 
 
@@ -120,7 +120,7 @@ class VerdictSummary(Message):
 
     verdict: Verdict | None = Field(
         default=None,
-        description="Verdict of the result's assessment; the worst one where it has several fits.",
+        description="Verdict of the result; the worst one of several fits.",
     )
 
 
@@ -129,15 +129,15 @@ class ResultSummary(VerdictSummary):
 
     compensation: Dimensionless[float | None] = Field(
         default=None,
-        description="Share of the mean deflection that the model predicts: of a comparison the greatest, of "
-        "a pair that of the side with less.",
+        description="Share of the mean deflection that the model predicts; the greatest of a comparison, "
+        "the smaller of a pair.",
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Joints of status `identified`: of a comparison in the fit with most, of a pair those "
-        "on both sides; null for geometries.",
+        description="Number of joints of status `identified`; the largest of a comparison's fits, those on "
+        "both sides of a pair; null for geometries.",
     )
-    joint_count: int | None = Field(default=None, description="All joints; null for geometries.")
+    joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(
-        default=None, description="Warnings of the result; for geometries findings that are no notes."
+        default=None, description="Number of warnings; for geometries of findings except notes."
     )

@@ -11,7 +11,7 @@ from jointstiff.schemas.run.run import CampaignRun
 
 
 class Campaign(Message):
-    """One robot, one measurement set of it, and how to identify."""
+    """One robot, one measurement set of it, and the options of the run."""
 
     robot: RobotDocument
     measurement_set: MeasurementSetDocument

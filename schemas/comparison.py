@@ -58,7 +58,7 @@ class ComparisonOptions(Message):
     """Options of a comparison. The default is the paper's Table II."""
 
     methods: Annotated[list[ComparedMethod], Field(min_length=1, max_length=MAX_METHODS)] = Field(
-        default=list(PAPER_METHODS), description="Each once."
+        default=list(PAPER_METHODS), description="Methods, each at most once."
     )
     constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
         default=["unconstrained", "positive"],
@@ -97,12 +97,12 @@ class ComparisonRequest(ComparisonOptions):
 
     measurement_set_id: Identifier
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
-        default_factory=list, description="Labels of observations that are left out, as in a run."
+        default_factory=list, description="Labels of observations to omit, as in a run."
     )
 
 
 class ComparedFit(Message):
-    """One method with one constraint. Where the readings cannot support it there are no numbers."""
+    """One method with one constraint; it has no numbers if the readings cannot support it."""
 
     method: Method
     weighting: Weighting
@@ -134,9 +134,11 @@ class ComparisonResult(Result):
     """The methods side by side."""
 
     assessment: Assessment = Field(
-        description="The worst verdict of the fits, and their reasons: of the same kind and place, the first"
+        description="Worst verdict of the fits with their reasons; equal kinds and places once"
     )
-    entries: list[ComparedFit] = Field(description="Each method with each constraint, in their order.")
+    entries: list[ComparedFit] = Field(
+        description="Fits, one per method and constraint, in the requested order."
+    )
     warnings: list[QualityWarning] = Field(
         description="Warnings of the measurement set, then of the fits; duplicates are omitted."
     )

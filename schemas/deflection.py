@@ -47,15 +47,16 @@ class LoadCase(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; that of all cases if absent.",
+        description="Point where the force acts, flange frame, in units.length; default: that of all cases.",
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Whose deflection is asked for, flange frame, in units.length; the load point if absent.",
+        description="Place whose deflection is predicted, flange frame, in units.length; default: the load "
+        "point.",
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Along which stiffness is asked for, axes of R0; along the force if absent.",
+        description="Direction of the requested stiffness, axes of R0; default: that of the force.",
     )
 
 
@@ -91,60 +92,64 @@ class DeflectionOptions(SagOptions):
         description="Point where forces act, flange frame, in units.length; a case may give its own.",
     )
     place: Vector3 | None = Field(
-        default=None, description="Whose deflection is asked for; the load point if absent. Likewise."
+        default=None,
+        description="Place whose deflection is predicted, flange frame, in units.length; default: the load "
+        "point.",
     )
     masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="Own weight of the links, acting along -z of R0; left out where no masses are given.",
+        description="Masses for own weight, which acts along −z of R0; own weight is not included if empty.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Level of the intervals."
+        default=0.95, description="Confidence level of the intervals."
     )
     cases: Annotated[list[LoadCase], Field(min_length=1, max_length=MAX_CASES), FailFast()]
 
 
 class DeflectionRequest(DeflectionOptions):
-    """Deflections as they are asked for."""
+    """A request of deflections."""
 
-    run_id: Identifier = Field(description="The run whose model predicts.")
+    run_id: Identifier = Field(description="Id of the run whose model is used.")
 
 
 class ReadingsInterval(Message):
-    """Intervals that hold the errors of the readings, and of the force where it is stated; no model error."""
+    """Intervals with the errors of the readings and the stated errors of the force, without model error."""
 
     displacement: Metres[Interval3]
     rotation: Radians[Interval3]
 
 
 class ModelErrorInterval(Message):
-    """Intervals that are to hold the model error too, calibrated on postures left out of the fit."""
+    """Intervals that include the model error, calibrated on postures omitted from the fit."""
 
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
-        description="Radius of the ball about the displacement that is to hold the truth at the confidence: "
-        "empirical, from postures left out in turn, without a guarantee."
+        description="Radius of the ball around the displacement that contains the true one at the "
+        "confidence level; empirical, from postures omitted in turn, without a guarantee."
     )
     load_ratio: Dimensionless[float] = Field(
-        description="Size of the load over the campaign's greatest; above 1 it is extrapolated."
+        description="Magnitude of the load relative to the campaign's greatest; above 1 the load is "
+        "extrapolated."
     )
     leverage_ratio: Dimensionless[float] = Field(
-        description="Standard uncertainty per load over that of the campaign's worst target; above 1 the "
+        description="Standard uncertainty per load relative to the campaign's worst target; above 1 the "
         "posture or place is extrapolated."
     )
 
 
 class DirectionalStiffness(Message):
-    """Stiffness of the place along a direction, in the three meanings that are in use."""
+    """Stiffness at the place along a direction, by three usual definitions."""
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="1 / (u' C_tt u): motion across the direction left free. Null if it is infinite."
+        description="1 / (u' C_tt u): motion across the direction is free. Null if infinite."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="u' inv(C_tt) u: motion across it blocked. Null if it is infinite."
+        description="u' inv(C_tt) u: motion across the direction is blocked. Null if infinite."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="u' K_tt u, K = inv(C): all but motion along it blocked. Null if it is infinite."
+        description="u' K_tt u, K = inv(C): every motion except along the direction is blocked. Null if "
+        "infinite."
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
     standard_uncertainty: TranslationalCompliance[float | None] = Field(
@@ -153,7 +158,7 @@ class DirectionalStiffness(Message):
 
 
 class WorstDirection(Message):
-    """The direction in which a force moves the place most."""
+    """Direction of force that moves the place most."""
 
     direction: Dimensionless[Point]
     compliance: TranslationalCompliance[float]
@@ -161,12 +166,12 @@ class WorstDirection(Message):
         description="Standard uncertainty, from the readings alone."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Standard uncertainty of its angle, at most a quarter turn."
+        description="Standard uncertainty of the direction's angle, at most a quarter turn."
     )
 
 
 class CartesianCompliance(Message):
-    """Answer of the place to a further small wrench at the place, in the loaded posture, axes of R0."""
+    """Response of the place to a small additional wrench there, in the loaded posture, axes of R0."""
 
     translation_by_force: TranslationalCompliance[Square3]
     translation_by_moment: TranslationPerMoment[Square3]
@@ -190,7 +195,7 @@ class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
     components: list[DeflectionComponent] = Field(
-        description="Components of the run's compliances, carried with their correlations; the model "
+        description="Components from the run's compliances, with their correlations; the model "
         "error is the radius of its ball over the coverage factor."
     )
     standard_uncertainty: Metres[float] = Field(
@@ -202,31 +207,37 @@ class DeflectionBudget(Message):
 
 
 class CaseResult(Message):
-    """One case. Where a reason is given, there are no numbers."""
+    """One case; with a `reason` it has no numbers."""
 
     label: Name
     displacement: Metres[Point | None] = Field(
         description="Displacement of the place, loaded minus unloaded, axes of R0."
     )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
-    readings_only: ReadingsInterval | None = Field(description="Null where no uncertainty is known.")
+    readings_only: ReadingsInterval | None = Field(
+        description="Intervals by the readings; null if the uncertainty is unknown."
+    )
     with_model_error: ModelErrorInterval | None = Field(
-        description="Null where there is no bound: see `remarks`."
+        description="Intervals with model error; null without a bound, see `remarks`."
     )
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
         default=None,
-        description="Null without a displacement, and where the run has no budget: elastic links, or no "
-        "known uncertainty.",
+        description="Uncertainty budget; null without a displacement, with elastic links or coupling, or if "
+        "the uncertainty is unknown.",
     )
-    remarks: list[str] = Field(description="Extrapolation, by name; or why there is no number or no bound.")
+    remarks: list[str] = Field(
+        description="Extrapolations by name, or reasons why there is no number or no bound."
+    )
 
 
 class DeflectionResult(FromRun):
     """Deflections of all cases, in SI units."""
 
     confidence: Dimensionless[float]
-    model_error_postures: int = Field(description="Postures that the bound of the model error rests on.")
-    postures_needed: int = Field(description="Number of postures that this confidence takes.")
+    model_error_postures: int = Field(
+        description="Number of postures that the bound of the model error is based on."
+    )
+    postures_needed: int = Field(description="Number of postures that this confidence level needs.")
     remarks: list[str] = Field(description="Remarks that apply to all cases: own weight, K_c in the fit.")
     cases: list[CaseResult]

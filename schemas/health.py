@@ -19,18 +19,19 @@ class Health(Message):
         description="Number of workers with a sign of life within 30 s; without workers, long jobs wait."
     )
     failing_workers: int = Field(
-        description="Workers of this service that end soon after each start; its log says why."
+        description="Number of workers of this service that end soon after each start; its log has the "
+        "reason."
     )
     database: Literal["sqlite", "postgresql"]
     stored_bytes: int = Field(
         description="Size of the database in bytes, without free pages of a SQLite file."
     )
     quota_bytes: int | None = Field(
-        description="Size from which on nothing more is added (507); null: any size (`--quota`)."
+        description="Quota: above this size the service refuses new resources (507); null: no quota "
+        "(`--quota`)."
     )
     access: Access = Field(
         description="Callers that the service answers. `loopback`: programs of the service's own "
-        "machine. `keys`: who "
-        "has a key. `none`: whoever reaches its address (`--no-access-control`); a proxy before it must "
-        "authenticate."
+        "machine. `keys`: holders of a key. `none`: everyone who reaches its address "
+        "(`--no-access-control`); a proxy in front must authenticate."
     )

@@ -35,7 +35,7 @@ Template = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class ImportUnits(Message):
-    """Units of columns whose header has none; each as far as it is known."""
+    """Units of columns whose header has none, if known."""
 
     length: Literal["m", "mm", "in"] | None = Field(
         default=None, description="Unit of positions and deflections. Inches are converted to mm."
@@ -55,16 +55,16 @@ class ImportOptions(Message):
     )
     columns: Annotated[dict[HeaderCell, HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=dict,
-        description="Meanings of headers: each header as the preview shows it, and the header to read it as, "
-        "such as `J1 [deg]`, `P10 loaded x` or `ignore`. A unit in the file stays, and must agree.",
+        description="Meanings of headers: each header as in the preview, and its meaning, such as `J1 "
+        "[deg]`, `P10 loaded x` or `ignore`. A unit in the file must agree.",
         examples=[{"Winkel A1": "J1 [deg]", "shift": "ignore"}],
     )
     layouts: Annotated[
         list[Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)]], Field(max_length=64)
     ] = Field(
         default_factory=list,
-        description="Headers of the files that a template was made of, a list per kind of file. If given, a "
-        "file with other headers is refused, and the differences are named.",
+        description="Headers of the files of a template, one list per kind of file. If given, a file with "
+        "other headers is refused, and the error names the differences.",
     )
     delimiter: Delimiter | None = Field(
         default=None, description="Delimiter between cells; detected if absent."
@@ -104,31 +104,31 @@ class ImportOptions(Message):
 
 
 class ColumnMeaning(Message):
-    """One column and what it was taken for."""
+    """One column and its meaning."""
 
     column: int = Field(description="Number of the column, from 1.")
     header: str = Field(description="Header as it is in the file; empty without a header.")
     meaning: str = Field(
-        description="Meaning in words that `columns` takes, too; `unknown` if it was not understood.",
+        description="Meaning, in words that `columns` accepts; `unknown` if it was not understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
     unit: str | None = Field(description="Unit of the numbers; null if there are none.")
     guessed: bool = Field(
         default=False,
-        description="The meaning was put together (of two rows, of a comment, of a unit without brackets, "
-        "without a header): to be checked.",
+        description="True if the meaning was assumed (from two rows, a comment, a unit without brackets, or "
+        "without a header): check it.",
     )
 
 
 class FilePreview(Message):
-    """One file and how it was read."""
+    """One file as it was read."""
 
     file: str = Field(description="Name of the file, as sent.")
     format: TableFormat
     sheet: str | None = Field(description="Sheet of an Excel file.")
-    encoding: str | None = Field(description="Text file only.", examples=["utf-8"])
+    encoding: str | None = Field(description="Encoding and decimal mark of a text file.", examples=["utf-8"])
     delimiter: Delimiter | None = Field(description="Delimiter of a text file.")
-    decimal_mark: DecimalMark | None = Field(description="Text file only.")
+    decimal_mark: DecimalMark | None = Field(description="Encoding and decimal mark of a text file.")
     columns: list[ColumnMeaning] = Field(description="Columns from left to right.")
     row_count: int = Field(description="Number of data rows.")
     first_rows: list[list[str]] = Field(
@@ -152,11 +152,11 @@ class ImportFault(Message):
     reason: str = Field(description="Description of the fault.")
     remedy: str = Field(description="Recommended correction.")
     option: str | None = Field(
-        default=None, description="Option that settles it.", examples=["units.length", "decimal_mark"]
+        default=None, description="Option that corrects it.", examples=["units.length", "decimal_mark"]
     )
     words: list[str] = Field(
         default_factory=list,
-        description="Words of the files that the option is about, such as two that may be states.",
+        description="Words in the files that the option concerns, such as two that may be states.",
         examples=[["pre", "post"]],
     )
 
@@ -165,7 +165,7 @@ class ImportPreview(Message):
     """Preview of all files together, before anything is stored."""
 
     files: list[FilePreview] = Field(description="Files in the order in which they were sent.")
-    observation_count: int = Field(description="Different labels.")
+    observation_count: int = Field(description="Number of different labels.")
     first_labels: list[str] = Field(description=f"First labels, at most {MAX_PREVIEW_ROWS}.")
     joint_count: int | None = Field(
         description="Number of joint angles per observation; null if there are none."

@@ -48,8 +48,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: bool = Field(
         default=False,
-        description="Confirmation of values that are 100 times their column's spread from its median, and of "
-        "a load point more than 5 m from the flange, which are asked about otherwise.",
+        description="Confirmation of values that are 100 times their column's spread from its median, and "
+        "of a load point more than 5 m from the flange; required for such values.",
     )
     force: Vector3 | None = Field(
         default=None,
@@ -57,11 +57,11 @@ class ImportRequest(ImportOptions):
         "have it.",
     )
     robot_id: Identifier | None = Field(
-        default=None, description="Robot that was measured: then the answer has the integrity findings."
+        default=None, description="Id of the measured robot; with it the answer has the integrity findings."
     )
     show_faults: bool = Field(
         default=False,
-        description="Answer 200 with `faults` and what was understood, instead of 422, if a file is not "
+        description="True to answer 200 with `faults` and the preview, instead of 422, if a file is not "
         "understood.",
     )
 

@@ -14,7 +14,7 @@ JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
 
 class Provenance(Message):
-    """Provenance: versions and input needed to reproduce the numbers of a job."""
+    """Versions and input needed to reproduce the numbers of a job."""
 
     versions: dict[str, str] = Field(description="Versions of this software and of its numerical libraries.")
     input_hash: str = Field(description="SHA-256 of robot, readings and request.")
@@ -24,14 +24,14 @@ class Provenance(Message):
 
 
 class Requester(Message):
-    """The key that asked for a job."""
+    """Key that requested a job."""
 
     key_id: str = Field(description="Id of the key.")
     key_name: str = Field(description="Name of the key.")
 
 
 class Progress(Message):
-    """Units of work that are done."""
+    """Units of work done."""
 
     done: int
     total: int
@@ -40,7 +40,7 @@ class Progress(Message):
 
 
 class Result(Message):
-    """Result with an assessment: of its own readings, or of the run that it is made from."""
+    """Result with the assessment of its readings, or of the run whose model it uses."""
 
     assessment: Assessment | None
 
@@ -53,11 +53,11 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(description="Assessment of the run that this is made from.")
+    assessment: Assessment = Field(description="Assessment of the run whose model this uses.")
 
 
 class Job(Message):
-    """A request, what came of it, and how. It never changes once it has ended."""
+    """A request with its state, result and provenance. It never changes after its end."""
 
     kind: ClassVar[str]  # name of this kind of job
     collection: ClassVar[str]  # name of all jobs of this kind in addresses
@@ -74,5 +74,5 @@ class Job(Message):
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
     requested_by: Requester | None = Field(
-        default=None, description="Key that asked for it; null if the service demanded none."
+        default=None, description="Key of the request; null if the service required none."
     )

@@ -42,13 +42,14 @@ class MapOptions(AcceptingOptions, SagOptions):
     name: Name | None = None
     area: Metres[Box]
     grid: tuple[_Count, _Count, _Count] = Field(
-        description="Places along x, y and z, the faces of the box included; a single one is in the middle."
+        description="Number of places along x, y and z, including the faces of the box; a single one is in "
+        "the middle."
     )
     place: Metres[Vector3] = Field(
         description="Tool position in the flange frame; this point is brought to each place."
     )
     load_point: Metres[Vector3 | None] = Field(
-        default=None, description="Point where the force acts, flange frame; the tool's position if absent."
+        default=None, description="Point where the force acts, flange frame; default: the tool's position."
     )
     tool_axis: Dimensionless[Vector3] = Field(
         default=(0.0, 0.0, 1.0), description="Axis of the tool, in the flange frame."
@@ -58,8 +59,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
-        description="Angles about the tool's axis, evenly over a full turn. At the first the flange's x "
-        "axis, seen along the tool, points along x of R0 (y where x has no part across the tool).",
+        description="Number of angles about the tool's axis, evenly over a full turn. At the first one the "
+        "flange's x axis, seen along the tool, points along x of R0 (along y if the tool points along x).",
     )
     force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
     moment: Torque[Vector3 | None] = Field(
@@ -69,43 +70,45 @@ class MapOptions(AcceptingOptions, SagOptions):
         default="base", description="Frame in which force, moment and `direction` are given."
     )
     direction: Dimensionless[Vector3 | None] = Field(
-        default=None, description="Along and across which compliance is asked for; along the force if absent."
+        default=None,
+        description="Direction along and across which compliance is computed; default: that of the force.",
     )
     limits: Radians[dict[Name, tuple[Quantity, Quantity]]] = Field(
         default_factory=dict,
-        description="Least and greatest angles of joints, as the controller shows them, beside the robot's.",
+        description="Additional joint limits, as controller angles, by joint name.",
     )
     near: Radians[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Controller's angles: each place takes the posture nearest to them, of all branches and "
-        "orientations; the stiffest under the process if absent.",
+        description="Controller angles: the posture nearest to them is used at each place, of all branches "
+        "and orientations; default: the stiffest posture.",
     )
     confidence: Dimensionless[Annotated[float, Field(strict=True, ge=0.5, le=0.9999)]] = Field(
-        default=0.95, description="Level of the intervals."
+        default=0.95, description="Confidence level of the intervals."
     )
 
 
 class MapRequest(MapOptions):
     """A map as it is posted."""
 
-    run_id: Identifier = Field(description="The run whose model predicts.")
+    run_id: Identifier = Field(description="Id of the run whose model is used.")
 
 
 class MapCounts(Message):
-    """Places by what became of them."""
+    """Number of places by status."""
 
-    reached: int = Field(description="They have numbers.")
-    out_of_reach: int = Field(description="No posture brings the tool there in any orientation.")
-    joint_limits: int = Field(description="Every posture is beyond the joints' limits.")
+    reached: int = Field(description="Number of places with values.")
+    out_of_reach: int = Field(description="Number of places that no posture reaches in any orientation.")
+    joint_limits: int = Field(description="Number of places with every posture beyond the joint limits.")
     unseen_joint: int = Field(
-        description="The load twists a joint of which the readings say nothing: no number holds."
+        description="Number of places where the load twists a joint that the readings do not determine."
     )
     overloaded: int = Field(
-        description="The load takes half of a joint's stiffness away, or turns it by a quarter radian."
+        description="Number of places where the load reduces a joint's stiffness by half, or turns it by a "
+        "quarter radian."
     )
     not_followed: int = Field(
         default=0,
-        description="`near` is stated, and its branch cannot be followed there, so near is a singularity.",
+        description="Number of places too near a singularity to follow the branch of `near`.",
     )
 
 
@@ -117,23 +120,25 @@ class MapPlace(Message):
         description="Joint angles without the load, as the controller shows them."
     )
     tool_direction: Dimensionless[Point] = Field(description="Direction in which the tool's axis points.")
-    displacement: Metres[Point] = Field(description="Loaded minus unloaded, axes of R0.")
+    displacement: Metres[Point] = Field(description="Displacement, loaded minus unloaded, axes of R0.")
     deflection: Metres[float] = Field(description="Length of the displacement.")
     readings_only: Metres[tuple[float, float] | None] = Field(
-        description="Interval of that length from the readings alone; null where no uncertainty is known."
+        description="Interval of that length from the readings alone; null if the uncertainty is unknown."
     )
     with_model_error: Metres[tuple[float, float] | None] = Field(
-        description="Interval that includes the model error; null where there is no bound."
+        description="Interval that includes the model error; null without a bound."
     )
     compliance_along: TranslationalCompliance[float | None] = Field(
-        description="Along the direction; null where a joint that the readings say nothing of has a part."
+        description="Compliance along the direction; null if a joint that the readings do not determine "
+        "contributes."
     )
     compliance_across: TranslationalCompliance[float | None] = Field(
-        description="The greatest across it; likewise."
+        description="Greatest compliance across the direction; null if a joint that the readings do not "
+        "determine contributes."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Load, or uncertainty per load, over the campaign's greatest: above 1 it extrapolates. "
-        "Null without a bound."
+        description="Load, or uncertainty per load, relative to the campaign's greatest: above 1 it is "
+        "extrapolated. Null without a bound."
     )
 
 
@@ -149,15 +154,19 @@ class MapResult(FromRun):
 
     places: int
     counts: MapCounts
-    quantiles: list[MapQuantile] = Field(description="Empty where no place is reached.")
+    quantiles: list[MapQuantile] = Field(description="Quantiles; empty if no place is reached.")
     worst: MapPlace | None = Field(
-        description="Place where the tool bends most; null where no place is reached."
+        description="Place with the largest deflection; null if no place is reached."
     )
     stiffest: MapPlace | None = Field(
-        description="Place where the tool bends least; null where no place is reached."
+        description="Place with the smallest deflection; null if no place is reached."
     )
-    extrapolated: int = Field(description="Places reached whose load or posture is beyond the campaign's.")
-    model_error_postures: int = Field(description="Postures that the bound of the model error rests on.")
+    extrapolated: int = Field(
+        description="Number of reached places whose load or posture is beyond the campaign's."
+    )
+    model_error_postures: int = Field(
+        description="Number of postures that the bound of the model error is based on."
+    )
     remarks: list[str] = Field(description="Remarks that apply to all places.")
 
 
@@ -179,4 +188,4 @@ class Map(Job):
     collection: ClassVar[str] = "maps"
 
     request: MapRequest
-    result: MapResult | None = Field(description="Present if the map was made.")
+    result: MapResult | None = Field(description="Result; present if the job has succeeded.")

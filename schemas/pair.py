@@ -35,7 +35,7 @@ class PairSide(Message):
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations that are left out of a set; a run states its own.",
+        description="Labels of observations to omit from a set; a run has its own.",
     )
 
     @model_validator(mode="after")
@@ -103,12 +103,11 @@ class PairedJoint(Message):
         "null if one is not positive. Dimensionless."
     )
     ratio_interval: tuple[float | None, float | None] | None = Field(
-        description="Fieller's interval of the ratio, cut at zero where compliances are positive. Null as an "
-        "end: no limit. Null: unknown. Dimensionless."
+        description="Fieller's interval of the ratio, cut at zero if compliances are constrained to be "
+        "positive. A null end means no limit; null means unknown. Dimensionless."
     )
     ratio_excluded: tuple[float, float] | None = Field(
-        description="Excluded ratios, where the readings exclude only those between two values. "
-        "Dimensionless."
+        description="Excluded ratios, if the readings exclude only those between two values. Dimensionless."
     )
     p_value: float | None = Field(
         description="p-value of the hypothesis that the compliance has not changed (two-sided). "
@@ -159,14 +158,16 @@ class AvoidedDeflection(Message):
 
 
 class OrderedJoint(Message):
-    """One joint in the problem of both sides. Null for what a side does not show."""
+    """One joint in the problem of both sides; null for a side that does not determine the joint."""
 
     name: Name
     compliance_first: Compliance[float | None]
     compliance_second: Compliance[float | None] = Field(
         description="Compliance on the second side, never larger than `compliance_first`."
     )
-    stiffness_first: Stiffness[float | None] = Field(description="1 / compliance; null where that is zero.")
+    stiffness_first: Stiffness[float | None] = Field(
+        description="1 / compliance; null if the compliance is zero."
+    )
     stiffness_second: Stiffness[float | None]
     compliance_interval_first: Compliance[tuple[float, float] | None] = Field(
         description="Profile-likelihood interval under all constraints."
@@ -188,16 +189,18 @@ class OrderedResult(Message):
 
 
 class PairResult(Result):
-    """The numbers."""
+    """Result of the job."""
 
     assessment: Assessment = Field(
         description="The worse verdict of the two sides, with the reasons of both."
     )
     compensation_first: Dimensionless[float | None] = Field(
-        description="Share of the mean deflection of the first side that its model predicts; null where "
+        description="Share of the mean deflection of the first side that its model predicts; null if "
         "nothing moved."
     )
-    compensation_second: Dimensionless[float | None] = Field(description="The same of the second side.")
+    compensation_second: Dimensionless[float | None] = Field(
+        description="Share of the mean deflection of the second side that its model predicts."
+    )
     joints: list[PairedJoint]
     avoided: AvoidedDeflection
     ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")

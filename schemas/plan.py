@@ -50,7 +50,8 @@ class AnyDirection(Message):
 
     kind: Literal["any_direction"]
     force: Newtons[Force] = Field(
-        description="Less in postures where torque limits would be exceeded in some direction."
+        description="Magnitude of the force; less in postures where it would exceed a torque limit in some "
+        "direction."
     )
 
 
@@ -78,19 +79,21 @@ class PlannedTracker(Message):
 class Surroundings(Message):
     """Obstacles to postures: links are capsules from joint to joint."""
 
-    floor: Metres[Quantity | None] = Field(default=None, description="Least height, in R0.")
-    inside: Metres[Box | None] = Field(default=None, description="Box in which links and targets stay.")
+    floor: Metres[Quantity | None] = Field(
+        default=None, description="Least height of links and targets, in R0."
+    )
+    inside: Metres[Box | None] = Field(default=None, description="Box that contains all links and targets.")
     obstacles: Metres[Annotated[list[Box], Field(max_length=MAX_BOXES)]] = Field(
-        default_factory=list, description="Boxes that they stay out of."
+        default_factory=list, description="Boxes that links and targets avoid."
     )
     link_radius: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None] = Field(
-        default=None, description="Radius of the capsules; 4 % of the stretched arm if absent."
+        default=None, description="Radius of the capsules; default: 4 % of the stretched arm."
     )
     facing: Dimensionless[dict[Name, Vector3]] = Field(
         default_factory=dict, description="Direction in which each reflector looks, flange frame."
     )
     acceptance: Radians[_Angle] = Field(
-        default=3.2, description="Greatest angle between that and the line of sight."
+        default=3.2, description="Greatest angle between that direction and the line of sight."
     )
 
 
@@ -101,23 +104,26 @@ class PlanOptions(AcceptingOptions):
     """Options of a plan."""
 
     readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
-        default=20, description="Number of readings, those for validation included."
+        default=20, description="Number of readings, including those for validation."
     )
     criterion: PlanCriterion | None = Field(
         default=None,
-        description="`work_area`: least mean variance of predicted deflections there, the default where "
-        "a work area is given; `relative_a`: of the relative compliances, otherwise the default; `d`, "
+        description="Criterion of the plan. `work_area`: least mean variance of predicted deflections in "
+        "the work area, the default with a work area; `relative_a`: least mean variance of the relative "
+        "compliances, the default without; `d`, "
         "`e`: volume and longest axis of their uncertainty ellipsoid; "
         "`worst_place`: greatest variance in the work area.",
     )
     work_area: Metres[Box | None] = Field(
-        default=None, description="Box, in R0, in which predictions matter."
+        default=None, description="Work area: box, in R0, in which deflections will be predicted."
     )
     load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
-        default=None, description="Loads that can be applied; with a campaign, its strongest force if absent."
+        default=None,
+        description="Load to apply: a dead_weight, a force in any_direction, or a cable; default with a "
+        "campaign: its strongest force.",
     )
     targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
-        default_factory=dict, description="Targets in the flange frame; those of the campaign if empty."
+        default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
@@ -129,23 +135,21 @@ class PlanOptions(AcceptingOptions):
     )
     load_point: Metres[Vector3 | None] = Field(
         default=None,
-        description="Load point in the flange frame; that of the campaign, or the origin, if absent.",
+        description="Load point in the flange frame; default: that of the campaign, or the origin.",
     )
     sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one reading; that of the campaign, or "
-        "20 µm, if absent.",
+        description="Standard uncertainty of one coordinate of one reading; default: that of the campaign, "
+        "or 20 µm.",
     )
-    tracker: PlannedTracker | None = Field(
-        default=None, description="Tracker, whose errors take the place of `sigma`."
-    )
+    tracker: PlannedTracker | None = Field(default=None, description="Tracker, whose errors replace `sigma`.")
     torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
         default_factory=dict, description="Greatest torque of the load about a joint [N.m]."
     )
     stiffness: Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]] = Field(
         default_factory=dict,
-        description="Guess of joints' stiffness, to which relative uncertainties refer; those of "
-        "the campaign, or such that joints move the targets alike, if absent.",
+        description="Expected stiffnesses, to which relative uncertainties refer; default: those of the "
+        "campaign, or values by which all joints move the targets equally.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -153,7 +157,7 @@ class PlanOptions(AcceptingOptions):
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
     ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list, description="Joints to be determined; all that the loads twist if empty."
+        default_factory=list, description="Joints to determine; default: all that the loads twist."
     )
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=5_000, description="Postures drawn within the joints' limits, in whole degrees."
@@ -167,24 +171,27 @@ class PlanOptions(AcceptingOptions):
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,
-        description="Two postures differ by at least this in the angle of a joint; 0 lets them be repeated.",
+        description="Least difference between two postures in the angle of a joint; 0 allows repeated "
+        "postures.",
     )
     validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.2, description="Share of the readings that are held out from the fit."
     )
     elastic_links: bool | None = Field(
         default=None,
-        description="True to plan for elastic links as a nuisance; if absent, where the campaign shows "
-        "lack of fit.",
+        description="True to allow for elastic links as nuisance parameters; default: true if the campaign "
+        "shows lack of fit.",
     )
-    seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = 0
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = Field(
+        default=0, description="Random seed of the postures; the same seed gives the same plan."
+    )
 
 
 class PlanRequest(PlanOptions):
-    """A plan as it is posted: for a robot, or for a campaign to go on with."""
+    """A plan as it is posted: for a robot, or to continue a measurement set."""
 
-    robot_id: Identifier | None = Field(default=None, description="Campaign to begin.")
-    measurement_set_id: Identifier | None = Field(default=None, description="Campaign to go on with.")
+    robot_id: Identifier | None = Field(default=None, description="Robot to begin a campaign with.")
+    measurement_set_id: Identifier | None = Field(default=None, description="Measurement set to continue.")
 
     @model_validator(mode="after")
     def _one_of_them(self) -> PlanRequest:
@@ -196,7 +203,7 @@ class PlanRequest(PlanOptions):
 class PlannedReading(Message):
     """One posture with its load."""
 
-    label: Name = Field(description="v… of those held out.")
+    label: Name = Field(description="Label; v1, v2, … for held-out readings.")
     joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
     force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
     anchor: int | None = Field(description="Anchor of the cable, counted from 0.")
@@ -210,11 +217,15 @@ class PlannedJoint(Message):
     """Standard uncertainty of one joint's compliance."""
 
     name: Name
-    standard_uncertainty: Compliance[float] = Field(description="After the plan.")
-    relative: Dimensionless[float | None] = Field(
-        description="Relative to the compliance; null where nobody knows that."
+    standard_uncertainty: Compliance[float] = Field(
+        description="Standard uncertainty of the compliance after the plan."
     )
-    before: Compliance[float | None] = Field(description="Now; null where it is not determined.")
+    relative: Dimensionless[float | None] = Field(
+        description="Standard uncertainty relative to the compliance; null if the compliance is unknown."
+    )
+    before: Compliance[float | None] = Field(
+        description="Standard uncertainty now; null if the joint is not determined."
+    )
     random: Compliance[float | None] = Field(
         description="Standard uncertainty by random plans of as many readings."
     )
@@ -224,10 +235,10 @@ class PlannedJoint(Message):
 
 
 class PlanResult(Result):
-    """The list, and what it promises."""
+    """List of readings with its predicted uncertainties."""
 
     assessment: Assessment | None = Field(
-        description="Assessment of the campaign so far, by joints alone; null to begin one."
+        description="Assessment of the campaign so far, by joints alone; null for a new campaign."
     )
 
     readings: list[PlannedReading] = Field(
@@ -242,25 +253,27 @@ class PlanResult(Result):
     criterion: PlanCriterion
     elastic_links: bool = Field(description="True if elastic links were a nuisance.")
     efficiency: Dimensionless[float] = Field(
-        description="Certified: the list has at least this share of the information of the best list of "
-        "as many readings from these candidates, in all directions of force where they are free."
+        description="Certified: the list has at least this share of the information of the best list of the "
+        "same length from these candidates, over all directions of force if these are free."
     )
-    efficiencies: Dimensionless[dict[str, float]] = Field(description="The same by other criteria.")
+    efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(
         description="Efficiency of random plans, relative to this one."
     )
     one_at_a_time_efficiency: Dimensionless[float] = Field(
-        description="The same of the best next reading each time."
+        description="Efficiency of taking the best next reading each time, relative to this one."
     )
     deflection_uncertainty: Metres[float | None] = Field(
         description="Standard uncertainty of a predicted deflection in the work area under this load, "
         "over all directions: root mean square."
     )
-    worst_deflection_uncertainty: Metres[float | None] = Field(description="The same at the worst place.")
-    considered: int = Field(description="Readings that were considered.")
-    feasible: int = Field(description="Those that were left to choose from.")
-    struck_out: dict[str, int] = Field(description="Readings that cannot be taken, by the reason.")
+    worst_deflection_uncertainty: Metres[float | None] = Field(
+        description="Standard uncertainty of a predicted deflection at the worst place of the work area."
+    )
+    considered: int = Field(description="Number of readings that were considered.")
+    feasible: int = Field(description="Number of feasible readings.")
+    struck_out: dict[str, int] = Field(description="Number of infeasible readings, by reason.")
 
 
 class PlanSummary(VerdictSummary):
@@ -280,4 +293,4 @@ class Plan(Job):
     collection: ClassVar[str] = "plans"
 
     request: PlanRequest
-    result: PlanResult | None = Field(description="Present if the planning succeeded.")
+    result: PlanResult | None = Field(description="Result; present if the job has succeeded.")

@@ -38,11 +38,11 @@ _FrameNumbers = Annotated[
     Field(
         min_length=6,
         max_length=7,
-        description="Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, "
+        description="Frame: position, then orientation, in the notation of the program: KUKA X, Y, Z, A, "
         "B, C "
         "and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, "
         "ry, rz in m "
-        "and rad; CSV as its columns, and as KUKA where they are no whole pose.",
+        "and rad; CSV as its columns, or as KUKA if they are not a full pose.",
     ),
 ]
 _Line = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
@@ -53,9 +53,8 @@ class ProgramFrame(Message):
 
     name: Name | None = Field(
         default=None,
-        description="Name as in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; all that have no "
-        "numbers "
-        "if absent.",
+        description="Name in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: every frame "
+        "without numbers.",
     )
     values: _FrameNumbers
 
@@ -73,7 +72,7 @@ class LoadSegment(ProcessLoad):
     """The load of some lines of the program."""
 
     first_line: _Line = Field(description="First line of the moves under this load, from 1.")
-    last_line: _Line = Field(description="Last line of them.")
+    last_line: _Line = Field(description="Last line of the moves under this load.")
 
     @model_validator(mode="after")
     def _ordered(self) -> LoadSegment:
@@ -83,42 +82,42 @@ class LoadSegment(ProcessLoad):
 
 
 class ProgramLimits(Message):
-    """Rules by which corrections are held back."""
+    """Limits of the corrections."""
 
     displacement: Annotated[Quantity, Field(gt=0.0)] | None = Field(
-        default=None, description="Greatest displacement, in units.length; 5 mm if absent."
+        default=None, description="Greatest displacement, in units.length; default: 5 mm."
     )
     rotation: Annotated[Quantity, Field(gt=0.0)] | None = Field(
-        default=None, description="Greatest rotation, in units.angle; 10 mrad if absent."
+        default=None, description="Greatest rotation, in units.angle; default: 10 mrad."
     )
     ramp: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.0,
-        description="Length of path over which corrections set in and fade with the load, in units.length.",
+        description="Length of path over which corrections increase and decrease with the load, in "
+        "units.length.",
     )
 
 
 class ProgramOptions(AcceptingOptions, SagOptions):
     """Options of a compensated program."""
 
-    units: Units = Field(description="Units of what this request states; the program has its own.")
+    units: Units = Field(description="Units of the numbers in this request; the program has its own.")
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        description="The controller's own accuracy option while the program runs: `off`, on "
-        "`same_as_measured` in "
-        "the campaign, or one that `compensates_load` itself, which would be corrected twice and is refused."
+        description="Accuracy option of the controller while the program runs: `off`, on `same_as_measured` "
+        "in the campaign, or `compensates_load`, which is refused because the load would be compensated "
+        "twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", force_of)] = Field(
         default=None, description="One load for all moves."
     )
     segments: Annotated[list[LoadSegment], Field(max_length=MAX_SEGMENTS)] = Field(
-        default_factory=list, description="Loads by lines; other moves have none. In place of `load`."
+        default_factory=list, description="Loads by lines, instead of `load`; other moves have no load."
     )
     loads: Name | None = Field(
         default=None,
-        description="Name of the sent file with the load at each point, in place of `load` and "
-        "`segments`: CSV with "
-        "the columns `point` (numbered along the path, as points.csv has it), `Fx [N]`, `Fy [N]`, `Fz "
+        description="Name of the sent file with the load at each point, instead of `load` and `segments`: "
+        "CSV with the columns `point` (number along the path, as in points.csv), `Fx [N]`, `Fy [N]`, `Fz "
         "[N]`, and `Mx "
-        "[N.m]` ... if there are moments. Other points have none.",
+        "[N.m]` ... if there are moments. Other points have no load.",
     )
     axes: Literal["robot", "tool", "base"] = Field(
         default="robot",
@@ -126,7 +125,7 @@ class ProgramOptions(AcceptingOptions, SagOptions):
     )
     load_point: Annotated[Vector3 | None, Terminal(unit="m")] = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; the tool's centre if absent.",
+        description="Point where the force acts, flange frame, in units.length; default: the tool's centre.",
     )
     tools: Annotated[
         list[ProgramFrame],
@@ -141,10 +140,11 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         default_factory=list, description="Bases in the controller's world that the program only names."
     )
     world: _FrameNumbers | None = Field(
-        default=None, description="The controller's world in R0, where it is another frame than R0."
+        default=None, description="World frame of the controller in R0, if it differs from R0."
     )
     flange: _FrameNumbers | None = Field(
-        default=None, description="The controller's flange in the model's flange frame, where they differ."
+        default=None,
+        description="Flange frame of the controller in the model's flange frame, if they differ.",
     )
     tool_x: Vector3 | None = Field(
         default=None,
@@ -157,30 +157,30 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         Terminal("", "NUMBERS[deg]", numbers_of),
     ] = Field(
         default=None,
-        description="Controller's angles near the first cartesian target, in units.angle, where the "
-        "program does "
-        "not say the arm's configuration.",
+        description="Controller angles near the first cartesian target, in units.angle; needed if the "
+        "program does not state the arm's configuration.",
     )
     limits: ProgramLimits = Field(default_factory=ProgramLimits)
     masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="Own weight of the links, acting along -z of R0; left out where no masses are given.",
+        description="Masses for own weight, which acts along −z of R0; own weight is not included if empty.",
     )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
         description="Routines of the program that neither move the robot nor change its frames.",
     )
     format: ProgramFormat | None = Field(
-        default=None, description="Format of the program; by the file's name if absent."
+        default=None, description="Format of the program; default: by the file's name."
     )
     mark: bool = Field(
         default=True,
         strict=True,
         description="True to write a comment into the corrected program with the run, its verdict and the "
-        "date. A marked program is not corrected again. One from a run not to be used is always marked.",
+        "date. A marked program is not corrected again. The mark is always written for a run with the "
+        "verdict do_not_use.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Level of the intervals."
+        default=0.95, description="Confidence level of the intervals."
     )
 
     @model_validator(mode="after")
@@ -196,16 +196,16 @@ class ProgramOptions(AcceptingOptions, SagOptions):
 class ProgramForm(ProgramOptions):
     """Options of a compensated program as they are posted, beside the files."""
 
-    run_id: Identifier = Field(description="The run whose model predicts.")
+    run_id: Identifier = Field(description="Id of the run whose model is used.")
 
 
 class ProgramFile(Message):
-    """A file that was sent, or made."""
+    """A file that was sent or created."""
 
     name: Name
     bytes: int = Field(description="Size of the file.", json_schema_extra={"unit": "byte"})
     content: str | None = Field(
-        default=None, description="Null in answers: files have addresses of their own."
+        default=None, description="Content; null in answers, because files have separate addresses."
     )
     sha256: str | None = Field(default=None, description="SHA-256 of its bytes, hexadecimal.")
 
@@ -214,7 +214,8 @@ class ProgramRequest(ProgramForm):
     """A compensated program as it is stored: options and files."""
 
     files: Annotated[list[ProgramFile], Field(min_length=1, max_length=MAX_FILES)] = Field(
-        description="The program: one file, or a .src with its .dat and $config.dat; and the table of loads."
+        description="Files of the program: one file, or a .src with its .dat and $config.dat; and the table "
+        "of loads."
     )
 
     @property
@@ -237,12 +238,12 @@ class ProgramPoint(Message):
     number: int = Field(description="Number in the order of the path, from 1.")
     name: str = Field(description="Name as in the program; empty if it has none.")
     line: int = Field(description="Line of its numbers.")
-    place: Metres[Point] = Field(description="Tool's centre where it is wanted, in R0.")
+    place: Metres[Point] = Field(description="Programmed position of the tool's centre, in R0.")
     deflection: Metres[float] = Field(
         description="Distance by which the load moves the tool without a correction."
     )
     deflection_rotation: Radians[float]
-    correction: Metres[float] = Field(description="Distance from the wanted to the commanded place.")
+    correction: Metres[float] = Field(description="Distance from the programmed to the commanded position.")
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
         description="Standard uncertainty of the deflection along itself, by the errors of the readings; "
@@ -253,43 +254,42 @@ class ProgramPoint(Message):
     )
     interval_with_model_error: Metres[tuple[float, float] | None] = Field(
         default=None,
-        description="Interval of the deflection with model error, by the residuals of postures left out "
-        "of the fit; null where "
-        "the run has no such bound.",
+        description="Interval of the deflection with model error, by the residuals of postures omitted from "
+        "the fit; null without a bound.",
     )
     residual: Metres[float] = Field(
         description="Distance of the loaded tool from its target, predicted for the program as it is written."
     )
     residual_rotation: Radians[float]
-    rounding: Metres[float] = Field(description="Part of it that comes of the digits of the program.")
+    rounding: Metres[float] = Field(description="Part of it due to the rounding of numbers in the program.")
     share: Dimensionless[float] = Field(description="Share of the full correction that is applied.")
-    capped: bool = Field(description="True if the limits hold the correction back.")
+    capped: bool = Field(description="True if the limits reduce the correction.")
 
 
 class ProgramResult(FromRun):
-    """Counts, spreads and the worst points; the program and all points have addresses of their own."""
+    """Counts, spreads and the worst points; the program and all points have separate addresses."""
 
     format: ProgramFormat
-    points: int = Field(description="Targets of the program.")
-    moves: int = Field(description="Moves of the program.")
-    corrected: int = Field(description="Targets with other numbers than before.")
-    capped: int = Field(description="Targets whose correction is held back by the limits.")
-    left_alone: dict[LeftAlone, int] = Field(description="Targets that are as they were, by reason.")
+    points: int = Field(description="Number of targets of the program.")
+    moves: int = Field(description="Number of moves of the program.")
+    corrected: int = Field(description="Number of corrected targets.")
+    capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
+    left_alone: dict[LeftAlone, int] = Field(description="Number of targets without a correction, by reason.")
     deflection: Metres[Spread | None] = Field(
         description="Distance from target without a correction; null if nothing is loaded."
     )
     correction: Metres[Spread | None] = Field(description="Displacement of targets.")
     residual: Metres[Spread | None] = Field(description="Distance from target of the written program.")
-    rounding: Metres[Spread | None] = Field(description="Part of it that comes of the digits of the program.")
-    confidence: Dimensionless[float] = Field(description="Level of the intervals.")
+    rounding: Metres[Spread | None] = Field(
+        description="Part of it due to the rounding of numbers in the program."
+    )
+    confidence: Dimensionless[float] = Field(description="Confidence level of the intervals.")
     worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(
         description="Points with the greatest deflections without a correction, greatest first."
     )
-    remarks: list[str] = Field(
-        description="Remarks: what was left as it is, and what to know of the prediction."
-    )
-    files: list[ProgramFile] = Field(description="The program: GET …/program.")
-    table: ProgramFile = Field(description="All points: GET …/points.csv.")
+    remarks: list[str] = Field(description="Remarks on unchanged lines and on the prediction.")
+    files: list[ProgramFile] = Field(description="Corrected program; null in answers: GET …/program.")
+    table: ProgramFile = Field(description="All points; null in answers: GET …/points.csv.")
 
 
 class ProgramSummary(VerdictSummary):
@@ -303,7 +303,7 @@ class ProgramSummary(VerdictSummary):
     created_at: Timestamp
     outputs: list[str] = Field(
         default_factory=list,
-        description="SHA-256 of each corrected file: none of them is corrected a second time.",
+        description="SHA-256 of each corrected file; these files are refused as input.",
     )
 
 
@@ -314,7 +314,7 @@ class Program(Job):
     collection: ClassVar[str] = "programs"
 
     request: ProgramRequest
-    result: ProgramResult | None = Field(description="Present if the program was corrected.")
+    result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

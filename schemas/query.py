@@ -20,7 +20,7 @@ Reference = Annotated[str, Field(max_length=64)]
 
 
 class PageQuery(Message):
-    """Which page of a listing."""
+    """Page of a listing."""
 
     limit: Annotated[int, Field(ge=1, le=MAX_PAGE)] = Field(
         default=50, description="Maximum number of resources per page."
@@ -40,15 +40,16 @@ class PageQuery(Message):
 
 
 class DeletableQuery(PageQuery):
-    """Which resources of a kind that can be deleted."""
+    """Filters of resources that can be deleted."""
 
     deleted: bool = Field(
-        default=False, description="Only deleted ones, which can be restored, instead of the others."
+        default=False,
+        description="True: only deleted resources, which can be restored; false: only the others.",
     )
 
 
 class JobQuery(DeletableQuery):
-    """Which jobs of a kind."""
+    """Filters of jobs."""
 
     state: JobState | None = Field(default=None, description="Filter by state.")
 
@@ -62,16 +63,18 @@ class WaitQuery(Message):
 
 
 class ArchivableQuery(DeletableQuery):
-    """Which resources of a kind that can be archived."""
+    """Filters of resources that can be archived."""
 
-    archived: bool = Field(default=False, description="Only archived ones, instead of the others.")
+    archived: bool = Field(
+        default=False, description="True: only archived resources; false: only the others."
+    )
 
     def _others(self) -> set[str]:
         return {"archived"}
 
 
 class RobotQuery(ArchivableQuery):
-    """Which robots."""
+    """Filters of robots."""
 
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     content_hash: Reference | None = Field(
@@ -80,11 +83,11 @@ class RobotQuery(ArchivableQuery):
 
 
 class SetQuery(ArchivableQuery):
-    """Which measurement sets."""
+    """Filters of measurement sets."""
 
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
-    encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Only with these.")
+    encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")
     serial_number: ExactName | None = Field(default=None, description="Filter by the robot's serial number.")
     operator: ExactName | None = Field(default=None, description="Filter by operator (exact).")
     instrument: ExactName | None = Field(default=None, description="Filter by instrument (exact).")
@@ -92,10 +95,11 @@ class SetQuery(ArchivableQuery):
         default=None, description="Filter by `content_hash`: sets of the same readings."
     )
     measured_from: Moment | None = Field(
-        default=None, description="Only measured at this time or after it, ISO 8601 with its zone."
+        default=None,
+        description="Filter by time of measurement: at this time or later, ISO 8601 with its zone.",
     )
     measured_to: Moment | None = Field(
-        default=None, description="Only measured before this time, ISO 8601 with its zone."
+        default=None, description="Filter by time of measurement: before this time, ISO 8601 with its zone."
     )
 
     @model_validator(mode="after")

@@ -14,7 +14,7 @@ Lines = Annotated[list[Name], Field(max_length=8)]
 
 
 class Party(Message):
-    """A laboratory or a customer, as a letter addresses them."""
+    """A laboratory or a customer, with postal address."""
 
     name: Name
     address: Lines = Field(default_factory=list, description="Lines of the address.")
@@ -28,7 +28,7 @@ class Laboratory(Party):
         default=None, description="Place of the measurement; the laboratory's address if absent."
     )
     accreditation: Name | None = Field(
-        default=None, description="Accreditation with its number. Reports name none unless it stands here."
+        default=None, description="Accreditation with its number. Reports name one only if it is given here."
     )
     traceability: Notes | None = Field(
         default=None,
@@ -50,18 +50,19 @@ class Laboratory(Party):
 class AuthorisationRequest(Message):
     """Authorisation of a report as it is posted."""
 
-    note: Name | None = Field(default=None, description="Remark that stands in the report.")
+    note: Name | None = Field(default=None, description="Remark in the report.")
     customer: Party | None = Field(
         default=None, description="Customer of this report; default: that of the laboratory's settings."
     )
     received_on: date | None = Field(default=None, description="Date of receipt of the item.")
     supersedes: Identifier | None = Field(
-        default=None, description="Run whose report this one replaces; that one says so from then on."
+        default=None,
+        description="Run whose report this one supersedes; that report is then marked as superseded.",
     )
 
 
 class Authorisation(AuthorisationRequest):
-    """Authorisation of a report. It is never changed and never removed."""
+    """Authorisation of a report. It is never changed or deleted."""
 
     run_id: Identifier
     key_id: str = Field(description="Id of the key that authorised it.")
@@ -69,13 +70,13 @@ class Authorisation(AuthorisationRequest):
     authorised_at: Timestamp
     number: int = Field(description="Number of the report among those of its run, from 1.")
     content_hash: str = Field(
-        description="SHA-256 of what was authorised: the run, the set's metadata, the robot's name, the "
-        "laboratory and the customer, as they were then."
+        description="SHA-256 of the authorised content: the run, the set's metadata, the robot's name, the "
+        "laboratory and the customer."
     )
-    pdf_sha256: str = Field(description="SHA-256 of the PDF as it was issued.")
+    pdf_sha256: str = Field(description="SHA-256 of the issued PDF.")
 
 
 class AuthorisationList(Message):
     """Authorisations of a run's report."""
 
-    items: list[Authorisation] = Field(description="The authorisations, in the order in which they came.")
+    items: list[Authorisation] = Field(description="Authorisations in order of time.")

@@ -65,7 +65,7 @@ class UrdfModel(Message):
 
 
 class GeometryModel(Message):
-    """Kinematics as a stored geometry found them, with the joint map of its readings."""
+    """Kinematics of a stored geometry, with the joint map of its readings."""
 
     format: Literal["geometry"]
     geometry_id: Identifier
@@ -91,7 +91,9 @@ class JointMap(Message):
     matrix: Annotated[
         list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
     ] = Field(description="Invertible n × n matrix; dimensionless.")
-    offset: Radians[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(description="n numbers.")
+    offset: Radians[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(
+        description="Offset, n numbers in rad."
+    )
 
 
 class Body(Message):
@@ -102,15 +104,15 @@ class Body(Message):
     mass: Kilograms[Annotated[float, Field(strict=True, gt=0.0, le=1e6)]] = Field(description="Mass.")
     mass_uncertainty: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]] = Field(
         default=0.2,
-        description="Half-width of the bounds of the mass over the mass: 0.1 is ± 10 %. Bounds, not a "
-        "standard uncertainty.",
+        description="Half-width of the bounds of the mass, relative to the mass: 0.1 is ± 10 %. These are "
+        "bounds, not a standard uncertainty.",
     )
     centre: Metres[Vector3] = Field(
         description="Centre of mass in the frame that moves with the joint: in a URDF that of the joint's "
         "child link, in a DH table the joint's axis is z and its origin that of the row's theta."
     )
     centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
-        default=0.0, description="Radius of the ball that holds the centre of mass."
+        default=0.0, description="Radius of the ball that contains the centre of mass."
     )
 
 
@@ -122,7 +124,7 @@ _BODIES = (
 
 
 class RobotDocument(Message):
-    """A robot as it is posted, or as it stands in a campaign file."""
+    """A robot as it is posted, or in a campaign file."""
 
     name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: Model
@@ -134,7 +136,7 @@ class RobotDocument(Message):
 
 
 class RobotRequest(Message):
-    """A robot as it is posted: described, as a stored geometry found it, or an arm of the catalogue."""
+    """A robot as it is posted: a description, a stored geometry, or an arm of the catalogue."""
 
     name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: PostedModel
@@ -177,12 +179,12 @@ class RobotSummary(Message):
     id: Identifier
     name: Name
     joints: list[Joint]
-    nominal_arm: Name | None = Field(description="Arm of the catalogue, if the model has its figures.")
-    archived: bool = Field(description="True if listings leave the robot out.")
+    nominal_arm: Name | None = Field(description="Arm of the catalogue, if the model has its values.")
+    archived: bool = Field(description="True if archived: listings omit the robot.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map, as in the robot.")
     created_at: Timestamp
     alarms: list[OpenAlarm] = Field(
-        default_factory=list, description="Alarms of its trend that last and that nobody has acknowledged."
+        default_factory=list, description="Alarms of its trend that have not ended and are not acknowledged."
     )
 
 
@@ -197,27 +199,27 @@ class Robot(RobotDocument):
     )
     nominal_arm: Name | None = Field(
         default=None,
-        description="Arm of the catalogue whose nominal figures the model has, if it was posted as one.",
+        description="Arm of the catalogue whose nominal values the model has, if it was posted as one.",
     )
-    archived: bool = Field(default=False, description="True if listings leave the robot out.")
+    archived: bool = Field(default=False, description="True if archived: listings omit the robot.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
     created_at: Timestamp
     alarms: list[OpenAlarm] = Field(
-        default_factory=list, description="Alarms of its trend that last and that nobody has acknowledged."
+        default_factory=list, description="Alarms of its trend that have not ended and are not acknowledged."
     )
 
 
 class RobotChange(Message):
-    """Changes of a robot beside its kinematics. Fields that are left out stay."""
+    """Changes of a robot beside its kinematics. Omitted fields remain unchanged."""
 
-    name: Name | None = Field(default=None, description="New name; null, or left out: it stays.")
+    name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
     archived: bool | None = Field(
-        default=None, description="True if listings leave the robot out; null, or absent: as before."
+        default=None, description="True to archive the robot: listings omit it; null or absent: unchanged."
     )
 
 
 class JointMapPreset(Message):
-    """Joint map that many controllers of a maker share.
+    """Joint map of many controllers of a maker.
 
     It holds for tables whose axes 2, 3 and 5 point the same way, and whose axes 4 and 6 point to the flange.
     """
@@ -229,20 +231,20 @@ class JointMapPreset(Message):
 
 
 class Arm(Message):
-    """Nominal arm, by published figures. A real one differs from it by some tenths of a millimetre."""
+    """Nominal arm by published values. A real arm differs from it by some tenths of a millimetre."""
 
     name: Name = Field(description="Maker and model.", examples=["KUKA KR 210 R2700 extra"])
     maker: Name
     model: DhModel
     joint_map: JointMap | None = Field(description="Map of the controller's angles; null: identity.")
-    joint_map_preset: Identifier | None = Field(description="Preset that the joint map is; null: identity.")
+    joint_map_preset: Identifier | None = Field(description="Preset of the joint map; null: identity.")
     base: str = Field(description="Origin of R0, the frame of the controller.")
-    reach: Metres[float] = Field(description="Reach, as the maker states it.")
+    reach: Metres[float] = Field(description="Reach by the maker.")
     reach_of: Literal["wrist_centre", "flange", "stated"] = Field(
-        description="Point whose largest distance from axis 1 the reach is, and was compared with; `stated`: "
-        "the maker does not say it, and the table was compared with a second publication."
+        description="Point whose largest distance from axis 1 is the reach; `stated`: the maker does not "
+        "state the point, and the table was compared with a second publication."
     )
-    sources: list[str] = Field(description="Source of the figures.")
+    sources: list[str] = Field(description="Source of the values.")
 
 
 class Catalogue(Message):

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 @dataclass(frozen=True)
 class Terminal:
-    """Form of a field on the command line, where its name and type do not say it.
+    """Form of a field on the command line, if its name and type do not determine it.
 
     Without `parse`, `unit` and `flag` the field has no option: it comes from a file of options.
     """
@@ -54,7 +54,8 @@ def planned_load_of(text: str) -> dict[str, Any]:
         return {"kind": kind, "force": float(force)}
     except ValueError:
         raise ValueError(
-            f"'{text}' must be like any_direction:1500: kind of load, and its size in N"
+            f"'{text}' must be KIND:NEWTONS with the kind dead_weight or any_direction, such as "
+            "any_direction:1500"
         ) from None
 
 

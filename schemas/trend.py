@@ -21,7 +21,7 @@ JointState = Literal["alarm", "acknowledged", "in_control", "unjudged"]
 
 
 class TrendQuery(Message):
-    """Which campaigns of a robot a trend is made of; what is left out is that of the newest run."""
+    """Filters of the campaigns in a trend; default: the values of the newest run."""
 
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
     method: Method | None = Field(default=None, description="Method of the runs.")
@@ -35,7 +35,7 @@ class TrendQuery(Message):
 class TrendSelection(Message):
     """Common ground of the runs of a trend."""
 
-    serial_number: str | None = Field(description="Serial number of the robot; null where sets state none.")
+    serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
     method: Method
     weighting: Weighting
     positive: bool = Field(description="True if compliances are constrained to be zero or more.")
@@ -53,18 +53,18 @@ class TrendCampaign(Message):
     time_source: Literal["measured_at", "created_at"] = Field(
         description="Source of `at`: time of the measurement, or, if the set does not state it, of storing."
     )
-    baseline: int = Field(description="Index in `baselines` of the one that it is compared with.")
+    baseline: int = Field(description="Index in `baselines` of the baseline of this campaign.")
     assessment: Assessment = Field(description="Assessment of the run.")
 
 
 class TrendBaseline(Message):
     """A baseline: the campaigns with which later ones are compared."""
 
-    run_id: Identifier | None = Field(description="Run of its first campaign; null if that is gone.")
+    run_id: Identifier | None = Field(description="Run of its first campaign; null if that was deleted.")
     starts_at: Timestamp
-    campaigns: int = Field(description="Campaigns of each joint that it takes.")
+    campaigns: int = Field(description="Number of campaigns of each joint in the baseline.")
     reason: str | None = Field(description="Reason for a new baseline; null for the first campaigns.")
-    set_by: Requester | None = Field(description="Key that asked for it; null if there was none.")
+    set_by: Requester | None = Field(description="Key of the request; null without one.")
     set_at: Timestamp | None = Field(description="Time of the baseline; null for the first campaigns.")
 
 
@@ -90,19 +90,19 @@ class TrendPoint(Message):
 class TrendChart(Message):
     """Chart of one joint against one baseline."""
 
-    baseline: int = Field(description="Index in `baselines`.")
+    baseline: int = Field(description="Index of the chart's baseline in `baselines`.")
     stiffness: Stiffness[float] = Field(description="Stiffness of the baseline.")
     relative_uncertainty: Dimensionless[float] = Field(
         description="Standard uncertainty of the baseline's ln k, scatter between campaigns included."
     )
     between: Dimensionless[float] = Field(
-        description="Scatter between campaigns beyond the readings' noise (τ, DerSimonian and Laird), in "
-        "ln k; 0 where the baseline's campaigns agree."
+        description="Scatter between campaigns beyond the readings' noise (τ, DerSimonian and Laird), in ln "
+        "k; 0 if the baseline's campaigns agree."
     )
 
 
 class Acknowledgement(Message):
-    """An alarm that somebody has seen."""
+    """Acknowledgement of an alarm."""
 
     note: str
     acknowledged_by: Requester | None = Field(description="Key that acknowledged it; null if there was none.")
@@ -116,14 +116,14 @@ class TrendAlarm(Message):
     since: Timestamp
     until: Timestamp | None = Field(description="Last campaign of the alarm; null while it lasts.")
     change: TrendChange = Field(description="Change of the EWMA against the baseline at its last campaign.")
-    message: str = Field(description="Which joint, direction, size, limit, and since when.")
+    message: str = Field(description="Alarm in words: joint, direction, size, limit and first campaign.")
     acknowledgement: Acknowledgement | None = Field(description="Latest acknowledgement.")
 
 
 class TrendPair(Message):
-    """Test of the latest campaign against the first, where there are too few for a chart."""
+    """Test of the latest campaign against the first, if there are too few for a chart."""
 
-    change: TrendChange = Field(description="Change, its uncertainty from the readings alone.")
+    change: TrendChange = Field(description="Change, with the uncertainty from the readings alone.")
     p_value: Dimensionless[float] = Field(
         description="Probability of a change at least as large if the stiffness is the same (two-sided)."
     )
@@ -134,13 +134,13 @@ class TrendJoint(Message):
 
     name: Name
     state: JointState = Field(
-        description="State at its latest campaign; `unjudged`: no campaign after a whole baseline yet."
+        description="State at the latest campaign; `unjudged`: no campaign after a complete baseline yet."
     )
-    points: list[TrendPoint] = Field(description="One for each of `campaigns`.")
+    points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     charts: list[TrendChart] = Field(description="Charts of the joint, oldest first.")
     alarms: list[TrendAlarm] = Field(description="Oldest first.")
     latest: TrendChange | None = Field(description="Change of its latest campaign against the baseline.")
-    pair: TrendPair | None = Field(description="Test of two campaigns, where there is no chart.")
+    pair: TrendPair | None = Field(description="Test of two campaigns, if there is no chart.")
 
 
 class LeftOut(Message):
@@ -152,13 +152,16 @@ class LeftOut(Message):
 
 
 class FalseAlarms(Message):
-    """Rate of false alarms that the limits keep."""
+    """False-alarm rate of the limits."""
 
     probability: Dimensionless[float] = Field(
-        description="Probability of any false alarm of the robot, at most, over all joints counted."
+        description="Upper limit of the false-alarm rate: probability of any false alarm of the robot, over "
+        "all counted joints."
     )
-    campaigns: int = Field(description="Campaigns after a baseline for which that holds.")
-    joints: int = Field(description="Joints counted: those with a chart against the latest baseline.")
+    campaigns: int = Field(description="Number of campaigns after a baseline to which it applies.")
+    joints: int = Field(
+        description="Number of counted joints: those with a chart against the latest baseline."
+    )
 
 
 class Trend(Message):
@@ -168,13 +171,11 @@ class Trend(Message):
     selection: TrendSelection | None = Field(description="Options that the runs share; null without any run.")
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
-    baselines: list[TrendBaseline] = Field(description="Oldest first; the last one is in force.")
+    baselines: list[TrendBaseline] = Field(description="Baselines, oldest first; the last one is in force.")
     joints: list[TrendJoint]
     false_alarms: FalseAlarms
-    left_out: list[LeftOut] = Field(description="Campaigns that do not enter, with the reason.")
-    note: str | None = Field(
-        description="Remarks: what the trend cannot say yet, and what is missing for it."
-    )
+    left_out: list[LeftOut] = Field(description="Campaigns that are not charted, with the reason.")
+    note: str | None = Field(description="Remarks on missing campaigns or charts.")
 
 
 class BaselineRequest(Message):
@@ -183,7 +184,7 @@ class BaselineRequest(Message):
     run_id: Identifier = Field(description="Run of its first campaign.")
     reason: Name = Field(description="Reason.", examples=["gearbox of joint 3 replaced"])
     campaigns: Annotated[int, Field(strict=True, ge=LEAST_BASELINE, le=MOST_BASELINE)] = Field(
-        default=LEAST_BASELINE, description="Campaigns that it takes."
+        default=LEAST_BASELINE, description="Number of campaigns of the baseline."
     )
 
 
@@ -201,16 +202,18 @@ class FleetRow(Message):
     robot_id: Identifier
     name: Name
     serial_number: str | None
-    state: JointState = Field(description="The worst of its joints.")
-    joint: str | None = Field(description="Joint of that state which changed most against its uncertainty.")
+    state: JointState = Field(description="State of the worst joint.")
+    joint: str | None = Field(
+        description="Joint with that state and the largest change relative to its uncertainty."
+    )
     change: TrendChange | None = Field(description="Latest change against the baseline, or in the pair.")
     alarm: str | None = Field(description="Message of its alarm.")
     measured_at: Timestamp | None = Field(description="Time of the latest campaign; null without any.")
     verdict: Verdict | None = Field(
         default=None, description="Verdict on the run of the latest campaign; null without any."
     )
-    campaigns: int = Field(description="Campaigns in its trend.")
-    missing: str | None = Field(description="Remarks: what the trend cannot say yet.")
+    campaigns: int = Field(description="Number of campaigns in its trend.")
+    missing: str | None = Field(description="Remarks on missing campaigns or charts.")
 
 
 class Fleet(Message):

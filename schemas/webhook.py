@@ -13,22 +13,22 @@ Events = Annotated[list[Event], Field(min_length=1, max_length=len(get_args(Even
 
 
 class WebhookRequest(Message):
-    """A webhook as it is asked for."""
+    """A webhook as it is posted."""
 
     url: Annotated[str, Field(max_length=2_000, pattern=r"^https?://[!-~]+$")] = Field(
         description="Address to post to, without user and password; redirects are not followed.",
         examples=["https://mes.example/hooks"],
     )
-    events: Events = Field(default=list(get_args(Event)), description="Events to tell it; all by default.")
+    events: Events = Field(default=list(get_args(Event)), description="Events to post; default: all.")
 
 
 class Delivery(Message):
-    """A message to a webhook that has not arrived."""
+    """A message to a webhook that was not delivered."""
 
     id: str = Field(description="Id of the message, the same at each attempt (`webhook-id`).")
     type: Event
     state: Literal["pending", "dead"] = Field(
-        description="`dead`: it did not arrive within a day, and is not sent again."
+        description="`dead`: it was not delivered within a day, and is not sent again."
     )
     created_at: Timestamp
     attempts: int = Field(description="Number of attempts so far.")
@@ -43,19 +43,19 @@ class Webhook(Message):
     url: str = Field(description="Address to post to.")
     events: Events
     created_at: Timestamp
-    delivered: int = Field(description="Number of messages of the last 30 days that arrived.")
+    delivered: int = Field(description="Number of messages delivered in the last 30 days.")
     undelivered: list[Delivery] = Field(
-        description="The 50 newest messages that did not arrive, newest first."
+        description="Newest 50 messages that were not delivered, newest first."
     )
 
 
 class WebhookList(Message):
     """All webhooks."""
 
-    items: list[Webhook] = Field(description="The webhooks, in the order in which they came.")
+    items: list[Webhook] = Field(description="Webhooks in order of creation.")
 
 
 class NewWebhook(Webhook):
-    """A webhook just made: the only time that its secret is shown."""
+    """A new webhook with its secret, which is not shown again."""
 
     secret: str = Field(description="Secret that signs its messages (`whsec_…`). It is not shown again.")

@@ -53,12 +53,12 @@ processors only take turns: of 1,000 posts at once four threads answer a fifth f
 
 _DESCRIPTION = """Joint stiffness of industrial robots from laser-tracker readings.
 
-Post a **robot**, then a **measurement set** of it, then a **run**: the answer holds the stiffness of each
-joint with its uncertainty, or the reason why the readings cannot say it. Numbers are in SI units unless a
-set declares others in its `units`; each field's unit stands in its schema as `unit`.
+Post a **robot**, then a **measurement set** of it, then a **run**: the answer has the stiffness of each joint
+with its uncertainty, or the reason why the readings do not determine it. Numbers are in SI units unless a set
+declares others in its `units`; each field's unit is in its schema as `unit`.
 
-Every error is a problem details document (RFC 9457) whose `where` names the field and whose `remedy` says
-how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
+Every error is a problem details document (RFC 9457) whose `where` names the field and whose `remedy` states
+the correction. Posting with an `Idempotency-Key` is safe to repeat.
 """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import floor, log10
 from typing import Final, Literal
 
 Severity = Literal["error", "warning", "note"]
@@ -72,3 +73,9 @@ def length_text(length: float) -> str:
         if abs(length) * factor >= 1.0:
             return f"{length * factor:.3g} {unit}"
     return f"{length * 1e9:.3g} nm"
+
+
+def rounded_down(limit: float) -> float:
+    """Round a lower limit down to three digits."""
+    step = 10.0 ** (floor(log10(limit)) - 2)
+    return floor(limit / step) * step

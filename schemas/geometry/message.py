@@ -107,8 +107,8 @@ class FlangeRule(Message):
     """Definition of the flange frame on the last link, which no axis determines."""
 
     by: Literal["nominal", "axes", "targets"] = Field(
-        description="`nominal`: as in the nominal model. `axes`: z along the last axis, origin where the one "
-        "before comes nearest to it: the centre of a spherical wrist. `targets`: origin at the first of "
+        description="`nominal`: as in the nominal model. `axes`: z along the last axis, origin at its point "
+        "nearest to the previous axis: the centre of a spherical wrist. `targets`: origin at the first of "
         "three targets, x towards the second, y towards the third."
     )
     targets: tuple[Name, Name, Name] | None = Field(
@@ -168,13 +168,12 @@ class GeometryRequest(Message):
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
         description="Fit of the sweeps: one by one, which trusts the controller least, or all "
-        "together, which "
-        "assumes that resting joints are where the controller says.",
+        "together, which assumes that resting joints are at the controller's angles.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
         description="Angles of the joint that turns: from the readings, or from the controller. The result "
-        "says whether the controller's are good enough.",
+        "tests if the controller's are accurate enough.",
     )
     base: BaseRule | None = Field(
         default=None,

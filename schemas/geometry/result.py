@@ -29,7 +29,7 @@ Square6 = Annotated[
 
 
 class Rigid(Message):
-    """Coordinates x in one frame become ``rotation x + translation`` in another."""
+    """Transform of coordinates x to another frame: ``rotation x + translation``."""
 
     rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row. Dimensionless.")
     translation: Metres[Point]
@@ -93,8 +93,8 @@ class SweepEvidence(Message):
         description="Measured rotation of the joint over that of controller and joint map. Dimensionless."
     )
     angle_deviation: Radians[float | None] = Field(
-        description="Root mean square of the angles from the readings minus the controller's; null where the "
-        "controller's are used."
+        description="Root mean square difference between the angles from the readings and the controller's; "
+        "null if the controller's are used."
     )
     variance_factor: float = Field(
         description="χ²/dof of this sweep: 1 on average if sigma is right. Dimensionless."
@@ -112,8 +112,8 @@ class PoseEvidence(Message):
     )
     rms_residual: Metres[float] = Field(description="Root mean square residual of a coordinate.")
     held_out_rms: Metres[float | None] = Field(
-        description="Root mean square error of a coordinate of poses that were left out of the fit, in five "
-        "parts in turn; null where the other poses do not determine the geometry."
+        description="Root mean square error of a coordinate of held-out poses, by five-fold "
+        "cross-validation; null if the other poses do not determine the geometry."
     )
 
 
@@ -152,7 +152,7 @@ class BaseFrameResult(Message):
 
 
 class WristCentre(Message):
-    """The wrist centre by one way."""
+    """The wrist centre by one estimate."""
 
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]
@@ -161,14 +161,14 @@ class WristCentre(Message):
 
 
 class WristEstimate(WristCentre):
-    """One of the ways."""
+    """One estimate of the wrist centre."""
 
     way: Literal["sphere", "axes", "trilateration"]
     weight: float = Field(description="Weight in the combined centre, over three directions. Dimensionless.")
 
 
 class WristDistance(Message):
-    """Two ways beside each other."""
+    """Two estimates side by side."""
 
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
@@ -183,7 +183,7 @@ class WristResult(Message):
     combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
     posture: Radians[list[float]] = Field(
-        description="Model angles for which the centre is stated; those of the wrist do not matter."
+        description="Model angles at which the centre is given; those of the wrist do not matter."
     )
     miss_distance: Metres[float] = Field(
         description="Largest distance of one of the three axes from the point nearest to them."
@@ -261,7 +261,7 @@ class Drift(Message):
 
 
 class GeometryFinding(Message):
-    """A suspicion: said with its figure, never mended silently."""
+    """A suspicion with its value; the data are never changed silently."""
 
     code: Literal[
         "short_arc",
@@ -287,7 +287,7 @@ class GeometryFinding(Message):
 
 
 class GeometryResult(Result):
-    """The robot as it was found."""
+    """The identified robot."""
 
     assessment: Assessment = Field(description="Verdict from the findings; notes are no reasons.")
     axes: list[IdentifiedAxis]

@@ -22,7 +22,7 @@ MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
 
 
 class Units(Message):
-    """Units of every number in the set. Mandatory: kg instead of N cannot be found out later."""
+    """Units of every number in the set; mandatory, because kg instead of N cannot be detected later."""
 
     length: LengthUnit = Field(description="Unit of positions, deflections, load points and sigma.")
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
@@ -47,14 +47,14 @@ class Reading(Message):
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
         default=None,
-        description="Position in R0 without load, in units.length. Alone, for runs with `weight`: they "
-        "take the robot's own weight for the load.",
+        description="Position in R0 without load, in units.length. Alone, only for runs with `weight`, "
+        "whose load is the robot's own weight.",
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     deflection: Vector3 | None = Field(
         default=None,
-        description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's place "
-        "in `flange_targets`.",
+        description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's position in "
+        "`flange_targets`.",
     )
     displacement: Quantity | None = Field(
         default=None,
@@ -146,8 +146,8 @@ class Observation(Message):
     )
     encoder_readings: _EncoderReadings | None = Field(
         default=None,
-        description="Readings of secondary encoders, at most one per joint. Not if they close the loop: then "
-        "they show no deflection.",
+        description="Readings of secondary encoders, at most one per joint. Omit them if these encoders "
+        "close the loop, because they then show no deflection.",
     )
 
 
@@ -183,7 +183,7 @@ class MeasurementSetHeader(SetMetadata):
 
 
 class MeasurementSetDocument(MeasurementSetHeader):
-    """A measurement set as it stands in a campaign file."""
+    """A measurement set in a campaign file."""
 
     observations: Annotated[
         list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS), FailFast()
@@ -253,7 +253,7 @@ class QualityWarning(Message):
     )
     where: str | None = Field(description="Observation or reading; null for the whole set.")
     observation: Name | None = Field(
-        default=None, description="Label of the observation; null where it is about no single one."
+        default=None, description="Label of the observation; null if the finding concerns several."
     )
     message: str = Field(description="Observed effect, with value and unit.")
     remedy: str = Field(description="Recommended checks.")
@@ -268,7 +268,7 @@ class MeasurementSetSummary(SetMetadata):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
-    archived: bool = Field(description="True if listings leave the set out.")
+    archived: bool = Field(description="True if archived: listings omit the set.")
     content_hash: str = Field(description="SHA-256 of the readings, as in the set.")
     created_at: Timestamp
 
@@ -278,9 +278,9 @@ class StoredMeasurementSet(MeasurementSetHeader):
 
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
     id: Identifier
-    resolved_frame: ResolvedFrame | None = Field(default=None, description="Meaning of `frame`.")
+    resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
     warnings: list[QualityWarning]
-    archived: bool = Field(default=False, description="True if listings leave the set out.")
+    archived: bool = Field(default=False, description="True if archived: listings omit the set.")
     content_hash: str = Field(
         description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
     )
@@ -288,4 +288,4 @@ class StoredMeasurementSet(MeasurementSetHeader):
 
 
 class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
-    """A stored measurement set: what was posted, and what was noticed."""
+    """A stored measurement set with its findings."""

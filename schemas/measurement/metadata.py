@@ -50,7 +50,7 @@ class SetMetadata(Message):
     operator: Name | None = Field(default=None, description="Person or team that measured.")
     instrument: Name | None = Field(
         default=None,
-        description="Instrument that measured, for people; its uncertainty stands in `noise`.",
+        description="Instrument, for people; its uncertainty is in `noise`.",
         examples=["Leica AT960, 750123"],
     )
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
@@ -70,9 +70,9 @@ class SetMetadata(Message):
 
 
 class SetChange(SetMetadata):
-    """Changes of a measurement set beside its readings. Fields that are left out stay."""
+    """Changes of a measurement set beside its readings. Omitted fields remain unchanged."""
 
-    name: Name | None = Field(default=None, description="New name; null, or left out: it stays.")
+    name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
     archived: bool | None = Field(
-        default=None, description="True if listings leave the set out; null, or absent: as before."
+        default=None, description="True to archive the set: listings omit it; null or absent: unchanged."
     )

@@ -48,10 +48,10 @@ class Uncertainty(Message):
 
 
 class Instrument(Message):
-    """A laser tracker: along its line of sight and across it a reading is worth unlike much.
+    """A laser tracker, with different uncertainties along and across its line of sight.
 
     Standard uncertainties (coverage factor 1). Sheets often state a maximum permissible error; divide it as
-    the sheet says, or by 2 if it says nothing.
+    the sheet states, or by 2 otherwise.
     """
 
     station: Vector3 = Field(description="Position of the tracker in R0, in units.length.")
@@ -70,9 +70,8 @@ class ForceUncertainty(Message):
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of the size of forces and moments: 0.01 is one per cent. It "
-        "goes one to one into every "
-        "stiffness.",
+        description="Relative standard uncertainty of the magnitude of forces and moments: 0.01 is one per "
+        "cent. Every stiffness has the same relative error.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
@@ -94,12 +93,12 @@ class AxisUncertainty(Message):
     """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
 
     A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
-    or the greatest. One error an axis for all observations.
+    or the greatest. Each axis has one error for all observations.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
         default=0.0,
-        description="Standard uncertainty of an axis's place in each direction across it, in the set's "
+        description="Standard uncertainty of an axis's position in each direction across it, in the set's "
         "unit of length.",
         examples=[1e-4],
     )
@@ -121,7 +120,7 @@ class AxisUncertainty(Message):
 class Noise(Message):
     """Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
 
-    Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
+    Give the tracker's as `sigma` or as `instrument`, or as neither if every reading has its own.
     """
 
     sigma: Sigma | None = Field(
@@ -133,7 +132,7 @@ class Noise(Message):
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
         default=None,
         description="Standard uncertainty of one reading of a secondary encoder, in the set's unit of "
-        "angle; needed where encoders were read.",
+        "angle; needed with encoder readings.",
         examples=[5e-6],
     )
     instrument: Instrument | None = Field(
@@ -145,14 +144,15 @@ class Noise(Message):
     load_point: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of the load point in the flange frame, in the "
-        "set's unit of length; one error for all observations. If absent, 10 mm are assumed, and said.",
+        "set's unit of length; the error is the same in all observations. If absent, 10 mm is assumed, with "
+        "a note in the assessment.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of each target's place on the flange, in the "
-        "set's unit of length; one error a target for all observations. It is the place that goes into the "
-        "model; errors of the readings are in `sigma`. If absent, places count as exact.",
+        description="Standard uncertainty of each coordinate of each target's position in the flange frame, "
+        "in the set's unit of length; each target has one error for all observations. Errors of the "
+        "readings are in `sigma`. If absent, these positions count as exact.",
         examples=[5e-4],
     )
 

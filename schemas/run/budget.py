@@ -34,8 +34,8 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: bool = Field(
-        description="True if the component is part of the joints' standard uncertainty. Model error is only "
-        "where joints alone do not fit, a neglected complementary stiffness never."
+        description="True if the component is part of the joints' standard uncertainty. Model error is "
+        "included only if joints alone do not fit; a neglected complementary stiffness never is."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
         description="Degrees of freedom of an evaluation of type A; null for infinitely many."
@@ -44,7 +44,7 @@ class BudgetComponent(Message):
         description="Contribution to the standard uncertainty of each joint of the budget."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation coefficients between the joints by this source; 0 where a contribution is 0."
+        description="Correlation coefficients between the joints by this source; 0 if a contribution is 0."
     )
 
 
@@ -61,17 +61,17 @@ class Budget(Message):
     )
     probability: Dimensionless[float] = Field(description="Coverage probability.")
     coverage_factor: Dimensionless[float] = Field(
-        description="Factor for that probability: normal, or Student's where sigma comes from the residuals "
-        "or the model error is included."
+        description="Factor for that probability: normal, or Student's if sigma comes from the residuals or "
+        "the model error is included."
     )
     expanded_uncertainty: Compliance[list[float]] = Field(
         description="Expanded uncertainty: factor times the combined standard uncertainty."
     )
     expanded_with_model_error: Compliance[list[float]] = Field(
-        description="Expanded uncertainty of all components, those that are not included too."
+        description="Expanded uncertainty of all components, including those not in the intervals."
     )
     missing: list[BudgetGap] = Field(
-        description="Sources that no component bounds: with one of them an expanded uncertainty is "
-        "partial. `model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a lack of "
+        description="Sources without a component: with one of them an expanded uncertainty is partial. "
+        "`model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a lack of "
         "fit, such as links that bend."
     )

@@ -23,7 +23,7 @@ class StageIdentifiability(Message):
 
 
 class ObservabilityIndices(Message):
-    """The field's indices of how well a set of postures shows the parameters (Sun & Hollerbach 2008).
+    """Observability indices of the parameters in a set of postures (Sun & Hollerbach 2008).
 
     Of the singular values s of the regressor with each column divided by what it would have been had the
     force pulled across the joint's lever and the moment turned about its axis, in every observation: no
@@ -41,16 +41,17 @@ class ObservabilityIndices(Message):
 
 
 class Advice(Message):
-    """A measurement that would tell more of a joint."""
+    """A measurement that would reduce a joint's uncertainty."""
 
     joint: Name
     message: str = Field(description="Advice in words: posture, load, and the expected gain.")
     joints: Radians[list[float]] = Field(description="Joint angles as displayed by the controller.")
-    observation: Name | None = Field(description="Observation with this posture, if there is one.")
+    observation: Name | None = Field(
+        description="Label of the observation with this posture, if there is one."
+    )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, as large as the largest of the set; at the "
-        "load point of "
-        "that observation, or for a new posture that of the largest force."
+        description="Force on the robot, axes of R0, with the magnitude of the set's largest force, at the "
+        "load point of that observation, or for a new posture at that of the largest force."
     )
     uncertainty_ratio: float | None = Field(
         description="Ratio of the standard uncertainties of the compliance, after one such reading of all "

@@ -12,7 +12,7 @@ from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
 
 
 class OneSidedBounds(Message):
-    """Each holds by itself at the run's confidence; both together hold at less."""
+    """One-sided bounds, each at the run's confidence level; both together have a lower level."""
 
     compliance_at_least: Compliance[float]
     compliance_at_most: Compliance[float]
@@ -31,16 +31,24 @@ class UncertaintyBudget(Message):
     force_scale: Compliance[float] = Field(
         default=0.0, description="Scale of the force: fully correlated over all joints and observations."
     )
-    force_direction: Compliance[float] = Field(default=0.0, description="Direction of the force, likewise.")
-    load_point: Compliance[float] = Field(default=0.0, description="Place where the load acts, likewise.")
+    force_direction: Compliance[float] = Field(
+        default=0.0, description="Direction of the force: correlated as its scale."
+    )
+    load_point: Compliance[float] = Field(
+        default=0.0, description="Load point: one error for all observations."
+    )
     assumed_load_point: Compliance[float] = Field(
         default=0.0,
-        description="Place where the load acts, 10 mm in each direction where nothing is stated.",
+        description="Load point, with 10 mm in each direction if no uncertainty is stated.",
     )
-    target_places: Compliance[float] = Field(default=0.0, description="Places of the targets, likewise.")
-    axes: Compliance[float] = Field(default=0.0, description="Axes of the robot's model, likewise.")
+    target_places: Compliance[float] = Field(
+        default=0.0, description="Positions of the targets: one error per target for all observations."
+    )
+    axes: Compliance[float] = Field(
+        default=0.0, description="Axes of the robot's model: one error per axis for all observations."
+    )
     model_error: Compliance[float] = Field(
-        default=0.0, description="Model error by fits without single postures, where joints alone do not fit."
+        default=0.0, description="Model error by fits without single postures, if joints alone do not fit."
     )
 
 
@@ -50,8 +58,8 @@ class JointResult(Message):
     name: Name
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     verdict: Verdict = Field(
-        description="Verdict on the use of the number: never better than its status and the reasons about it "
-        "or about the whole result allow."
+        description="Verdict on the use of the stiffness, limited by its status and by the reasons about it "
+        "or the whole result."
     )
     compliance: Compliance[float | None]
     stiffness: Stiffness[float | None] = Field(
@@ -77,7 +85,7 @@ class JointResult(Message):
     )
     budget: UncertaintyBudget | None = Field(
         default=None,
-        description="Budget of the standard uncertainty; null if it holds the readings alone. "
+        description="Budget of the standard uncertainty; null if it has only the readings. "
         "Correlations are in the `budget` of the result.",
     )
     reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")

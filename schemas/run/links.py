@@ -49,8 +49,8 @@ class CrossValidation(Message):
 class PrincipalCompliance(Message):
     """Principal compliance to forces or to moments, in the axes of the joint's frame."""
 
-    value: float = Field(description="m/N of translation, rad/(N.m) of rotation.")
-    direction: Dimensionless[Point] = Field(description="Unit vector.")
+    value: float = Field(description="Principal compliance: m/N for translation, rad/(N.m) for rotation.")
+    direction: Dimensionless[Point] = Field(description="Unit vector of its axis.")
 
 
 class LinkCompliance(Message):
@@ -58,8 +58,8 @@ class LinkCompliance(Message):
 
     joint: Name = Field(description="Joint whose frame moves with the near end of the link.")
     matrix: Matrix = Field(
-        description="6 x 6, symmetric and positive semidefinite: displacement and rotation by force and "
-        "moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
+        description="Compliance, 6 x 6, symmetric and positive semidefinite: displacement and rotation by "
+        "force and moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
     )
     translation: TranslationalCompliance[list[PrincipalCompliance]] = Field(
         description="Principal translational compliances, largest first."
@@ -80,8 +80,8 @@ class ElementShare(Message):
     kind: Literal["joint", "coupling", "link"]
     joint: Name | None = Field(description="Joint, or joint that carries the link; null for coupling.")
     share: Dimensionless[float] = Field(
-        description="Share over the set: projection of its predicted deflections on the measured ones, over "
-        "those; all shares and the unexplained rest sum to 1."
+        description="Share over the set: projection of its predicted deflections on the measured ones, "
+        "divided by these; all shares and the unexplained rest sum to 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
         description="Shares in each observation, in the order of the set."
@@ -89,12 +89,11 @@ class ElementShare(Message):
 
 
 class LinkCertificate(Message):
-    """Proof of optimality, recomputed from the data at the very numbers that are returned."""
+    """Proof of optimality, recomputed from the data at the returned numbers."""
 
     least_eigenvalue: float = Field(
-        description="Least eigenvalue of all matrices in SI units, and least joint compliance; "
-        "never negative. "
-        "In the unit of its matrix."
+        description="Least eigenvalue of all matrices and joint compliances, in the SI unit of its matrix; "
+        "never negative."
     )
     dual: Dimensionless[float] = Field(
         description="Distance of the slack matrices from positive semidefinite, relative to the penalty."
@@ -115,7 +114,7 @@ class LinksResult(Message):
     model: ElasticModel
     model_source: Source = Field(description="`cross_validation` for elasticity `automatic`.")
     loss: Loss = Field(description="Loss function of the length of each target's residual.")
-    loss_source: Source = Field(description="`given` also where few options leave one loss.")
+    loss_source: Source = Field(description="Source of the loss; `given` also if the options allow only one.")
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
     penalty_source: Source
     coupled_joints: Compliance[Matrix | None] = Field(
@@ -152,7 +151,7 @@ class ScoredModel(Message):
 
 
 class HeldOutGain(Message):
-    """Mean residual of postures left out: the best model with links or coupling, and joints alone."""
+    """Mean residual of held-out postures: the best model with links or coupling, and joints alone."""
 
     model: ElasticModel
     error: Metres[float] = Field(description="Mean length of the residuals of that model.")
@@ -163,12 +162,12 @@ class HeldOutGain(Message):
 class ModelSelection(Message):
     """Models and losses side by side, from simple to rich."""
 
-    models: list[ScoredModel] = Field(description="Each model with each loss that was compared.")
+    models: list[ScoredModel] = Field(description="Scores of each model with each loss.")
     chosen: ElasticModel = Field(description="Model of this run's numbers.")
     chosen_loss: Loss = Field(description="Loss of this run's numbers.")
     losses: dict[ElasticModel, Loss] = Field(description="Loss of least held-out residual of each model.")
     best: ElasticModel = Field(
-        description="Model of least mean residual of postures left out, each with its best loss."
+        description="Model of least mean residual of held-out postures, each with its best loss."
     )
     simplest: ElasticModel = Field(
         description="Simplest model within one standard error of the best, paired by posture (joints alone: "

@@ -17,11 +17,11 @@ from jointstiff.schemas.fields import (
 
 
 class ScoreStep(Message):
-    """A step of the distribution of residuals in postures that were left out of the fit."""
+    """A step of the distribution of residuals in postures omitted from the fit."""
 
     score: Metres[float | None] = Field(
-        description="Length of a residual over the root of its load's size; null where the other postures "
-        "do not determine it."
+        description="Length of a residual divided by the root of its load's size; null if the other "
+        "postures do not determine it."
     )
     share: float = Field(
         description="Share of the readings with that score at most, each posture counting the same, times "
@@ -30,18 +30,17 @@ class ScoreStep(Message):
 
 
 class ModelError(Message):
-    """Residuals in postures left out in turn, which calibrate the bound of the model error."""
+    """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
 
-    postures: int = Field(description="Number of postures that were left out in turn.")
+    postures: int = Field(description="Number of postures that were omitted in turn.")
     steps: list[ScoreStep] = Field(
         description="Points by ascending score, neighbours merged beyond about 500."
     )
     force: Newtons[float] = Field(
-        description="Unit of a load's size, the greatest load's being 1; zero if none."
+        description="Unit of a load's size: the greatest load has size 1; zero without loads."
     )
     moment: Torque[float] = Field(
-        description="Unit of a load's moment, the greatest moment's being 1; zero where no moment was "
-        "measured."
+        description="Unit of a load's moment: the greatest moment has size 1; zero without moments."
     )
     least_load: float = Field(description="Least size of a load. Dimensionless.")
     leverage: Metres[float] = Field(
@@ -55,11 +54,11 @@ class ElasticPart(Message):
     links: list[Name] = Field(description="Joints whose links may bend.")
     columns: list[int] = Field(
         description="Place of each entry among the n joints, the upper triangle of their coupling by "
-        "columns, and 21 entries a link likewise; entries off a diagonal are times the root of 2."
+        "columns, and 21 entries per link in the same order; entries off a diagonal are multiplied by √2."
     )
     entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
-        description="Upper triangular T row by row, T T' the covariance of the entries; empty where sigma is "
+        description="Upper triangular T row by row, T T' the covariance of the entries; empty if sigma is "
         "unknown. Units of the entries."
     )
 
@@ -83,21 +82,21 @@ class WeightPart(Message):
 
 
 class IdentifiedModel(Message):
-    """Compliances with what is known of their errors, before any constraint, and the constraints."""
+    """Compliances with their errors before any constraint, and the constraints."""
 
     joints: list[Name] = Field(description="All joints, in the order of the robot.")
     compliance: Compliance[list[float]] = Field(
-        description="Compliance of each joint, as predictions use it; zero where nothing is known."
+        description="Compliance of each joint, as predictions use it; zero if it is unknown."
     )
     seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
     estimate: Compliance[list[float]] = Field(description="Estimate without constraints.")
     covariance: SquareCompliance[list[list[float]]] = Field(
-        description="Covariance of that estimate, the uncertainty of the force included; empty where "
-        "sigma is unknown."
+        description="Covariance of that estimate, the uncertainty of the force included; empty if sigma is "
+        "unknown."
     )
     information_root: list[list[float]] | None = Field(
-        description="R with R'R the inverse of the covariance on what is determined, in N.m/rad; null where "
-        "the covariance says it all."
+        description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "
+        "N.m/rad; null if the covariance is regular."
     )
     lower: Compliance[list[float | None]] = Field(description="Lower bound of each joint; null for none.")
     upper: Compliance[list[float | None]] = Field(description="Upper bound of each joint; null for none.")
@@ -106,14 +105,16 @@ class IdentifiedModel(Message):
     )
     elastic: ElasticPart | None = Field(
         default=None,
-        description="All compliances where links or coupling are elastic: the rows and columns above are "
-        "then empty, and `seen` names the joints that the readings saw.",
+        description="All compliances if links or coupling are elastic; the rows and columns above are then "
+        "empty, and `seen` names the observable joints.",
     )
     weight: WeightPart | None = Field(
         default=None, description="Own weight; null where loads alone were measured, or a spring balances it."
     )
     degrees_of_freedom: float | None = Field(
-        description="Degrees of freedom of sigma; null where it was given."
+        description="Degrees of freedom of sigma; null if sigma was given."
     )
-    error: ModelError | None = Field(description="Null where no posture could be omitted: see `no_error`.")
+    error: ModelError | None = Field(
+        description="Model error; null if no posture could be omitted, see `no_error`."
+    )
     no_error: str | None = Field(default=None, description="Reason why no posture could be omitted.")

@@ -119,9 +119,9 @@ class RunOptions(Message):
         "joint compliance. `diagonal_links`: joints, and six compliances per link. "
         "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
         "`automatic`: joints only, unless a test shows that something besides them bends; then the simplest "
-        "of these whose residuals of postures left out are within one standard error of the best. All others "
+        "of these whose residuals of held-out postures are within one standard error of the best. All others "
         "need method `partial_pose` and weighting `covariance`, without bounds, priors, order, encoder "
-        "readings and resampling; with these `automatic` keeps to joints.",
+        "readings and resampling; with these `automatic` uses joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -148,8 +148,8 @@ class RunOptions(Message):
     )
     weight: Weight | None = Field(
         default=None,
-        description="Stiffness without a load: the robot's own weight is the load, known loads of the set "
-        "join in, and the geometry is estimated, too. Needs `bodies` of the robot. Not with other "
+        description="Stiffness by the robot's own weight as the load, together with known loads of the set; "
+        "the geometry is estimated, too. Needs `bodies` of the robot. Not with other "
         "methods, weightings, losses, elasticities, bounds, priors, orders and resampling.",
     )
 

@@ -32,11 +32,11 @@ MAX_LEFT_OUT = 1_000
 
 
 class CampaignRun(RunOptions):
-    """A run as a campaign file states it."""
+    """Options of the run in a campaign file."""
 
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations that are left out; the others are checked anew without them.",
+        description="Labels of observations to omit; the others are checked again without them.",
         examples=[["c07"]],
     )
 
@@ -47,8 +47,8 @@ class RunRequest(CampaignRun):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Run that this one tries to improve, by other options or corrected readings; listings "
-        "can show it with that run. It changes no number.",
+        description="Run that this one tries to improve by other options or corrected readings; listings "
+        "can group both. It changes no number.",
     )
 
 
@@ -103,12 +103,12 @@ class ComplementaryStiffness(Message):
     largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set. Dimensionless.")
     largest_shift: float | None = Field(
         description="Largest change of a compliance between neglecting and including it, in units of its "
-        "standard uncertainty; null where that is unknown. Dimensionless."
+        "standard uncertainty; null if that is unknown. Dimensionless."
     )
 
 
 class SuspiciousReading(Message):
-    """A reading that the robust loss gives less weight, and that one good reading in a thousand resembles."""
+    """A reading that the robust loss gives less weight; one good reading in a thousand is like it."""
 
     observation: Name
     target: Name
@@ -158,13 +158,13 @@ class EncoderResidual(Message):
 
     observation: Name
     joint: Name
-    deflection: Radians[float] = Field(description="Loaded minus unloaded.")
+    deflection: Radians[float] = Field(description="Deflection of the joint, loaded minus unloaded.")
     predicted: Radians[float]
-    residual: Radians[float] = Field(description="Measured minus predicted.")
+    residual: Radians[float] = Field(description="Residual, measured minus predicted.")
 
 
 class PlainModel(Message):
-    """Numbers of joints alone under squared residuals, with K_c as the run has it."""
+    """Result for joints alone under squared residuals, with K_c as in the run."""
 
     joints: list[JointResult]
     compensation: Dimensionless[float | None]
@@ -172,26 +172,26 @@ class PlainModel(Message):
 
 
 class ModelChoice(Message):
-    """Model of this run's numbers: what bends, the loss, and the evidence for both."""
+    """Elastic elements and loss of this run, with the evidence for both."""
 
     elasticity: ElasticModel
     loss: Loss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
-        description="`given`: named in the request. `screening`: joints alone, as no test shows that "
-        "something besides them bends. `cross_validation`: compared on postures left out. `options`: joints "
-        "alone, as other options exclude more."
+        description="`given`: named in the request. `screening`: joints alone, because no test shows that "
+        "something besides them bends. `cross_validation`: compared on held-out postures. `options`: joints "
+        "alone, because other options exclude more."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links beside joints; null where it was not made."
+        description="p-value of the F test of links beside joints; null if it was not made."
     )
-    message: str = Field(description="The choice in a sentence, with its figures.")
+    message: str = Field(description="Choice in a sentence, with its figures.")
     plain: PlainModel | None = Field(
-        default=None, description="Joints alone under squared residuals; null where these are the numbers."
+        default=None, description="Joints alone under squared residuals; null if the run has only joints."
     )
 
 
 class RunResult(Result):
-    """The numbers."""
+    """Result of the job."""
 
     assessment: Assessment
     joints: list[JointResult]
@@ -213,7 +213,7 @@ class RunResult(Result):
         description="Length that was used, if the weighting needs one."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
-        description="Effect of K_c; null where links or coupling bend, whose model neglects it."
+        description="Effect of K_c; null with elastic links or coupling, whose model neglects it."
     )
     robust: RobustLoss | None = Field(
         default=None, description="Suspicious readings and weights, if the loss is `huber`."
@@ -225,13 +225,15 @@ class RunResult(Result):
         default=None,
         description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
         "the joint and its link's rotation about its axis together. Their intervals are ranges of what fits "
-        "the readings under 0.3 times the penalty, which predicts best; they are null where `link_penalty` "
-        "is given.",
+        "the readings under 0.3 times the penalty, which predicts best; they are null if `link_penalty` is "
+        "given.",
     )
     selection: ModelSelection | None = Field(
         default=None, description="Held-out compensation of each model, if links or coupling are elastic."
     )
-    choice: ModelChoice | None = Field(default=None, description="Model of the numbers, and why.")
+    choice: ModelChoice | None = Field(
+        default=None, description="Elastic elements and loss of this run, with the reason."
+    )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(
         default_factory=list,
@@ -247,14 +249,13 @@ class RunResult(Result):
     )
     budget: Budget | None = Field(
         default=None,
-        description="Uncertainty budget of the compliances; null if links or coupling are elastic, or where "
-        "the uncertainty of the readings is unknown.",
+        description="Uncertainty budget of the compliances; null with elastic links or coupling, or if the "
+        "uncertainty of the readings is unknown.",
     )
     weight: WeightResult | None = Field(
         default=None,
-        description="Result of a run with `weight`, whose deflections are from the geometry that does "
-        "not bend, and "
-        "whose intervals are outer bounds over all masses within theirs; else null.",
+        description="Result of a run with `weight`: deflections are relative to the geometry without sag, "
+        "and intervals are outer bounds over all masses within their bounds; null for other runs.",
     )
     warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
 
@@ -280,7 +281,7 @@ class RunSummary(ResultSummary):
     weighting: Weighting
     positive: bool
     elasticity: Elasticity = Field(description="Parts that bend.")
-    leave_out: list[Name] = Field(default_factory=list, description="Observations that were left out.")
+    leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")
     state: JobState
     created_at: Timestamp

@@ -44,7 +44,7 @@ class Weight(Message):
 
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
-        description="Acceleration of gravity in R0, in m/s²; default: R0 stands upright.",
+        description="Acceleration of gravity in R0, in m/s²; default: along −z of R0.",
     )
     estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
         default=False,
@@ -76,17 +76,17 @@ class WeightShare(Message):
         "without a number."
     )
     masses: Dimensionless[float | None] = Field(
-        description="Share of the width that exact masses would take away; null without a number."
+        description="Share of the interval's width due to the uncertain masses; null without a number."
     )
 
 
 class WeightResult(Message):
-    """Numbers of a run that only runs with `weight` have."""
+    """Additional results of a run with `weight`."""
 
     joints: list[WeightShare]
-    gravity: Point = Field(description="Acceleration of gravity in R0, in m/s², as stated or as estimated.")
+    gravity: Point = Field(description="Acceleration of gravity in R0, in m/s², stated or estimated.")
     rms_without_sag: Metres[float] = Field(
-        description="Root mean square of a coordinate's residual, had the arm not bent: the best geometry."
+        description="Root mean square of a coordinate's residual for the best geometry without sag."
     )
-    rms_residual: Metres[float] = Field(description="The same with the sag.")
-    steps: int = Field(description="Number of steps of Gauss and Newton.")
+    rms_residual: Metres[float] = Field(description="Root mean square of a coordinate's residual with sag.")
+    steps: int = Field(description="Number of Gauss-Newton steps.")

@@ -51,7 +51,7 @@ async def list_keys(request: Request) -> KeyList:
 
 @router.delete("/keys/{key_id}", response_model=Key, responses=problems(404, 409, 422))
 async def revoke_key(request: Request, parts: PartsOf, key_id: KeyId) -> Key:
-    """Revoke a key for good, and end its sessions. It stays in the list; to do so again changes nothing."""
+    """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
     gate: Gate = request.app.state.gate
     if gate.keyring.is_filed(key_id):
         raise HTTPException(409, "the key stands in the file of keys; revoke it there")

@@ -41,7 +41,7 @@ _Files = Annotated[
 ]
 _Options = Annotated[Json[ProgramForm], Form(examples=[json.dumps(_EXAMPLE["options"])])]
 _FileName = Annotated[
-    str | None, Query(max_length=200, description="Which of its files; the first one if absent.")
+    str | None, Query(max_length=200, description="Name of the file; default: the first one.")
 ]
 
 

@@ -109,7 +109,7 @@ def get_run_report(
     format: ReportFormat,  # noqa: A002
     *,
     draft: Annotated[
-        bool, Query(description="The report as it would be authorised now, also if one was issued.")
+        bool, Query(description="True: the report as it would be authorised now, even if one was issued.")
     ] = False,
 ) -> Response:
     """Get the report of a run: results, uncertainty, method, conditions, traceability, by ISO/IEC 17025.
@@ -154,7 +154,7 @@ def get_issued_report(parts: PartsOf, run_id: JobId, number: Annotated[int, Path
 def authorise_run(
     request: Request, parts: PartsOf, run_id: JobId, body: AuthorisationRequest
 ) -> Authorisation:
-    """Authorise the report of a run, under the name of the key. It is never changed and never removed.
+    """Authorise the report of a run, under the name of the key. It is never changed or deleted.
 
     What it states is kept with it, with the PDF and its SHA-256: later changes of metadata, settings or
     software change nothing. Another authorisation of the same run issues a report of the next number, which

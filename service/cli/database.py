@@ -14,7 +14,7 @@ Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the ba
 
 
 def backup(folder: Folder, *, database: DatabaseUrl) -> None:
-    """Copy a database into a new folder, while the service goes on."""
+    """Copy a database to a new folder; the service may run."""
     from jointstiff.service.store.backups import back_up
     from jointstiff.service.tables.terminal import console
 
@@ -30,11 +30,11 @@ def restore(
         bool,
         typer.Option(
             "--overwrite",
-            help="Replace a database that holds something; an SQLite file is set aside.",
+            help="Replace a database that is not empty; an SQLite file is renamed.",
         ),
     ] = False,
 ) -> None:
-    """Put a backup in the place of a database that no service uses, and check that all of it arrived."""
+    """Restore a backup to a database that no service uses."""
     from jointstiff.service.store.backups import restore as put_back
     from jointstiff.service.tables.terminal import console
 
@@ -44,10 +44,12 @@ def restore(
 
 
 def export_database(
-    database: Annotated[str, typer.Argument(metavar="URL", help="Database of any version; it is only read.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="A new folder.")],
+    database: Annotated[
+        str, typer.Argument(metavar="URL", help="Database of any version; it is not changed.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="New folder to write to.")],
 ) -> None:
-    """Write robots, measurement sets and requests of runs as campaign files, for `jointstiff post FOLDER`."""
+    """Export a database as campaign files for `jointstiff post`."""
     from jointstiff.service.resources.old_databases import export_database as export
     from jointstiff.service.tables.terminal import console
 
@@ -55,7 +57,7 @@ def export_database(
 
 
 def doctor(*, database: DatabaseUrl) -> None:
-    """Look for faults in a database, which is not changed; exit status 1 if there are any."""
+    """Check a database for faults; exit status 1 if it has any."""
     from jointstiff.service.tables.terminal import console
     from jointstiff.service.workers.doctor import examine
 

@@ -100,13 +100,16 @@ EXTRAS: Final[Mapping[str, Extra]] = {
                     typer.Option(
                         metavar="ACTION",
                         help="Apply an action that a reason advises, such as exchange_columns or "
-                        "convert_units: write the mended campaign beside the old one, and identify it.",
+                        "convert_units: write the corrected campaign to a new file, and identify it.",
                     ),
                 ],
                 None,
             ),
             "output": (
-                Annotated[Path | None, output_option("Write the mended campaign there.")],
+                Annotated[
+                    Path | None,
+                    output_option("File to write the corrected campaign to; default: next to the old one."),
+                ],
                 None,
             ),
         },
@@ -116,7 +119,10 @@ EXTRAS: Final[Mapping[str, Extra]] = {
     "geometry": Extra(
         options={
             "robot": (NamedRobot, None),
-            "output": (Annotated[Path | None, output_option("Write the robot there.", "ROBOT.json")], None),
+            "output": (
+                Annotated[Path | None, output_option("File to write the identified robot to.", "ROBOT.json")],
+                None,
+            ),
         },
         passed=("robot",),
         finish=_write_robot,
@@ -126,7 +132,9 @@ EXTRAS: Final[Mapping[str, Extra]] = {
             "campaign": (
                 Annotated[
                     Path | None,
-                    typer.Option(dir_okay=False, metavar="FILE", help="Write a campaign to fill in there."),
+                    typer.Option(
+                        dir_okay=False, metavar="FILE", help="File to write the campaign to fill in to."
+                    ),
                 ],
                 None,
             )
@@ -136,9 +144,15 @@ EXTRAS: Final[Mapping[str, Extra]] = {
     ),
     "program": Extra(
         options={
-            "output": (Annotated[Path, output_option("Write it there; a .dat beside it.")], ...),
+            "output": (
+                Annotated[
+                    Path,
+                    output_option("File to write the corrected program to; a .dat is written to its folder."),
+                ],
+                ...,
+            ),
             "report": (
-                Annotated[Path | None, typer.Option(metavar="FILE", help="Write all points there, as CSV.")],
+                Annotated[Path | None, typer.Option(metavar="FILE", help="CSV file to write all points to.")],
                 None,
             ),
         },

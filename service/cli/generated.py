@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import NoneType, UnionType
@@ -37,9 +38,10 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
     from jointstiff.schemas.job import Job
+    from jointstiff.schemas.problem import Problem
 
 _File = Annotated[Path, file_argument("FILE", "File of readings.")]
-_Files = Annotated[list[Path], file_argument("PROGRAM", "A program; a .src with its .dat.")]
+_Files = Annotated[list[Path], file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
 _First = Annotated[
     Path,
     file_argument("FIRST", "Campaign with the position loop on the motors' encoders, or before a change."),
@@ -52,7 +54,8 @@ _Source = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT_OR_CAMPAIGN",
-        help="File of a robot, or name of an arm of the catalogue, to begin; file of a campaign, to go on.",
+        help="To begin: file of a robot, or name of an arm of the catalogue. To continue: file of a "
+        "campaign.",
     ),
 ]
 _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
@@ -64,10 +67,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "files": {"program": _Files},
 }
 """Arguments of a command by what its kind is made of."""
-_Options = Annotated[
-    Path | None, file_option("Options as JSON, as the API takes them, for those that have no option here.")
-]
-_Output = Annotated[Path | None, output_option("Write the table there, by its suffix.")]
+_Options = Annotated[Path | None, file_option("JSON file with further options, named as in the API.")]
+_Output = Annotated[Path | None, output_option("File to write the table to; its suffix sets the format.")]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
@@ -107,7 +108,7 @@ def command_of(name: str) -> Callable[..., None]:
         ]
     )
     command.__annotations__ = sources | {key: one for key, (one, _) in options.items()}
-    command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the words."
+    command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
 
 
@@ -152,6 +153,7 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dic
     """
     from jointstiff.schemas.run.run import Run
     from jointstiff.service.library.campaigns import read_campaign, read_document
+    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.in_process import function_of
     from jointstiff.service.library.results import TabledRun
     from jointstiff.service.tables.terminal import progress_bar
@@ -162,10 +164,27 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dic
         run = TabledRun.of(read_document(values["run"], Run), read_campaign(sources[0]))
         sources = [run, *sources[1:]]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
-    with progress_bar(shown=kind.stepped) as tell:
-        steps = {"on_progress": tell} if kind.stepped else {}
-        job: Job = function_of(ROOMS[kind.name].command)(*given, **steps, **stated)
+    try:
+        with progress_bar(shown=kind.stepped) as tell:
+            steps = {"on_progress": tell} if kind.stepped else {}
+            job: Job = function_of(ROOMS[kind.name].command)(*given, **steps, **stated)
+    except CampaignError as error:
+        raise CampaignError(_in_options(kind, error.problem)) from error
     return job
+
+
+def _in_options(kind: AnyKind, problem: Problem) -> Problem:
+    """Return a problem whose remedies name the command's options in place of the request's fields."""
+    flags = {
+        f"`{name}`": f"`{get_args(one)[1].param_decls[0].partition('/')[0]}`"
+        for name, one in _field_options(kind.options)
+    }
+
+    def renamed(remedy: str | None) -> str | None:
+        return remedy and re.sub(r"`\w+`", lambda field: flags.get(field[0], field[0]), remedy)
+
+    items = [item.model_copy(update={"remedy": renamed(item.remedy)}) for item in problem.errors]
+    return problem.model_copy(update={"remedy": renamed(problem.remedy), "errors": items})
 
 
 def read_options(path: Path) -> dict[str, Any]:

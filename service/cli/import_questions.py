@@ -61,7 +61,7 @@ def ask(answer: ImportAnswer, asked: set[str]) -> Options:
 def ask_robot() -> str | None:
     """Ask for the robot: its file, or the name of an arm of the catalogue."""
     text: str = typer.prompt(
-        "Robot that was measured, for the integrity checks: file or arm", default="none", err=True
+        "Measured robot, for the integrity checks: file or arm", default="none", err=True
     )
     return None if text == "none" else text
 

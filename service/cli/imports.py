@@ -70,7 +70,7 @@ def import_readings(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read files of tracker software and tables; show what was understood, then write a campaign.
+    """Import files of readings as a campaign.
 
     Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
     asks for what is missing. If the inspection of the readings finds errors, they are written only with

@@ -50,12 +50,14 @@ def create(
     ],
     expires: Annotated[
         datetime | None,
-        typer.Option(formats=["%Y-%m-%d"], help="Day at whose beginning (UTC) it ends; default: never."),
+        typer.Option(
+            formats=["%Y-%m-%d"], help="First day (UTC) on which the key is no longer valid; default: none."
+        ),
     ] = None,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     keys_file: KeysFilePath = None,
 ) -> None:
-    """Create a key. It is printed once, and nowhere kept."""
+    """Create a key, and print it once."""
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest
@@ -84,7 +86,7 @@ def create(
 
 @keys.command("list")
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
-    """List all keys, revoked ones, too."""
+    """List all keys, including revoked ones."""
     from jointstiff.service.access.keyring import described
     from jointstiff.service.tables.terminal import console, printed
 
@@ -97,7 +99,7 @@ def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: K
 def revoke(
     key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
 ) -> None:
-    """Revoke a key for good, and end its sessions."""
+    """Revoke a key, and end its sessions."""
     from jointstiff.service.access.keys_file import KeysFile
 
     now = datetime.now(UTC)

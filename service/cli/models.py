@@ -69,7 +69,7 @@ def predict(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
+    """Predict deflections in given postures under given loads."""
     from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_parts
     from jointstiff.service.library import campaigns
     from jointstiff.service.tables.terminal import console, printed
@@ -99,13 +99,13 @@ def export(
     file: CampaignFile,
     *,
     output: Annotated[
-        Path, output_option("Write it there: .csv, .xlsx, .urdf, .sdf, .mjcf, or .xml, which is MJCF.")
+        Path, output_option("File to write the model to: .csv, .xlsx, .urdf, .sdf, .mjcf or .xml (MJCF).")
     ],
     run: RunFile = None,
     despite_verdict: DespiteVerdict = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Export a campaign's model: stiffness and intervals as a table, or springs for a simulator."""
+    """Export a model as a table or for a simulator."""
     from jointstiff.service.library import models
     from jointstiff.service.library.campaigns import read_campaign
 
@@ -126,12 +126,12 @@ def report(
         ),
     ],
     *,
-    output: Annotated[Path, output_option("Write it there: .pdf or .html.")],
+    output: Annotated[Path, output_option("File to write the report to: .pdf or .html.")],
     run: RunFile = None,
     laboratory: LaboratoryFile = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a report: results, uncertainty, method, traceability. That on a campaign is a draft."""
+    """Write a draft report on a campaign or a result."""
     from jointstiff.service.library import models
     from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
 

@@ -80,7 +80,7 @@ CampaignFile = Annotated[
 ]
 RunFile = Annotated[
     Path | None,
-    file_option("A run of that campaign, as `identify --json` prints it; identified now if absent."),
+    file_option("Run of that campaign, as `identify --json` prints it; default: identify it now."),
 ]
 NamedRobot = Annotated[
     str | None,
@@ -91,9 +91,9 @@ NamedRobot = Annotated[
     ),
 ]
 DespiteVerdict = Annotated[
-    bool, typer.Option("--despite-verdict", help="Go on although the verdict on the run is: do not use.")
+    bool, typer.Option("--despite-verdict", help="Continue although the verdict on the run is: do not use.")
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 DatabaseUrl = Annotated[
     str,
@@ -112,7 +112,7 @@ KeysFilePath = Annotated[
     typer.Option(
         envvar="JOINTSTIFF_KEYS_FILE",
         metavar="FILE",
-        help="File of keys, such as a container gets as a secret; it holds hashes only.",
+        help="File of keys, such as a container's secret; it has only hashes.",
     ),
 ]
 LaboratoryFile = Annotated[
@@ -120,7 +120,7 @@ LaboratoryFile = Annotated[
     typer.Option(
         envvar="JOINTSTIFF_LABORATORY",
         metavar="FILE",
-        help="TOML file of the laboratory that issues reports; they name none without it.",
+        help="TOML file of the laboratory that issues reports; default: none.",
     ),
 ]
 

@@ -21,7 +21,7 @@ _REACH_OF: Final = {"wrist_centre": "of the wrist centre", "flange": "of the fla
 
 def robots(
     name: Annotated[
-        str | None, typer.Argument(metavar="ARM", help="Name of an arm, or a part of it; all if absent.")
+        str | None, typer.Argument(metavar="ARM", help="Name of an arm, or a part of it; default: all arms.")
     ] = None,
     *,
     output: Annotated[
@@ -31,7 +31,7 @@ def robots(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """List nominal arms, by figures their makers or others published; a name serves as --robot."""
+    """List the nominal arms of the catalogue."""
     from jointstiff.service.problems.table import problem_of
     from jointstiff.service.resources.nominal_arms import catalogue, find_arm, nominal_robot
     from jointstiff.service.tables.terminal import console, printed
@@ -67,7 +67,7 @@ def _arms(catalogue: Catalogue) -> list[Part]:
         ],
         title="Nominal arms",
     )
-    return [table, Line('Take one by its name, such as --robot "KUKA KR 210 R2700".')]
+    return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
 
 
 def _arm(arm: Arm) -> list[Part]:

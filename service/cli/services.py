@@ -25,7 +25,7 @@ LogLines = Annotated[
     LogFormat,
     typer.Option(
         envvar=FORMAT_VARIABLE,
-        help="Log for people, or as JSON lines, with one for each request.",
+        help="Format of the log: text, or JSON lines with one line per request.",
     ),
 ]
 
@@ -33,29 +33,29 @@ LogLines = Annotated[
 def serve(
     *,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 picks a free one.")] = 8000,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0: any free one.")] = 8000,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     workers: Annotated[
         int,
         typer.Option(
             min=0,
             max=64,
-            help="Number of worker processes for long runs; 0 leaves them to workers on other machines.",
+            help="Number of worker processes for long runs; 0: workers run elsewhere.",
         ),
     ] = 1,
     allowed_host: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Further name of the service in addresses; '*' for any, with --no-access-control. "
-            "May be repeated.",
+            help="Additional name of the service in addresses; '*' for any, with --no-access-control. "
+            "Repeatable.",
         ),
     ] = None,
     no_access_control: Annotated[
         bool,
         typer.Option(
             "--no-access-control",
-            help="Answer whoever reaches it: behind an authenticating proxy. Needs --allowed-host.",
+            help="Require no keys; only for use behind an authenticating proxy. Needs --allowed-host.",
         ),
     ] = False,
     quota: Annotated[
@@ -63,22 +63,23 @@ def serve(
         typer.Option(
             min=1,
             metavar="MEGABYTES",
-            help="Size of the database from which on nothing more is added (507); any if not given.",
+            help="Quota of the database: at this size the service refuses new resources (507); default: "
+            "none.",
         ),
     ] = None,
     metrics_port: Annotated[
         int | None,
-        typer.Option(
-            min=0, max=65535, help="Port for metrics in the format of Prometheus; none if not given."
-        ),
+        typer.Option(min=0, max=65535, help="Port for metrics in the format of Prometheus; default: none."),
     ] = None,
     metrics_host: Annotated[
-        str, typer.Option(help="Address of that port; whoever reaches it reads the metrics.")
+        str, typer.Option(help="Address of the metrics port; everyone who reaches it can read the metrics.")
     ] = "127.0.0.1",
     log_format: LogLines = LogFormat.TEXT,
     require_key: Annotated[
         bool,
-        typer.Option("--require-key", help="Demand a key (`jointstiff keys create`) from this machine, too."),
+        typer.Option(
+            "--require-key", help="Require a key (`jointstiff keys create`) also from this machine."
+        ),
     ] = False,
     keys_file: KeysFilePath = None,
     laboratory: LaboratoryFile = None,
@@ -111,7 +112,7 @@ def worker(
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
 ) -> None:
-    """Carry out the long runs of a service, on this or another machine, until stopped."""
+    """Compute the long runs of a service until stopped."""
     import os
     import secrets
     import socket
@@ -131,7 +132,7 @@ def post(
     unit: Unit = UnitChoice.MEGA,
     details: Details = False,
 ) -> None:
-    """Post a campaign to a running service, and show its answer; or all campaigns of a folder.
+    """Post campaigns to a running service.
 
     A folder is posted once, however often it is given; so are the robot and the readings of a file. Where the
     service demands a key, the environment variable JOINTSTIFF_KEY has it.
@@ -197,10 +198,11 @@ def demo(
         int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free one with --once.")
     ] = None,
     database: Annotated[
-        str, typer.Option(metavar="URL", help="Of the demonstration alone; that of `serve` stays as it is.")
+        str,
+        typer.Option(metavar="URL", help="Database of the demonstration; that of `serve` is not changed."),
     ] = "sqlite:///jointstiff-demo.db",
 ) -> None:
-    """Start the service, post an example campaign over HTTP, and show what it answers."""
+    """Start the service with an example campaign."""
     from jointstiff.service.cli.demo import run_demo
 
     if port is None:

@@ -17,7 +17,7 @@ def simulate(
     load: Annotated[
         LoadChoice,
         typer.Option(
-            help="Load: a weight on the flange, pulls in all directions, or none but the arm's own."
+            help="Load: a weight on the flange, pulls in all directions, or only the arm's own weight."
         ),
     ] = LoadChoice.PULL,
     configurations: Annotated[int, typer.Option(min=1, max=5_000, help="Number of postures.")] = 19,
@@ -33,7 +33,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same file.")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
 ) -> None:
-    """Write an example campaign, made by springs that balance the load exactly."""
+    """Write a simulated example campaign."""
     import json
 
     from jointstiff.service.tables.terminal import console

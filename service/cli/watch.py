@@ -26,9 +26,7 @@ def watch(
     robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot on the service.")],
     template: Annotated[
         Path | None,
-        file_option(
-            "Options of an import, as JSON, by which tables are read; without it only JSON is taken."
-        ),
+        file_option("JSON file with the import options for tables; default: only JSON files are read."),
     ] = None,
     server: Annotated[
         str,
@@ -44,19 +42,19 @@ def watch(
         str | None, typer.Option(envvar="JOINTSTIFF_KEY", metavar="KEY", help="Key with the role operator.")
     ] = None,
     interval: Annotated[
-        float, typer.Option(min=0.1, metavar="SECONDS", help="Time between two looks at the folder.")
+        float, typer.Option(min=0.1, metavar="SECONDS", help="Time between two checks of the folder, in s.")
     ] = 5.0,
     settle: Annotated[
         float,
         typer.Option(
             min=0.0,
             metavar="SECONDS",
-            help="Time for which a file that is not understood stays unchanged before it is rejected.",
+            help="Time in s after which an unchanged file that is not understood is rejected.",
         ),
     ] = 60.0,
-    once: Annotated[bool, typer.Option("--once", help="End when nothing is left to wait for.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="End when all files are processed.")] = False,
 ) -> None:
-    """Post finished files of a folder as measurements of a robot, each with its run, until stopped.
+    """Post and identify the files of a folder as they arrive.
 
     A file is finished when two looks find it unchanged. Programs that write slowly should write under another
     name, such as .part, and rename.

@@ -8,7 +8,7 @@ from jointstiff.service.cli.answers import warn
 from jointstiff.service.cli.options import ServerAddress
 
 webhooks = typer.Typer(
-    help="Make, list and delete the webhooks of a running service; JOINTSTIFF_KEY has an admin's key.",
+    help="Create, list and delete webhooks; JOINTSTIFF_KEY must have an admin key.",
     no_args_is_help=True,
 )
 
@@ -21,12 +21,13 @@ def create(
         list[str] | None,
         typer.Option(
             metavar="EVENT",
-            help="run.succeeded, run.failed, alarm.raised or worker.lost; may be repeated. All if absent.",
+            help="Event to post: run.succeeded, run.failed, alarm.raised or worker.lost; default: all. "
+            "Repeatable.",
         ),
     ] = None,
     server: ServerAddress = "http://127.0.0.1:8000",
 ) -> None:
-    """Make a webhook. Its secret, which signs the messages, is printed once."""
+    """Create a webhook, and print its secret once; the secret signs the messages."""
     from jointstiff.schemas.webhook import NewWebhook
     from jointstiff.service.library.answers import resource_in
     from jointstiff.service.library.client import Client
@@ -40,7 +41,7 @@ def create(
 
 @webhooks.command("list")
 def list_webhooks(*, server: ServerAddress = "http://127.0.0.1:8000") -> None:
-    """List the webhooks, and the messages that did not arrive."""
+    """List webhooks and messages that were not delivered."""
     from jointstiff.schemas.webhook import WebhookList
     from jointstiff.service.library.answers import resource_in
     from jointstiff.service.library.client import Client
@@ -57,7 +58,7 @@ def list_webhooks(*, server: ServerAddress = "http://127.0.0.1:8000") -> None:
     ]
     tables = [text_table(["id", "address", "events", "delivered"], hooks, texts=[0, 1, 2])]
     if lost:
-        head = ["address", "did not arrive", "state", "since (UTC)", "last attempt"]
+        head = ["address", "not delivered", "state", "since (UTC)", "last attempt"]
         tables.append(text_table(head, lost, texts=[0, 1, 2, 3, 4]))
     console().print(printed(tables))
 

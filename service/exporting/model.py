@@ -13,6 +13,7 @@ from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.service.tables.verdict import VERDICTS
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.finding import rounded_down
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
 
@@ -115,5 +116,5 @@ def why_no_stiffness(joint: JointResult) -> str:
     if joint.compliance < 0.0:
         return "the estimate is negative: identify with compliances not negative"
     least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
-    bound = "" if least is None else f"; it is at least {least / 1e6:.3g} · {_UNIT.label}"
+    bound = "" if least is None else f"; it is at least {rounded_down(least) / 1e6:.3g} · {_UNIT.label}"
     return f"the readings cannot distinguish the joint from rigid{bound}"

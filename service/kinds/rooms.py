@@ -22,20 +22,13 @@ class Room:
 
 ROOMS: Final[Mapping[str, Room]] = MappingProxyType(
     {
-        "run": Room("identify", "Identify the joint stiffnesses of a campaign, without a server."),
-        "comparison": Room(
-            "compare", "Compare the methods on a campaign, unconstrained and constrained, as the paper does."
-        ),
-        "pair": Room("pair", "Compare two campaigns: motors' and secondary encoders, before and after."),
-        "geometry": Room(
-            "geometry",
-            "Find axes, base frame, wrist centre, targets and the identified robot.",
-        ),
-        "plan": Room("plan", "Plan which postures and loads to measure, with a certificate."),
-        "map": Room("map", "Map a work area: deflection, compliance and intervals at each place."),
-        "program": Room(
-            "compensate", "Correct a program so that the loaded tool reaches the programmed points."
-        ),
+        "run": Room("identify", "Identify the joint stiffnesses of a campaign."),
+        "comparison": Room("compare", "Compare methods and constraints on one campaign."),
+        "pair": Room("pair", "Compare two campaigns of one robot."),
+        "geometry": Room("geometry", "Identify the geometry of a robot from sweeps or poses."),
+        "plan": Room("plan", "Plan which postures and loads to measure."),
+        "map": Room("map", "Map deflection and compliance over a work area."),
+        "program": Room("compensate", "Compensate a program for the deflection under load."),
     }
 )
 """By the name of the kind: each is a package of this one, whose declaration has that name in capitals."""

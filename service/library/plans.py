@@ -97,5 +97,5 @@ def read_robot(text: str) -> RobotDocument:
         return nominal_robot(find_arm(text, "--robot"))
     except RequestError as error:
         problem = problem_of(error)
-        detail = f"no file was sent '{text}', and {problem.detail}"
+        detail = f"there is no file '{text}', and {problem.detail}"
         raise CampaignError(problem.model_copy(update={"detail": detail})) from error

@@ -11,6 +11,7 @@ from typing import Final
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.tables.numbers import NO_NUMBER, concise, figure, rounded
 from jointstiff.service.tables.table import Line
+from jointstiff.solver.finding import rounded_down
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
@@ -65,10 +66,11 @@ class StiffnessUnit:
         least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
         if least is None:
             return "—"
+        bound = rounded_down(least)
         return (
-            f"< {figure(self.factor / least, '.3g')}"
+            f"< {figure(self.factor / bound, '.3g')}"
             if self.inverse
-            else f"> {figure(self.factor * least, '.3g')}"
+            else f"> {figure(self.factor * bound, '.3g')}"
         )
 
     def concise(self, joint: JointResult) -> Line:

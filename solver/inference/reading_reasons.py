@@ -274,8 +274,8 @@ def _outlying(
         "deflection_unexplained",
         "use_with_care",
         None,
-        f"{count} of {len(measurements)} observations deflect very differently from what joint springs "
-        "fitted to the others predict: too many for single wrong readings, so something besides the joints "
+        f"{count} of {len(measurements)} observations disagree with the joint springs that fit the others: "
+        "too many for single wrong readings, so something besides the joints "
         "bends, or angles or loads are wrong",
         "check these postures; if their readings are right, try elasticity joints_and_links",
         Action("show_posture", observations),

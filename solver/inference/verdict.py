@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.finding import rounded_down
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.scale import Scale
 from jointstiff.solver.inference.profile import profile_ends
@@ -180,10 +181,7 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
     value, active = float(evidence.fit.compliance[j]), int(evidence.fit.active[j])
     if active and value == 0.0:
         rigid = "these readings cannot distinguish it from a rigid joint"
-        if ends is None or ends[1, 1] <= 0:
-            return f"its compliance is zero: {rigid}"
-        stiffness = _rounded_down(1.0 / float(ends[1, 1]))
-        return f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: {rigid}"
+        return f"{_stiffer_than(evidence, ends) or 'its compliance is zero: '}{rigid}"
     partners = [evidence.names[k] for k in _tied(evidence, j)]
     if partners:
         return f"`stiffness_order` makes its stiffness equal to that of {', '.join(partners)}"
@@ -197,17 +195,10 @@ def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | Non
     value, uncertainty = float(evidence.fit.compliance[j]), evidence.uncertainty(j)
     if ends is None or uncertainty is None or not ends[0, 0] <= 0.0 <= ends[0, 1]:
         return None
-    bound = ""
-    if ends[1, 1] > 0.0:
-        stiffness = _rounded_down(1.0 / float(ends[1, 1]))
-        bound = f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: "
     size = f"the standard uncertainty of its compliance, {1e6 * uncertainty:.2g} µrad/(N·m), "
-    size += (
-        "exceeds the compliance itself"
-        if uncertainty >= abs(value)
-        else "leaves its stiffness without an upper limit"
-    )
-    return f"{bound}{size}: add loads with more torque about the axis of {evidence.names[j]}"
+    size += "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
+    more = f"add loads with more torque about the axis of {evidence.names[j]}"
+    return f"{_stiffer_than(evidence, ends)}{size}: {more}"
 
 
 def _tied(evidence: Evidence, j: int) -> list[int]:
@@ -222,11 +213,13 @@ def _tied(evidence: Evidence, j: int) -> list[int]:
     return [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
 
 
-def _rounded_down(stiffness: float) -> str:
-    """To three digits, never above what was found; large ones in 10⁶, as in the tables."""
-    step = 10.0 ** (floor(log10(stiffness)) - 2)
-    lower = floor(stiffness / step) * step
-    return f"{lower / 1e6:.3g} · 10⁶ N·m/rad" if stiffness >= 1e4 else f"{lower:.3g} N·m/rad"
+def _stiffer_than(evidence: Evidence, ends: FloatArray | None) -> str:
+    """Return the lower limit of a stiffness, as in the tables; empty without one."""
+    if ends is None or ends[1, 1] <= 0.0:
+        return ""
+    lower = rounded_down(1.0 / float(ends[1, 1]))
+    stiffness = f"{lower / 1e6:.3g} · 10⁶ N·m/rad" if lower >= 1e4 else f"{lower:.3g} N·m/rad"
+    return f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: "
 
 
 def _hidden(evidence: Evidence, j: int) -> str | None:

@@ -35,7 +35,7 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
         File(
             name="table.csv",
             operation="get_comparison_table",
-            description="Get the result as a table for spreadsheets: one row an entry and joint, units in "
+            description="Get the result as a table for spreadsheets: one row per entry and joint, units in "
             "the headers.",
             content="The table as CSV (RFC 4180).",
             media_type="text/csv",

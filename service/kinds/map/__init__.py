@@ -47,14 +47,14 @@ MAP: Final = Kind[Map, MapRequest, MapSummary](
 compliance; units in headers.
 
 The table is computed again from the map's run, which never changes: keep the run as long as the map.""",
-            content="One row a place (RFC 4180).",
+            content="One row per place (RFC 4180).",
             media_type="text/csv",
             made_of="work",
         ),
         File(
             name="map.npz",
             operation="get_map_arrays",
-            description="Get the same as numpy's npz, to the last digit.",
+            description="Get all places as numpy's npz, with all digits.",
             content="Arrays `headers`, `table`, `status` and `overall verdict`.",
             media_type="application/octet-stream",
             made_of="work",
@@ -62,16 +62,16 @@ The table is computed again from the map's run, which never changes: keep the ru
         File(
             name="map.json",
             operation="get_map_columns",
-            description="Get the same as JSON, column by column, with units.",
+            description="Get the table as JSON, column by column, with units.",
             content="`columns`, each with `name`, `unit` and `values`.",
             media_type="application/json",
             made_of="work",
         ),
     ),
-    description="""Map a work area: how far the tool bends at each place, by the model of a run.
+    description="""Map a work area: deflection of the tool at each place, by the model of a run.
 
-Each place takes the stiffest posture, or the nearest to a given one, of all branches of the inverse
-kinematics and all orientations of the tool within the joints' limits; its deflection is the exact balance
-of springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
+The posture at each place is the stiffest, or the nearest to a given one, of all branches of the inverse
+kinematics and all orientations of the tool within the joint limits. Its deflection is the exact balance of
+springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
 201 with the finished map, or 202 if it takes longer than `wait` seconds.""",
 )

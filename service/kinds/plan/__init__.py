@@ -46,10 +46,10 @@ PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
             made_of="result",
         ),
     ),
-    description="""Plan which postures and loads to measure, to begin a campaign or to go on with one.
+    description="""Plan which postures and loads to measure, to begin or continue a campaign.
 
-The list comes with a certificate: the least share of the best list's information that it has, proved by a
-sweep over all candidates. It says how sure each joint will be, what random and one-at-a-time plans would
-give, and how many readings were struck out for which reason. What cannot be planned is refused, saying
-what to change, and nothing is stored.""",
+The list has a certificate: its least share of the best list's information, proved by a sweep over all
+candidates. The answer has the expected uncertainty of each joint, the efficiency of random and one-at-a-time
+plans, and the number of infeasible readings by reason. An impossible plan is refused with a remedy, and
+nothing is stored.""",
 )

@@ -42,16 +42,16 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
         File(
             name="points.csv",
             operation="get_program_points",
-            description="Get all points as a table: deflection, correction, interval, residual, and what was "
-            "left alone.",
-            content="One row a point (RFC 4180), in the order of the path.",
+            description="Get all points as a table: deflection, correction, interval, residual, and reason "
+            "if not corrected.",
+            content="One row per point (RFC 4180), in the order of the path.",
             media_type="text/csv",
             made_of="result",
         ),
         File(
             name="points.json",
             operation="get_program_columns",
-            description="Get the same as JSON, column by column, with units.",
+            description="Get the table as JSON, column by column, with units.",
             content="`columns`, each with `name`, `unit` and `values`.",
             media_type="application/json",
             made_of="result",
@@ -59,7 +59,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     ),
     filters={"robot_id": "robot"},
     examples=_EXAMPLES,
-    description="""Correct the targets of a robot program, so that the loaded tool is where they say.
+    description="""Compensate a program: the loaded tool then reaches the programmed points.
 
 Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
 base, loads and the state of

@@ -67,7 +67,7 @@ class ProgramWork(SteppedWork[Corrections]):
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
-                "the controller already compensates the load",
+                "the controller already compensates the load, which would be compensated twice",
                 where="accuracy_option",
                 remedy="switch the controller's accuracy option off, measure with it off, and give `off`",
             )

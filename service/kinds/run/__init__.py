@@ -40,5 +40,5 @@ RUN: Final = Kind[Run, RunRequest, RunSummary](
 
 Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
 run as it is and its address. A method that the readings cannot support is refused, and nothing is stored.
-Any other failure is a stored run in state `failed` that says why.""",
+Any other failure is a stored run in state `failed` with its `error`.""",
 )

@@ -185,7 +185,7 @@ def test_the_table_has_a_row_a_point():
             "segments",
             "no move",
         ),
-        ({"loads": "a.csv", "load": None}, "loads", "no such file"),
+        ({"loads": "a.csv", "load": None}, "loads", "this file was not sent"),
         ({"load": {"force": (0, 0, 0), "moment": (1, 0, 0)}}, "units.moment", "moment"),
         ({"load": {"force": (0, 0, 1e9)}}, "'path.src', line 7", "balance"),
     ],

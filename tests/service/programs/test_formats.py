@@ -146,7 +146,7 @@ def test_ur_frames_of_pose_trans():
         ("a.src", "DEF a()\nLIN XP1\nEND", 2, "XP1"),
         ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3}\nEND", 2, "whole pose"),
         ("a.src", "DEF a()\nLIN {X x1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "numbers"),
-        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}:{X 1}\nEND", 2, "follows"),
+        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}:{X 1}\nEND", 2, "text after"),
         ("a.src", "DEF a()\nFOO(1)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "FOO"),
         ("a.src", "DEF a()\nLIN {X 1,Y 2,Z NaN,A 0,B 0,C 0}\nEND", 2, "numbers"),
         ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 1e300,A 0,B 0,C 0}\nEND", 2, "range"),

@@ -146,7 +146,7 @@ def test_rapid_tool_set_in_numbers_before_the_moves():
 @pytest.mark.parametrize(
     ("body", "line", "words"),
     [
-        (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "behind IF"),
+        (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "after IF"),
         (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),  # noqa: E501
         (f"t1.tframe := [[0,0,9],[1,0,0,0]];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
         (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 5, "changes"),
@@ -199,7 +199,7 @@ def test_ur_frames_that_a_loop_sets_are_refused():
 
 @pytest.mark.parametrize("call", ["servoj([0,0,0,0,0,0], t=0.1)", "force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0])"])
 def test_ur_moves_without_targets_are_refused_as_what_they_are(call):
-    assert "no target" in refusal("a.script", f"movel(p[1,2,3,0,0,0])\n{call}\n").reason
+    assert "without a target" in refusal("a.script", f"movel(p[1,2,3,0,0,0])\n{call}\n").reason
 
 
 def test_tables_of_tool_axes_take_the_angle_about_the_axis_from_the_request():

@@ -112,7 +112,7 @@ def test_part_of_a_name_is_enough(typed, name):
         ("IRB", "several arms"),
         ("", "no arm"),
         ("/", "no arm"),
-        ("KUKA KR 6 R700", "near are KUKA KR 6 R900 sixx"),
+        ("KUKA KR 6 R700", "similar names: KUKA KR 6 R900 sixx"),
         ("💥", "no arm"),
     ],
 )

@@ -97,7 +97,7 @@ def test_nothing_is_written_over_and_another_database_is_refused(old, tmp_path):
         export_database(url, folder)
     other = tmp_path / "other.db"
     other.write_bytes(b"")
-    with pytest.raises(StoreError, match="no tables of Jointstiff"):
+    with pytest.raises(StoreError, match="no Jointstiff tables"):
         export_database(f"sqlite:///{other}", folder / "out")
     other.write_bytes(b"no database at all" * 100)
     with pytest.raises(StoreError, match="not a database"):

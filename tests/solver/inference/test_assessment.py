@@ -363,7 +363,7 @@ class TestUncertain:
             assert joint.compliance > 0
             assert joint.compliance_interval[0] == 0.0
             larger = joint.standard_uncertainty >= joint.compliance
-            assert ("exceeds the compliance" if larger else "without an upper limit") in joint.reason
+            assert ("exceeds the compliance" if larger else "leaves no upper limit") in joint.reason
             assert joint.reason.startswith("stiffer than")
             number, unit = joint.reason.removeprefix("stiffer than ").split(" at ")[0].split(" ", 1)
             stated = float(number) * {"N·m/rad": 1.0, "· 10⁶ N·m/rad": 1e6}[unit]
