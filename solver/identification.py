@@ -40,11 +40,6 @@ from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
     """Identify the joint compliances.
 
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        settings: method, weighting, bounds, confidence.
-
     Returns:
         The estimate, with a certificate of optimality.
 
@@ -138,11 +133,6 @@ def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> 
 
 def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
     """Refuse what the readings or the robot cannot support, before any work is done.
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        settings: what is asked for.
 
     Raises:
         UnsupportedMethodError: saying what is missing.

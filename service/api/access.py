@@ -193,12 +193,6 @@ class AccessGuard:
     def __init__(self, app: ASGIApp, gate: Gate, store: Store, routes: Iterable[BaseRoute]) -> None:
         """Wrap an application.
 
-        Args:
-            app: the application.
-            gate: recognises keys.
-            store: keeps the audit.
-            routes: of the application, each with its role.
-
         Raises:
             UndeclaredRoleError: a route has none.
         """

@@ -46,14 +46,7 @@ class Gate:
     """Recognises those who ask. It belongs to one event loop."""
 
     def __init__(self, store: Store, keyring: Keyring, watch: Watch, access: Access) -> None:
-        """Guard a service.
-
-        Args:
-            store: keeps the sessions.
-            keyring: the keys that open the service.
-            watch: keeps the keyring up to date.
-            access: who is answered.
-        """
+        """Guard a service."""
         self.access = access
         self.keyring = keyring
         self._store = store

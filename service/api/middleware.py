@@ -29,12 +29,7 @@ class Methods:
     """Middleware: HEAD answers as GET without content, OPTIONS and 405 name the methods of the address."""
 
     def __init__(self, app: ASGIApp, routes: Iterable[BaseRoute]) -> None:
-        """Wrap an application.
-
-        Args:
-            app: the application.
-            routes: its routes.
-        """
+        """Wrap an application."""
         self._app = app
         self._routes = routes
 
@@ -140,12 +135,7 @@ class Observed:
     """Middleware around all others: names each request, counts it, and logs it as JSON if asked to."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        """Wrap an application.
-
-        Args:
-            app: the application.
-            metrics: that count its requests.
-        """
+        """Wrap an application."""
         self._app = app
         self._metrics = metrics
 

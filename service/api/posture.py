@@ -77,12 +77,7 @@ class PostureGuard:
     """
 
     def __init__(self, app: ASGIApp, posture: Posture) -> None:
-        """Wrap an application.
-
-        Args:
-            app: the application.
-            posture: whom it trusts.
-        """
+        """Wrap an application."""
         self._app = app
         self._posture = posture
 

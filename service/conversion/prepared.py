@@ -94,9 +94,6 @@ class PreparedSet:
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
     """Understand a robot: of a URDF only the chain from base to flange is kept.
 
-    Args:
-        document: the robot as it was posted.
-
     Raises:
         RobotError: the description cannot be used.
     """

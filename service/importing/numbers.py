@@ -33,12 +33,6 @@ def decide_mark(
     `1,234` alone may be 1.234 or 1234. It is 1.234 if some other number of the file has a comma that
     separates no thousands, such as `12,5` or `0,125`. Both marks in one file are refused.
 
-    Args:
-        grid: the file.
-        rows: of data.
-        columns: indices of those with numbers.
-        given: by the caller.
-
     Raises:
         ImportFileError: the file does not decide it.
     """

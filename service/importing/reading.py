@@ -53,10 +53,6 @@ class Understood:
 def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
     """Understand files of readings: tables of a campaign, lists of points, or both, matched by label.
 
-    Args:
-        files: text or Excel, in any order.
-        options: what they do not say themselves.
-
     Returns:
         What was understood, and what is not understood, contradictory or ambiguous, each with its place.
     """

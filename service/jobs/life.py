@@ -70,11 +70,6 @@ class Jobs:
     ) -> JobRecord:
         """Store a job: carried out, or enqueued if it takes long and there are workers.
 
-        Args:
-            request: what is asked for.
-            key: the idempotency key that came with it.
-            requested_by: who asks.
-
         Raises:
             RequestError: what is asked for does not exist, or the readings cannot support it.
                 Nothing is stored then.

@@ -33,13 +33,6 @@ def refuse_unaccepted(
 ) -> None:
     """Refuse a result that is not to be used, with the reasons.
 
-    Args:
-        assessment: of the result.
-        accept_verdict: verdict that the request accepts.
-        subject: name of the result, for the message.
-        where: field of the request that names it.
-        passed_over: codes of reasons that do not count.
-
     Raises:
         VerdictError: it is not to be used, and the request does not accept that.
     """

@@ -25,14 +25,7 @@ _logger = logging.getLogger(__name__)
 def new_job(
     message: type[AnyJob], request: Message, work: Work, requested_by: Requester | None = None
 ) -> AnyJob:
-    """Return a queued job; without progress if it is carried out at once.
-
-    Args:
-        message: its type.
-        request: what is asked for.
-        work: what the request takes.
-        requested_by: who asks a service for it.
-    """
+    """Return a queued job; without progress if it is carried out at once."""
     progress, details = None, {}
     if isinstance(work, QuickWork):
         details = dict(work.details)
@@ -62,11 +55,6 @@ def new_job(
 
 def carry_out(job: AnyJob, work: Work, on_progress: OnProgress | None = None) -> AnyJob:
     """Return a job carried out here and now.
-
-    Args:
-        job: the new job.
-        work: what it takes.
-        on_progress: called after each step.
 
     Raises:
         RequestError: the request is refused.

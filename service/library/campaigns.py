@@ -193,11 +193,6 @@ def carried_out(
 def add_campaign(inputs: FromFile, campaign: Campaign, file: str = "") -> str:
     """Add robot and readings of a campaign to the inputs; return the id of the measurement set.
 
-    Args:
-        inputs: to add to.
-        campaign: robot and readings.
-        file: which one of two, for messages.
-
     Raises:
         CampaignError: robot or readings cannot be used.
     """

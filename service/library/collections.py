@@ -109,12 +109,7 @@ class Jobs(Collection[AnyJob, AnySummary]):
         return self.wait(self.create(document), on_progress)
 
     def wait(self, job: AnyJob, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
-        """Wait for the end of a job; return it as it is then.
-
-        Args:
-            job: that was created.
-            on_progress: called with its progress.
-        """
+        """Wait for the end of a job; return it as it is then."""
         while job.state in {"queued", "running"}:
             if on_progress is not None and job.progress is not None:
                 on_progress(job.progress)

@@ -36,12 +36,7 @@ def read_planned(text: str) -> RobotDocument | Campaign:
 
 
 def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[str, Any]:
-    """Return a campaign file with the planned readings, whose positions are still null.
-
-    Args:
-        source: the robot, or the campaign so far.
-        found: a plan that succeeded.
-    """
+    """Return a campaign file with the planned readings, whose positions are still null."""
     options, robot = found.request, source.robot if isinstance(source, Campaign) else source
     targets = list(options.targets)
     measured: dict[str, Any] = {"encoders": "motor"}

@@ -55,13 +55,7 @@ class VerdictError(RequestError):
     """A result is not to be used, and the request does not accept that."""
 
     def __init__(self, subject: str, where: str, items: tuple[tuple[str, str, str], ...]) -> None:
-        """Refuse a result.
-
-        Args:
-            subject: name of the result.
-            where: field of the request that names it.
-            items: place, message and remedy of each reason.
-        """
+        """Refuse a result."""
         super().__init__(
             f"the verdict on {subject} is: do not use",
             where=where,

@@ -41,11 +41,6 @@ def converted(value: Any, before: str, after: str, name: str = "") -> Any:  # no
 def measurement_set_of(imported: Imported, request: ImportRequest, first: str) -> MeasurementSetDocument:
     """Return the measurement set, if nothing is missing.
 
-    Args:
-        imported: content of the files.
-        request: what they do not say.
-        first: name of the first file.
-
     Raises:
         ImportFileError: files and request state the same thing, or a limit of sets is broken.
     """

@@ -186,11 +186,6 @@ def template_of(
     """Return the options by which files of the same form are read again, and others are refused.
 
     Files with more columns, or longer headers of several rows, than options can hold have no template.
-
-    Args:
-        request: by which they were read now.
-        files: as they were read.
-        imported: their content.
     """
     texts = [file for file in files if file.format == "text"]
     delimiters, marks = {file.delimiter for file in texts}, {file.decimal_mark for file in texts}

@@ -32,10 +32,6 @@ def export_database(url: str, folder: Path) -> int:
     A set without runs makes a file, too, and so does a robot without sets, by itself. What was deleted, and
     fields that this version does not know, are left out. The database is only read.
 
-    Args:
-        url: of the database, of any version.
-        folder: a new one.
-
     Raises:
         StoreError: the folder exists, the database cannot be read, or has no tables of ours.
     """

@@ -27,11 +27,6 @@ def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
 def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
     """Return a geometry and its result.
 
-    Args:
-        store: where it is.
-        geometry_id: its id.
-        where: field that names it, for messages.
-
     Raises:
         RequestError: there is none, it was deleted, or it has no result.
     """

@@ -48,10 +48,6 @@ class Manifest(BaseModel):
 def back_up(url: str, folder: Path) -> Manifest:
     """Copy a database as it is at one moment; services and workers may go on meanwhile.
 
-    Args:
-        url: of the database.
-        folder: a new one.
-
     Raises:
         StoreError: the folder exists or cannot be written, or the database cannot be read.
     """
@@ -111,12 +107,7 @@ def restore(url: str, folder: Path, *, overwrite: bool = False) -> Manifest:
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copy an SQLite database as it is at one moment.
-
-    Args:
-        source: path of the database.
-        target: a path where nothing is.
-    """
+    """Copy an SQLite database as it is at one moment."""
     with closing(sqlite3.connect(source)) as connection:
         connection.execute("VACUUM INTO ?", [str(target)])
 

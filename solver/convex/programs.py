@@ -96,10 +96,6 @@ class Program:
     def solve(self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE) -> FloatArray | None:
         """Solve by Clarabel.
 
-        Args:
-            data: values of the parameters, by name.
-            tolerance: on gaps and feasibility.
-
         Returns:
             The point, or None for any status but `Solved`, whatever values it left behind.
         """
@@ -295,10 +291,6 @@ def penalised_end(
 @lru_cache(maxsize=32)
 def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
     """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `perspective`).
-
-    Args:
-        rows: of A.
-        blocks: unknowns of each joint.
 
     Returns:
         The program; its parameters are A, b (rows,) and cap, one for each block.

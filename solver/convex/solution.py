@@ -69,9 +69,6 @@ class Solution:
 def solve(problem: IdentificationProblem) -> Solution:
     """Solve a problem by Clarabel, polish its answer exactly and prove it.
 
-    Args:
-        problem: finite, with non-zero columns.
-
     Returns:
         The optimum with its certificate. Where R is rank deficient the fitted R c is unique, but c
         is one of many; see `solver.observability`.

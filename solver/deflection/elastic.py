@@ -236,11 +236,6 @@ def folds_left_out(robot: Robot, measurements: Measurements, elastic: ElasticEst
     So many leave hardly smaller sets to fit than the whole. Without the readings of a part, whitened rows A,
     the covariance ``C = L Lᵀ`` is ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        elastic: fitted to them.
-
     Raises:
         RequestError: nothing loads the robot.
         UnsupportedMethodError: there is one posture only.

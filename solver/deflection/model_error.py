@@ -121,13 +121,6 @@ def leave_postures_out(
     The refits use method, weighting and bounds of the run, the weights of its robust loss, and K_c at its
     compliances; priors and an order are left out of them, so that residuals are greater rather than less.
 
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        settings: of the run.
-        estimate: its outcome.
-        model: the same as a model that predicts.
-
     Raises:
         RequestError: no posture can be left out.
         JointstiffError: as the refits do.

@@ -77,11 +77,6 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     posture, where weights were the load under the same. One is left out if the other is easier and
     does about as well; either is, if it gains next to nothing.
 
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        estimate: of the same measurements.
-
     Returns:
         At most two pieces of advice a joint, the better first; none where all joints are well determined
         or no force was applied.
@@ -116,12 +111,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
 
 
 def equipment_of(robot: Robot, measurements: Measurements) -> Equipment:
-    """Return the strongest force, and the targets of the observation that read most of them.
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-    """
+    """Return the strongest force, and the targets of the observation that read most of them."""
     sizes = np.linalg.norm(measurements.force, axis=1)
     strongest = int(np.argmax(sizes))
     richest = int(np.argmax(measurements.coordinates.sum(axis=1)))

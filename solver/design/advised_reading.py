@@ -37,12 +37,7 @@ class Advice:
         return None if self.sigma is None else self.sigma * self.deviation
 
     def in_words(self, names: Sequence[str], labels: Sequence[str]) -> str:
-        """Return the advice as a sentence.
-
-        Args:
-            names: of all joints of the robot.
-            labels: of the observations.
-        """
+        """Return the advice as a sentence."""
         if self.observation is not None:
             posture = f"in posture {labels[self.observation]}"
         else:

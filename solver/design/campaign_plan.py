@@ -113,10 +113,6 @@ class CampaignPlan:
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     """Plan a campaign.
 
-    Args:
-        robot: n joints.
-        request: what to plan.
-
     Returns:
         The plan with its certificate.
 

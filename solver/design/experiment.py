@@ -178,11 +178,6 @@ class Motion:
 def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     """Draw postures evenly within the joints' limits, in whole degrees of the controller's angles.
 
-    Args:
-        robot: n joints.
-        count: how many.
-        seed: of the draw.
-
     Returns:
         (N, n) [rad], N at most `count`.
 

@@ -87,10 +87,6 @@ def better_alternative(robot: Robot, measurements: Measurements) -> BetterAltern
     The gain must be significant by an F test in which the alternative counts as n further parameters, all
     compliances of each fit being non-negative.
 
-    Args:
-        robot: n joints.
-        measurements: N observations; encoders take no part.
-
     Returns:
         The alternative, or None where no alternative fits far better.
     """

@@ -25,10 +25,6 @@ LARGEST_SHIFT: Final = 0.5
 def judge(estimate: Estimate, prediction: Prediction) -> list[Finding]:
     """Look at a fit with the eyes of someone who has seen many robots.
 
-    Args:
-        estimate: of the joints.
-        prediction: by that estimate, of the same measurements.
-
     Returns:
         The findings, none of them bound to an observation.
     """

@@ -139,10 +139,6 @@ def inspect_encoders(robot: Robot, measurements: Measurements) -> Iterator[Findi
 
     A spring gives way to its torque, so ``τ_j δθ_j`` is work done on it, and not negative but by noise.
 
-    Args:
-        robot: n joints.
-        measurements: N observations.
-
     Yields:
         At most one finding of each kind a joint.
     """

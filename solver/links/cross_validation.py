@@ -207,12 +207,6 @@ def refined(
 ) -> tuple[Plan, list[FoldFit]]:
     """Fit a model for further weights around the best: four a decade, and beyond an end of the weights.
 
-    Args:
-        folds: the set.
-        model: with a penalty.
-        fits: of each fold, for the plan's weights.
-        plan: of the folds.
-
     Returns:
         The plan with all weights, and the fits for them.
     """

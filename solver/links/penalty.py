@@ -46,11 +46,7 @@ def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
 
 
 def judge_losses(targets: int) -> Iterator[Finding]:
-    """Report that losses were not compared in a set of too many targets.
-
-    Args:
-        targets: that were read.
-    """
+    """Report that losses were not compared in a set of too many targets."""
     if targets > MOST_TARGETS:
         yield Finding(
             "loss_not_compared",

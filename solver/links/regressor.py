@@ -172,25 +172,14 @@ def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColum
 def elastic_blocks(
     robot: Robot, measurements: Measurements, columns: ElasticColumns
 ) -> Iterator[ElasticBlock]:
-    """Yield the regressors of the richest model, block by block.
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        columns: which links bend.
-    """
+    """Yield the regressors of the richest model, block by block."""
     for start in range(0, len(measurements), _BLOCK):
         for base in regressor_blocks(robot, measurements[start : start + _BLOCK]):
             yield _block(robot, base, columns)
 
 
 def elastic_rows_of(robot: Robot, measurements: Measurements) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield rows (B, T, 3, n + 21 n) of joints and all links with the readings' covariance, by blocks.
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-    """
+    """Yield rows (B, T, 3, n + 21 n) of joints and all links with the readings' covariance, by blocks."""
     columns = ElasticColumns(robot.n, tuple(range(robot.n)))
     kept = np.r_[columns.joints, *(columns.link(joint) for joint in columns.links)]
     for block in elastic_blocks(robot, measurements, columns):

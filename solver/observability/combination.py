@@ -30,19 +30,11 @@ class Combination:
     seen: FloatArray
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """The sums that show, such as ``c(joint_4) + 0.8 c(joint_6)``.
-
-        Args:
-            names: of all joints of the robot.
-        """
+        """The sums that show, such as ``c(joint_4) + 0.8 c(joint_6)``."""
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Why these joints have no numbers, and the remedy.
-
-        Args:
-            names: of all joints of the robot.
-        """
+        """Why these joints have no numbers, and the remedy."""
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -62,11 +54,7 @@ class WeakDirection:
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Which joints are hard to tell apart, and in which proportion.
-
-        Args:
-            names: of all joints of the robot.
-        """
+        """Which joints are hard to tell apart, and in which proportion."""
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (

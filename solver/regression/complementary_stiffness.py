@@ -39,9 +39,6 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     With v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by
     v_k: ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
 
-    Args:
-        block: B observations.
-
     Returns:
         (B, n, n) [N·m/rad].
     """

@@ -38,9 +38,6 @@ def find_wrist(robot: Robot) -> Wrist | None:
     If they meet in one configuration they meet in all: neighbouring axes keep their distance and the
     foot of their common perpendicular. One configuration therefore suffices.
 
-    Args:
-        robot: of any number of joints.
-
     Returns:
         The wrist, or None if there are fewer than three joints or the point is not unique, as for
         parallel axes.

@@ -196,12 +196,7 @@ class Alarm:
     limit: float  #: of that change of ln k
 
     def in_words(self, joint: str, since: str) -> str:
-        """Return joint, change with its uncertainty, that of the EWMA with its limit, and the beginning.
-
-        Args:
-            joint: its name.
-            since: day or name of the first campaign.
-        """
+        """Return joint, change with its uncertainty, that of the EWMA with its limit, and the beginning."""
         allowed = 100.0 * abs(expm1(np.copysign(self.limit, self.change.difference)))
         return (
             f"{joint} is {_sized(self.latest)} than its baseline (± standard uncertainty); "

@@ -34,11 +34,6 @@ from jointstiff.solver.robot.model import Robot
 def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
     """Predict deflections.
 
-    Args:
-        robot: that was measured.
-        run: that succeeded.
-        request: postures, loads and places.
-
     Raises:
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """

@@ -113,13 +113,7 @@ def _identified_geometry(
 def to_geometry_result(
     geometry: IdentifiedGeometry, name: str, joint_map: RobotJointMap
 ) -> results.GeometryResult:
-    """Return what was found.
-
-    Args:
-        geometry: all of it.
-        name: of the identified robot.
-        joint_map: of the readings.
-    """
+    """Return what was found."""
     joints = geometry.model.chain.joint_names
     identified, wrist = geometry.identified, geometry.wrist
     return message(

@@ -39,12 +39,6 @@ class MapWork(SteppedWork[DeflectionMap]):
     def __init__(self, robot: Robot, robot_id: str, run: Run, request: MapOptions) -> None:
         """Check what is asked for.
 
-        Args:
-            robot: that was measured.
-            robot_id: id of the stored robot.
-            run: that succeeded.
-            request: work area, tool and process.
-
         Raises:
             RequestError: the run has no model that predicts, or the request does not fit the robot.
         """

@@ -109,13 +109,6 @@ def program_path(
 ) -> ProgramPath:
     """Return the path of a program.
 
-    Args:
-        program: the program.
-        options: frames and start.
-        robot: six joints.
-        inverse: its kinematics.
-        visits: targets of its moves, and their loads.
-
     Raises:
         RequestError: something is not stated, or does not fit the program.
         ProgramError: targets are not reached, or their configurations are not known.

@@ -27,13 +27,7 @@ _LACK_OF_FIT: Final = {
 def to_budget(
     budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[str]
 ) -> Budget | None:
-    """Return the budget of the joints that have an estimate; None for none.
-
-    Args:
-        budget: of n joints.
-        names: of all n joints.
-        reasons: codes of the assessment.
-    """
+    """Return the budget of the joints that have an estimate; None for none."""
     if budget is None:
         return None
     shown, total = budget.joints, budget.total()

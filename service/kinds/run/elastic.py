@@ -84,12 +84,6 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
     ) -> None:
         """Check what is asked for.
 
-        Args:
-            prepared: the readings.
-            options: how to identify.
-            input_hash: of both.
-            by_joints: identifies by joints alone, with these options.
-
         Raises:
             RequestError: the readings cannot support it, or something about a joint that is not there.
         """
