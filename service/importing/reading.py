@@ -60,7 +60,18 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
     reader = _Reader(options, faults)
     assembly = None
     with faults.collected():
-        _check_sizes(files)
+        if not 0 < len(files) <= MAX_FILES:
+            raise ImportFileError(Place(), f"{len(files)} files", f"send 1 to {MAX_FILES} files")
+        names: set[str] = set()
+        total = 0
+        for file in files:
+            if file.name in names:
+                raise ImportFileError(Place(file.name), "two files have this name", "send each file once")
+            names.add(file.name)
+            total += len(file.content)
+            if total > MAX_FILE_BYTES:
+                limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
+                raise ImportFileError(Place(file.name), limit, "import fewer files at once")
         assembly = reader.read(files)
     imported = None if assembly is None else Imported(assembly, reader.units, reader.surroundings)
     return Understood(tuple(reader.layouts), tuple(faults.found), imported)
@@ -139,21 +150,6 @@ class _Reader:
                 reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
                 remedy = "export all in one frame; add a line `# Frame: NAME` to a file that names none"
                 self._faults.report(place, reason, remedy)
-
-
-def _check_sizes(files: Sequence[SourceFile]) -> None:
-    if not 0 < len(files) <= MAX_FILES:
-        raise ImportFileError(Place(), f"{len(files)} files", f"send 1 to {MAX_FILES} files")
-    names: set[str] = set()
-    total = 0
-    for file in files:
-        if file.name in names:
-            raise ImportFileError(Place(file.name), "two files have this name", "send each file once")
-        names.add(file.name)
-        total += len(file.content)
-        if total > MAX_FILE_BYTES:
-            limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
-            raise ImportFileError(Place(file.name), limit, "import fewer files at once")
 
 
 def _grid(file: SourceFile, options: ImportOptions) -> Grid:

@@ -33,7 +33,10 @@ def run_child(descriptor: int) -> None:
         queue = stack.enter_context(closing(JobQueue(store, database)))
         app = create_app(store, queue.enqueue, Posture(hosts=None))
         app.state.is_closing = lambda: True  # the service itself waits for workers
-        _limit_memory(memory)
+        with suppress(OSError):  # where the system does not tell how much that is
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+            most = pages * resource.getpagesize() + memory
+            resource.setrlimit(resource.RLIMIT_DATA, (most, most))
         gc.freeze()  # libraries stay to the end
         connection.send_bytes(b"ready")
         while True:
@@ -62,14 +65,6 @@ async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple
         if isinstance(error, MemoryError) or not sent:
             raise  # this process ends, and the service says why; all else is logged, and its answer sent
     return sent[0], b"".join(message.get("body", b"") for message in sent[1:])
-
-
-def _limit_memory(memory: int) -> None:
-    """Limit what is allocated beyond what is by now."""
-    with suppress(OSError):  # where the system does not tell how much that is
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-        most = pages * resource.getpagesize() + memory
-        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
 def _limit_time(seconds: float) -> None:

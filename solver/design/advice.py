@@ -99,7 +99,8 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         _in_motion(robot, tools, new_postures(robot, measurements, count)),
     )
     own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
-    weights = _one_direction(measurements.force, own)
+    sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(own)
+    weights = bool((np.abs(measurements.force @ own) >= (1.0 - 1e-6) * sizes).all())
     search = _Search(estimate, own, one_direction=weights)
     measured, new = (
         search.best(part, joints, all_directions=all_directions)
@@ -158,12 +159,6 @@ def _measured_postures(robot: Robot, measurements: Measurements, tools: Equipmen
 def _in_motion(robot: Robot, tools: Equipment, joints: FloatArray) -> Postures:
     new = np.full(len(joints), -1, dtype=np.intp)
     return Postures(joints, new, Motion.of(robot, tools, joints))
-
-
-def _one_direction(force: FloatArray, own: FloatArray) -> bool:
-    """Return whether all forces (N, 3) pull along one line, as weights do."""
-    sizes = np.linalg.norm(force, axis=1) * np.linalg.norm(own)
-    return bool((np.abs(force @ own) >= (1.0 - 1e-6) * sizes).all())
 
 
 def precision(information: FloatArray, joint: int) -> FloatArray:

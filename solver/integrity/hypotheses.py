@@ -53,7 +53,17 @@ def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...
         names: of the controller's joints.
     """
     asked, every = joints[rows], np.arange(len(rows))
-    yield from _signs(asked, every, names)
+    for j, name in enumerate(names):
+        sign = np.ones(len(names))
+        sign[j] = -1.0
+        yield Hypothesis(
+            "joint_sign_suspect",
+            asked * sign,
+            1.0,
+            f"the angle of {name} with the other sign",
+            f"change the sign of {name} in every observation, or in the joint map",
+            every,
+        )
     yield from _exchanges(asked, every, names)
     for shift, neighbour in ((-1, "before"), (1, "after")):
         inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
@@ -66,20 +76,6 @@ def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...
                 f"shift the readings by one row: they belong to the angles of the row {neighbour}",
                 inside,
             )
-
-
-def _signs(asked: FloatArray, every: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
-    for j, name in enumerate(names):
-        sign = np.ones(len(names))
-        sign[j] = -1.0
-        yield Hypothesis(
-            "joint_sign_suspect",
-            asked * sign,
-            1.0,
-            f"the angle of {name} with the other sign",
-            f"change the sign of {name} in every observation, or in the joint map",
-            every,
-        )
 
 
 def _exchanges(asked: FloatArray, every: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:

@@ -75,7 +75,18 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
     Raises:
         RequestError: if there is no repetition, or the confidence is not between 0 and 1.
     """
-    _refuse(resamples, confidence)
+    if not len(resamples.compliance):
+        raise RequestError(
+            "there is no repetition to summarise",
+            where="resampling.repetitions",
+            remedy="request at least one",
+        )
+    if not 0 < confidence < 1:
+        raise RequestError(
+            f"the confidence level is {confidence:g}",
+            where="confidence",
+            remedy="give a number between 0 and 1",
+        )
     columns = [c[~np.isnan(c)] for c in resamples.compliance.T]
     compliance = [_statistics(c, confidence) for c in columns]
     stiffness = [_statistics(1.0 / c[c != 0], confidence) for c in columns]
@@ -98,21 +109,6 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
         compensation_deviation=judged.deviation,
         compensation_interval=judged.interval,
     )
-
-
-def _refuse(resamples: Resamples, confidence: float) -> None:
-    if not len(resamples.compliance):
-        raise RequestError(
-            "there is no repetition to summarise",
-            where="resampling.repetitions",
-            remedy="request at least one",
-        )
-    if not 0 < confidence < 1:
-        raise RequestError(
-            f"the confidence level is {confidence:g}",
-            where="confidence",
-            remedy="give a number between 0 and 1",
-        )
 
 
 def _statistics(values: FloatArray, confidence: float) -> _Statistics:

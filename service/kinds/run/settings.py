@@ -27,7 +27,16 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
         RequestError: something about a joint that the robot does not have, or an order of the joints that
             contradicts itself or the bounds.
     """
-    order = _order(options, robot)
+    pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
+    order = tuple(
+        dict.fromkeys(
+            (
+                joint_index(robot, first, f"stiffness_order.{first}"),
+                joint_index(robot, second, f"stiffness_order.{second}"),
+            )
+            for first, second in pairs
+        )
+    )
     # With links the loss belongs to the elastic model.
     huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
     settings = Settings(
@@ -82,20 +91,6 @@ def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:
         lower[j] = 0.0 if greatest is None else 1.0 / greatest
         upper[j] = np.inf if least is None else 1.0 / least
     return Bounds(lower, upper)
-
-
-def _order(options: RunOptions, robot: Robot) -> Order:
-    """Return pairs of neighbours in the chains: the first is at least as stiff as the second."""
-    pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
-    return tuple(
-        dict.fromkeys(
-            (
-                joint_index(robot, first, f"stiffness_order.{first}"),
-                joint_index(robot, second, f"stiffness_order.{second}"),
-            )
-            for first, second in pairs
-        )
-    )
 
 
 def _prior(options: RunOptions, robot: Robot) -> Prior | None:
