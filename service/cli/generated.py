@@ -175,10 +175,8 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dic
 
 def _in_options(kind: AnyKind, problem: Problem) -> Problem:
     """Return a problem whose remedies name the command's options in place of the request's fields."""
-    flags = {
-        f"`{name}`": f"`{get_args(one)[1].param_decls[0].partition('/')[0]}`"
-        for name, one in _field_options(kind.options)
-    }
+    fields = kind.options.model_fields
+    flags = {f"`{name}`": f"`{_flag_of(name, fields[name])}`" for name, _ in _field_options(kind.options)}
 
     def renamed(remedy: str | None) -> str | None:
         return remedy and re.sub(r"`\w+`", lambda field: flags.get(field[0], field[0]), remedy)
@@ -246,11 +244,15 @@ def _field_options(message: type[Message]) -> Iterator[tuple[str, Any]]:
             kind, form = shape
         else:
             continue
-        flag = terminal.option or f"--{name.replace('_', '-')}"
+        flag = _flag_of(name, field)
         if kind is bool and not terminal.flag:
             flag += f"/--no-{name.replace('_', '-')}"
         text = " ".join((field.description or "").split())
         yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
+
+
+def _flag_of(name: str, field: FieldInfo) -> str:
+    return _terminal(field).option or f"--{name.replace('_', '-')}"
 
 
 def _terminal(field: FieldInfo) -> Terminal:

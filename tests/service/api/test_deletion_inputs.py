@@ -111,7 +111,7 @@ def test_a_quota_refuses_what_is_new_and_keeps_the_rest(database_url):
         used = store.quota.used()
         assert used > 10_000
     with Store.open(database_url, used) as store:
-        with pytest.raises(QuotaError, match="may have"):
+        with pytest.raises(QuotaError, match="its quota is"):
             store.robots.add(dataclasses.replace(ROBOT, id="r2"))
         assert store.robots.get("r1") == ROBOT
         store.deletions(store.robots.resource).delete("r1", TIME)

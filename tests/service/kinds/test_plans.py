@@ -173,7 +173,7 @@ class TestPlans:
     @pytest.mark.parametrize(
         ("changes", "where", "message"),
         [
-            ({"load": None}, "load", "which loads"),
+            ({"load": None}, "load", "loads are missing"),
             ({"targets": {}}, "targets", "positions of the targets"),
             ({"joints": ["joint_9"]}, "joints", "no joint 'joint_9'"),
             ({"stiffness": {"joint_9": 1e6}}, "stiffness.joint_9", "no joint"),
@@ -189,7 +189,7 @@ class TestPlans:
                 "twists joint_1",
             ),
             ({"surroundings": {"floor": 20.0}}, "candidates", "none of 300 readings is feasible"),
-            ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "were found"),
+            ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "are in postures"),
             ({"postures": [[0.0, 1.0]]}, "postures[0]", "2 angles"),
             ({"surroundings": {"facing": {"P10": [0, 0, 0]}}}, "surroundings.facing", "facing"),
             ({"criterion": "work_area"}, "work_area", "needs a work area"),
