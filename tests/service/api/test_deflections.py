@@ -106,7 +106,7 @@ def test_too_few_postures_and_extrapolation_are_said(client, pulled):
     answer = post(
         client, "/v1/deflections", request(pulled, units=units, cases=[strong], confidence=0.99), expected=200
     )
-    assert any("it takes 99 postures" in remark for remark in answer["remarks"])
+    assert any("99 postures are needed" in remark for remark in answer["remarks"])
     (case,) = answer["cases"]
     assert case["with_model_error"] is None
     assert case["label"] == "1"
