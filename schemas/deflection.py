@@ -84,7 +84,7 @@ class SagOptions(Message):
 
 
 class DeflectionOptions(SagOptions):
-    """Which deflections are asked for."""
+    """Options of predicted deflections."""
 
     units: Units
     load_point: Vector3 | None = Field(

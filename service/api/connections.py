@@ -164,8 +164,8 @@ class BoundedProtocol(H11Protocol):
                 type(self)._answering += length
             if is_refused:
                 message["status"] = 503  # for who counts the answers
-                reason = "too many large answers are being read at once"
-                await answer_problem(http_problem(503, reason, "ask again later"))(scope, receive, send)
+                reason = "too many large answers are being sent"
+                await answer_problem(http_problem(503, reason, "try again later"))(scope, receive, send)
                 return
             body = message.get("body", b"")
             for begin in range(0, len(body) - self.PIECE_BYTES, self.PIECE_BYTES):

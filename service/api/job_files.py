@@ -52,8 +52,8 @@ def _add_report(router: APIRouter, kind: AnyKind) -> None:
         return report_answer(job_document(kind, job, document, request.app.state.laboratory, about), format)
 
     description = (
-        f"Get the report of a {kind.name} as PDF or HTML: what was asked for, the tables of the result, "
-        "versions and hash of the input. It is for information, and nobody signs it."
+        f"Get the report of a {kind.name} as PDF or HTML: request, tables of the result, versions and hash "
+        "of the input. It is for information, and is not signed."
     )
     _add(router, kind, "report.{format}", report, f"get_{kind.name}_report", description, REPORT_FILES)
 

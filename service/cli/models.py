@@ -64,8 +64,10 @@ def predict(
             "with `weight`.",
         ),
     ] = False,
-    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")] = 0.95,
-    output: Annotated[Path | None, output_option("Write all numbers there, as CSV.")] = None,
+    confidence: Annotated[
+        float, typer.Option(min=0.5, max=0.9999, help="Confidence level of the intervals.")
+    ] = 0.95,
+    output: Annotated[Path | None, output_option("CSV file to write all numbers to.")] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:

@@ -52,7 +52,7 @@ def export_database(url: str, folder: Path) -> int:
             raise StoreError(f"cannot write {folder}: {error.strerror}", "choose another folder") from error
         except (ValueError, KeyError) as error:
             reason = f"after {number} files a document of the database cannot be read ({error})"
-            raise StoreError(reason, "look with `jointstiff doctor`, or restore a backup") from error
+            raise StoreError(reason, "check it with `jointstiff doctor`, or restore a backup") from error
         made.pop_all()
     return number
 

@@ -313,7 +313,7 @@ def test_a_reason_is_acted_on_and_shown_beside_what_was_before(visit, api, store
     page = visited.page
     verdict = page.get_by_role("region", name="Assessment")
     expect(verdict).to_contain_text("Do not use")
-    verdict.get_by_role("button", name="Leave out c05 and repeat").first.click()
+    verdict.get_by_role("button", name="Omit c05 and repeat").first.click()
     beside = page.get_by_role("region", name="Before and after")
     expect(beside).to_be_visible()
     expect(beside.get_by_role("row").filter(has_text="Verdict")).to_contain_text(
@@ -322,7 +322,7 @@ def test_a_reason_is_acted_on_and_shown_beside_what_was_before(visit, api, store
     second = api.get("/v1/runs").json()["items"][0]
     assert (second["variant_of"], second["leave_out"]) == (first, ["c05"])
     beside.get_by_role("link", name="Before").click()
-    expect(page.get_by_role("button", name="Leave out c05 and repeat").first).to_be_visible()
+    expect(page.get_by_role("button", name="Omit c05 and repeat").first).to_be_visible()
 
 
 def test_selected_runs_stand_side_by_side(visit, api, stored):

@@ -148,7 +148,7 @@ def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, 
     expect(page.get_by_text("whsec_")).to_be_visible()
     row = page.locator(".rows .item")
     expect(row).to_contain_text("alarm raised, run failed, run succeeded")
-    expect(row).to_contain_text("all arrived")
+    expect(row).to_contain_text("all delivered")
 
     with Store.open(database) as store:
         (hook,) = store.webhooks.all()

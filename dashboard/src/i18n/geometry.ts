@@ -52,7 +52,7 @@ export const geometry = {
   wristMiss: (distance: string) => `miss each other by ${distance}`,
   decoupled: "The decoupled method applies.",
   notDecoupled: "The decoupled method does not apply.",
-  noLinks: "Without a nominal model there is nothing to compare with.",
-  notes: "Good to know",
+  noLinks: "A comparison needs a nominal model.",
+  notes: "Notes",
   notDetermined: "–",
 };

@@ -23,7 +23,7 @@ const typed = (root: HTMLElement, label: string, value: string) =>
 describe("advanced settings", () => {
   it("collects bounds and orders by joint", async () => {
     const root = await drawn(<Form />);
-    await typed(root, "Least, joint_2", "1.5");
+    await typed(root, "Minimum, joint_2", "1.5");
     await press(root, "Add an order");
     await typed(root, "Stiffer joint", "joint_1");
     await typed(root, "Softer joint", "joint_2");
@@ -41,7 +41,7 @@ describe("advanced settings", () => {
       <Form problem={{ detail: "", where: fault.where, errors: [fault] } as unknown as Problem} />,
     );
     expect(root.querySelector("details")?.open).toBe(true);
-    const row = root.querySelector("[aria-label='Least, joint_2']")?.closest("tr");
+    const row = root.querySelector("[aria-label='Minimum, joint_2']")?.closest("tr");
     expect(row?.textContent).toContain("must be at least 1");
     expect(root.textContent?.split("must be at least 1")).toHaveLength(2);
   });

@@ -129,9 +129,11 @@ def remarks_of(run: Run, model: ForwardModel, error: ModelError | None, confiden
     else:
         remarks = []
         if model.weight is None:
-            remarks.append("own weight is left out, as no masses are given")
+            remarks.append("own weight is not included, because no masses are given")
         elif model.weight.absolute:
-            remarks.append("absolute: from an arm that does not bend, so that sag under own weight is in")
+            remarks.append(
+                "absolute: relative to an arm that does not bend, so sag by own weight is included"
+            )
         if run.request.complementary_stiffness == "neglected" and run.request.weight is None:
             remarks.append(
                 "the run neglects the complementary stiffness K_c, which the prediction includes: identify "

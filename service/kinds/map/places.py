@@ -62,12 +62,12 @@ def to_map_task(request: messages.MapOptions, robot: Robot) -> MapTask:
     """
     force, moment = np.array(request.force), np.array(request.moment or (0.0, 0.0, 0.0))
     if not (force.any() or moment.any() or request.absolute):
-        raise RequestError("there is no load", where="force", remedy="give the force of the process in N")
+        raise RequestError("the load is missing", where="force", remedy="give the force of the process in N")
     if request.direction is None and not force.any():
         raise RequestError(
             "the direction of the compliance is missing",
             where="direction",
-            remedy="give `directions`, because there is no force",
+            remedy="give `direction`, because there is no force",
         )
     rotation = tool_rotations(
         _unit(request.tool_axis, "tool_axis"),
