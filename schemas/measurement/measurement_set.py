@@ -59,7 +59,7 @@ class Reading(Message):
     displacement: Quantity | None = Field(
         default=None,
         description="Loaded minus unloaded reading of a dial gauge or 1-D laser, positive along `direction` "
-        "or `flange_direction`, in units.length. Needs the target's place in `flange_targets`.",
+        "or `flange_direction`, in units.length. Needs the target's position in `flange_targets`.",
     )
     direction: Vector3 | None = Field(
         default=None,
