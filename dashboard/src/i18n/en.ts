@@ -194,7 +194,8 @@ export const en = {
     forces: "Forces are in the axes of",
     forcesBase: "R0",
     forcesTracker: "the tracker",
-    later: "For a tracker frame the integrity checks run when the readings are stored; the findings are shown with the result.",
+    later:
+      "For a tracker frame the integrity checks run when the readings are stored; the findings are shown with the result.",
     incomplete: "State the tracker’s frame",
   },
   imports: {
@@ -710,7 +711,8 @@ export const en = {
     show: (label: string) => `Show ${label}`,
     tick: (label: string) => `${label} is done`,
     drawn: (label: string) => `3D view of the arm in posture ${label}`,
-    newAlone: "The CSV has only the new readings. Identify them together with the earlier ones, as in the campaign to fill in.",
+    newAlone:
+      "The CSV has only the new readings. Identify them together with the earlier ones, as in the campaign to fill in.",
     readingsTitle: "Readings so far",
     drop: "Drop the file of readings",
     dropHint:
@@ -781,7 +783,8 @@ export const en = {
     overlay: "Other methods on these readings",
     overlayNone: "No other method was run on these readings.",
     residuals: "Residuals",
-    residualsNote: "Measured minus predicted, for each target and coordinate. Band: 95 % of the residuals are expected in it.",
+    residualsNote:
+      "Measured minus predicted, for each target and coordinate. Band: 95 % of the residuals are expected in it.",
     residual: "Residual",
     target: "Target",
     band: "±1.96 √2 σ",
