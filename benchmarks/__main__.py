@@ -56,7 +56,7 @@ BENCHMARKS = {
     "deflection": Benchmark("studies.deflection", "predicted deflections beside exact equilibria"),
     "fanuc": Benchmark("studies.fanuc", "ten of thirty real configurations"),
     "replication": Benchmark("studies.replication", "the paper's study; docs/replication.md"),
-    "invariance": Benchmark("studies.invariance", "docs/no-characteristic-length.md"),
+    "invariance": Benchmark("studies.invariance", "docs/replication.md"),
     "assessment": Benchmark("studies.assessment", "verdicts on planted mistakes and clean sets; 10 minutes"),
     "default_clean": Benchmark(
         "studies.defaults", "runs without options: clean campaigns", "run_clean", in_parts=True

@@ -1,6 +1,6 @@
 """Invariance of an estimate: unit of length, reference point, frame. With and without a length.
 
-The numbers of `docs/no-characteristic-length.md`, on a campaign of `examples` that anyone can repeat.
+The numbers of `docs/replication.md`, on a campaign of `examples` that anyone can repeat.
 """
 
 from __future__ import annotations
