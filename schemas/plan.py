@@ -65,7 +65,13 @@ class Cable(Message):
     )
 
 
-PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable, Field(discriminator="kind")]
+class OwnWeight(Message):
+    """The weight of the robot's bodies: positions are read without a load."""
+
+    kind: Literal["own_weight"]
+
+
+PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable | OwnWeight, Field(discriminator="kind")]
 
 
 class PlannedTracker(Message):
@@ -119,8 +125,8 @@ class PlanOptions(AcceptingOptions):
     )
     load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
         default=None,
-        description="Load to apply: a dead_weight, a force in any_direction, or a cable; default with a "
-        "campaign: its strongest force.",
+        description="Load to apply: a dead_weight, a force in any_direction, a cable, or the own_weight of "
+        "the robot's bodies; default with a campaign: its strongest force, or the own weight if it has none.",
     )
     targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
         default_factory=dict, description="Targets in the flange frame; default: those of the campaign."

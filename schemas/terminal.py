@@ -48,8 +48,10 @@ def draws_of(text: str) -> dict[str, int]:
 
 
 def planned_load_of(text: str) -> dict[str, Any]:
-    """Return the load of `KIND:NEWTONS`, such as `any_direction:1500`."""
+    """Return the load of `KIND:NEWTONS`, such as `any_direction:1500`; `own_weight` has no size."""
     kind, _, force = text.partition(":")
+    if text == "own_weight":
+        return {"kind": text}
     try:
         return {"kind": kind, "force": float(force)}
     except ValueError:

@@ -42,7 +42,7 @@ def parameters_of(
     names: Sequence[str],
     wanted: IndexArray | None,
     nominal: FloatArray,
-    link_share: float,
+    link_share: float | None,
 ) -> Parameters:
     """Choose the parameters of a plan.
 
@@ -57,7 +57,8 @@ def parameters_of(
         wanted: joints to be determined; all that the loads excite if None. Others that they excite are a
             nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
-        link_share: root mean square deflection by links, relative to that by joints.
+        link_share: root mean square deflection by links, relative to that by joints; None where the nuisance
+            is none of links, its columns in units of what is known of it.
 
     Raises:
         RequestError: no candidate excites a wanted joint.
@@ -83,7 +84,9 @@ def parameters_of(
     columns = np.concatenate([chosen, others])
     basis = np.zeros((rows.shape[1], len(columns)))
     basis[columns, np.arange(len(columns))] = unit[columns]
-    links = _link_basis(predicted, n, unit * excited, link_share)
+    links = np.eye(rows.shape[1])[:, n:]
+    if link_share is not None:
+        links = _link_basis(predicted, n, unit * excited, link_share)
     basis = np.hstack([basis, links])
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(links.shape[1])])
     return Parameters(len(chosen), chosen, unit, known, basis, prior)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -42,12 +43,15 @@ class PlanRequest:
     angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad]
     validation: float = 0.2  #: share of the readings that are held out
     so_far: Measurements | None = None  #: readings of the campaign at hand; None to begin
+    #: rows (N, 3 T, P) of unloaded positions in postures (N, n) [m], joints first, then a nuisance in units
+    #: of what is known of it beforehand; None where loads bend the arm
+    by_weight: Callable[[FloatArray], FloatArray] | None = None
     seed: int = 0  #: of drawn postures, validation and random plans
 
 
 _WITH_LINKS: Final = 600
-"""Candidates where elastic links are a nuisance, those in the work area first: each costs fifty times as
-much."""
+"""Candidates where elastic links or the geometry are a nuisance, those in the work area first: each costs
+fifty times as much."""
 _PLACES: Final = 60
 """Postures in the work area at which predictions are judged."""
 _FEWEST_PLACES: Final = 3
@@ -102,7 +106,7 @@ class Pool:
                 remedy="relax the condition that excludes most of them, or give other postures or loads",
             )
         inside = _inside(robot, request, joints, kept)
-        if request.links:
+        if request.links or request.by_weight is not None:
             kept = _thinned(kept, inside, _WITH_LINKS)
             inside &= kept
         predicted = _predicted(robot, request, joints[inside])
@@ -120,7 +124,7 @@ class Pool:
         sample = slice(None, None, max(1, len(joints) // _SAMPLED))
         some = _rows(robot, request, joints, forces, along, sample)
         if request.so_far is not None:
-            some.append(whitened_rows(robot, request.so_far, links=request.links))
+            some.append(_read(robot, request, request.so_far))
         seen = np.concatenate([rows.reshape(-1, some[0].shape[-1]) for rows in some]) / equipment.sigma
         parameters = parameters_of(
             seen,
@@ -128,7 +132,7 @@ class Pool:
             robot.joint_names,
             request.joints,
             request.nominal,
-            request.link_share,
+            request.link_share if request.by_weight is None else None,
         )
         candidates = _candidates(robot, request, joints, forces, along, parameters)
         base = parameters.prior + _known(robot, request, parameters)
@@ -176,6 +180,8 @@ def _rows(
     """Return the rows (k, 3 T, P) of a part of N readings under each of some loads, in units of sigma."""
     joints, forces = joints[part], [F[part] for F in forces]
     equipment = request.equipment
+    if request.by_weight is not None:
+        return [request.by_weight(joints)]
     if along is not None:
         equipment = replace(equipment, along=along[part, None])
     if not request.links:
@@ -184,14 +190,20 @@ def _rows(
     return [whitened_rows(robot, equipment.measurements(robot, joints, F), links=True) for F in forces]
 
 
+def _read(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
+    """Return the rows of readings that were taken."""
+    if request.by_weight is not None:
+        return request.by_weight(so_far.joints)
+    return whitened_rows(robot, so_far, links=request.links)
+
+
 def _known(robot: Robot, request: PlanRequest, parameters: Parameters) -> FloatArray:
     """Return the information of the readings so far, and of priors on the joints (p, p)."""
     p = parameters.basis.shape[1]
     known = np.zeros((p, p))
     if request.so_far is not None:
         sigma = request.so_far.sigma or request.equipment.sigma
-        rows = parameters.rows(whitened_rows(robot, request.so_far, links=request.links)) / sigma
-        rows = rows.reshape(-1, p)
+        rows = (parameters.rows(_read(robot, request, request.so_far)) / sigma).reshape(-1, p)
         known += rows.T @ rows
     s = parameters.interest
     relative = request.prior[parameters.joints] / parameters.nominal[parameters.joints]

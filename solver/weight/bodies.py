@@ -3,7 +3,7 @@
 A body of mass m whose centre of mass is at s + d, d unknown within a ball of radius R, twists joint j by
 ``τ_j = m T_j(s) + (m d) · ∇T_j``, T_j the torque of a kilogram. With m = m₀ + ζ and ν = m d that is linear in
 (ζ, ν); a balancer of rate k and free length s₀ is linear in (k, k s₀). So each posture has torques of the
-nominal parameters, and of one unit of each unknown (`Torques`).
+nominal parameters, and of each unknown at its bound (`Torques`).
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Torques of B postures: those known, and those of a unit of each of K unknowns."""
+    """Torques of B postures: those known, and those of each of K unknowns at its bound."""
 
     known: FloatArray  #: (B, n) of loads and of the nominal parameters [N·m]
-    unit: FloatArray  #: (B, n, K) of a unit of each deviation from them
+    unit: FloatArray  #: (B, n, K) of each deviation from them at its bound
     by_gravity: FloatArray  #: (B, n, 3) derivative of those known by the vector of gravity [kg·m]
 
 
@@ -79,31 +79,25 @@ class Burden:
     #: (3,) in the frame of the positions [m/s²]
     gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.80665]))
 
-    def deviations(self) -> Deviations:
-        """Return the bounds of the K unknowns, in the order of `torques`."""
-        half: list[float] = []
-        balls: list[tuple[int, int, float, float]] = []
-        for body in self.bodies:
-            own = -1
-            if body.most > body.least:
-                own = len(half)
-                half.append(0.5 * (body.most - body.least))
-            if body.radius > 0.0:
-                mean = 0.5 * (body.most + body.least)
-                balls.append((len(half), own, body.radius * mean, body.radius))
-                half += [np.inf] * 3
-        for balancer in self.balancers:
-            half += [0.5 * (high - low) for low, high in (balancer.rate, balancer.pull) if high > low]
-        return Deviations(np.array(half), tuple(balls))
-
     @property
-    def unknown(self) -> list[tuple[int, FloatArray]]:
-        """Body and inertia (4,) of a unit of each unknown of a body, in the order of `torques`."""
-        unknown = []
+    def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
+        """Unknowns of the bodies, in the order of `torques`, and uncertain centres of mass among them.
+
+        Each unknown is a body and an inertia (4,) [kg, kg·m] at its bound. Each centre is the index of the
+        first of its three moments, that of its body's mass or −1 if that is exact, and the share by which the
+        moments' bound grows with it.
+        """
+        unknown: list[tuple[int, FloatArray]] = []
+        balls = []
         for number, body in enumerate(self.bodies):
-            unknown += [(number, np.array([1.0, *body.centre]))] if body.most > body.least else []
-            unknown += [(number, axis) for axis in np.eye(4)[1:]] if body.radius > 0.0 else []
-        return unknown
+            mean, half, own = 0.5 * (body.most + body.least), 0.5 * (body.most - body.least), -1
+            if half > 0.0:
+                own = len(unknown)
+                unknown.append((number, half * np.array([1.0, *body.centre])))
+            if body.radius > 0.0:
+                balls.append((len(unknown), own, half / mean))
+                unknown += [(number, body.radius * mean * axis) for axis in np.eye(4)[1:]]
+        return unknown, balls
 
     def torques(self, placed: Placement, carried: FloatArray) -> Torques:
         """Return the torques of the burden.
@@ -121,7 +115,9 @@ class Burden:
             kilogram = np.einsum("bjpi,p->bji", placed.unit[:, :, joint[number]], [1.0, *body.centre])
             by_gravity += 0.5 * (body.most + body.least) * hangs[number] * kilogram
         pulls = placed.unit @ self.gravity
-        unit = [hangs[number, ..., 0] * (pulls[:, :, joint[number]] @ each) for number, each in self.unknown]
+        unit = [
+            hangs[number, ..., 0] * (pulls[:, :, joint[number]] @ each) for number, each in self.unknown[0]
+        ]
         known = by_gravity @ self.gravity
         for balancer in self.balancers:
             own, on_link = balancer.joint, np.array(balancer.on_link)
@@ -133,19 +129,9 @@ class Burden:
             springs = [np.einsum("bji,bi->bj", levers, pull) for pull in (-line, line / length)]
             for torque, (low, high) in zip(springs, (balancer.rate, balancer.pull), strict=True):
                 known += 0.5 * (low + high) * torque
-                unit += [torque] if high > low else []
+                unit += [0.5 * (high - low) * torque] if high > low else []
         units = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
         return Torques(known, units, by_gravity)
-
-
-@dataclass(frozen=True, eq=False)
-class Deviations:
-    """Bounds of K unknowns about their nominal values."""
-
-    half: FloatArray  #: (K,) half-widths; inf for the moments of a ball
-    #: of each centre of mass: index of its first moment, index of its body's mass or −1 if that is exact,
-    #: radius times nominal mass [kg·m], radius [m]
-    balls: tuple[tuple[int, int, float, float], ...]
 
 
 @dataclass(frozen=True, eq=False)

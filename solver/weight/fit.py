@@ -19,7 +19,7 @@ from jointstiff.solver.convex.weighed import Weighed, least_squares
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState
-from jointstiff.solver.weight.bodies import Deviations, WeightReadings
+from jointstiff.solver.weight.bodies import Burden, WeightReadings
 from jointstiff.solver.weight.regressor import Frames, Rows, across, rows_at, stepped
 
 Differences = Callable[[FloatArray], FloatArray]
@@ -88,7 +88,7 @@ def fit_weight(
         MeasurementError: no convergence.
         SolverError: a convex program is not certified.
     """
-    deviations, burden = readings.burden.deviations(), readings.burden
+    burden = readings.burden
     gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
     c: FloatArray = np.zeros(whitened.angles.shape[1])
     weight = np.linalg.norm(whitened.weight)
@@ -98,10 +98,10 @@ def fit_weight(
         nuisance = np.column_stack([rows.geometry, rows.gravity]) if free_gravity else rows.geometry
         linear = LinearFit.of(rows.residual, nuisance)
         others = np.zeros((0, len(c) + 1)) if differences is None else differences(c)
-        reduced, columns = reduce(rows, linear, deviations, others)
+        reduced, columns = reduce(rows, linear, burden, others)
         optimum = least_squares(reduced.A, reduced.b, reduced.cones)
         move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
-        before, sag = sag, _sag(rows, reduced, deviations, optimum.x)
+        before, sag = sag, _sag(rows, reduced, burden, optimum.x)
         state = stepped(state, move[: rows.geometry.shape[1]])
         if free_gravity:
             turned = gravity + np.linalg.norm(gravity) * across(gravity) @ move[-2:]
@@ -118,15 +118,13 @@ def fit_weight(
     )
 
 
-def reduce(
-    rows: Rows, linear: LinearFit, deviations: Deviations, others: FloatArray
-) -> tuple[Reduced, FloatArray]:
+def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) -> tuple[Reduced, FloatArray]:
     """Project out the geometry, and compress.
 
     Args:
         rows: m readings.
         linear: the columns of the geometry, factorised.
-        deviations: bounds of the unknowns.
+        burden: bodies and springs.
         others: (k, n + 1) rows in which no geometry shows: of the compliances, and their readings.
 
     Returns:
@@ -151,7 +149,7 @@ def reduce(
         units.append(1.0 / float(np.hypot(np.linalg.norm(left), np.linalg.norm(others[:, j]))))
         block, scaled = Block(0), np.zeros((len(own), 0))
         if varies[j]:
-            block, scaled = joint_unknowns(rows, j, deviations, rows.products[:, j])
+            block, scaled = joint_unknowns(rows, j, burden, rows.products[:, j])
         columns.append(units[-1] * np.column_stack([own, scaled]))
         below.append(np.pad(units[-1] * others[:, j, None], ((0, 0), (0, block.size - 1))))
         blocks.append(block)
@@ -174,23 +172,18 @@ def reduce(
     return reduced, all_columns
 
 
-def joint_unknowns(
-    rows: Rows, j: int, deviations: Deviations, products: FloatArray
-) -> tuple[Block, FloatArray]:
-    """Return the unknowns that twist joint j, and their columns of (m, K), in units of half-widths."""
-    half = deviations.half
-    acts = np.asarray(rows.torques.unit[:, j].any(axis=0))
-    boxes = [k for k in range(len(half)) if acts[k] and np.isfinite(half[k])]
-    parts, balls = [products[:, boxes] * half[boxes]], []
-    for first, own, reach, radius in deviations.balls:
-        if acts[first : first + 3].any():
-            parts.append(products[:, first : first + 3] * reach)
-            ratio = radius * half[own] / reach if own >= 0 else 0.0
-            balls.append((boxes.index(own) if own in boxes else -1, ratio))
-    return Block(len(boxes), tuple(balls)), np.concatenate(parts, axis=1)
+def joint_unknowns(rows: Rows, j: int, burden: Burden, products: FloatArray) -> tuple[Block, FloatArray]:
+    """Return the unknowns that twist joint j, and their columns of (m, K)."""
+    acts: BoolArray = np.asarray(rows.torques.unit[:, j].any(axis=0))
+    balls = [(first, own, ratio) for first, own, ratio in burden.unknown[1] if acts[first : first + 3].any()]
+    moments = [first + i for first, _, _ in burden.unknown[1] for i in range(3)]
+    boxes = [k for k in np.flatnonzero(acts).tolist() if k not in moments]
+    columns = boxes + [first + i for first, _, _ in balls for i in range(3)]
+    places = tuple((boxes.index(own), ratio) if own in boxes else (-1, 0.0) for _, own, ratio in balls)
+    return Block(len(boxes), places), products[:, columns]
 
 
-def _sag(rows: Rows, reduced: Reduced, deviations: Deviations, x: FloatArray) -> FloatArray:
+def _sag(rows: Rows, reduced: Reduced, burden: Burden, x: FloatArray) -> FloatArray:
     """(N, n) sag [rad] by the torques of the last posture and the new products."""
     sag = np.zeros(rows.torques.known.shape)
     for j, unit, start, block in zip(
@@ -201,6 +194,6 @@ def _sag(rows: Rows, reduced: Reduced, deviations: Deviations, x: FloatArray) ->
         strict=True,
     ):
         part = x[start + 1 : start + block.size]
-        own = joint_unknowns(rows, j, deviations, rows.torques.unit[:, j])[1] @ part if len(part) else 0.0
+        own = joint_unknowns(rows, j, burden, rows.torques.unit[:, j])[1] @ part if len(part) else 0.0
         sag[:, j] = unit * (rows.torques.known[:, j] * x[start] + own)
     return sag

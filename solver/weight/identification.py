@@ -64,6 +64,7 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
     that by which the bounds of the masses raise it.
     """
     outside, loss = fit.reduced.outside, fit.optimum.loss
+    chance = stats.f.sf(loss / rank / (outside / freedom), rank, freedom)
     if stated is not None and stats.chi2.sf(outside, freedom) < _BEYOND_CHANCE:
         factor = float(np.sqrt(outside / freedom))
         yield Reason(
@@ -75,11 +76,8 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
             "look for gears, links that bend, a target or base that moved; the intervals use the larger "
             "sigma",
         )
-        chance = stats.f.sf(loss / rank / (outside / freedom), rank, freedom)
     elif stated is not None:
         chance = stats.chi2.sf(loss, rank)
-    else:
-        chance = stats.f.sf(loss / rank / (outside / freedom), rank, freedom)
     if chance < _BEYOND_CHANCE:
         yield Reason(
             "masses_contradicted",
@@ -103,17 +101,20 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
     found = ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
     first = problem.cones.first
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, first]), axis=1)
-    joints = [
-        WeightedJoint(JointCompliance(name, "not_observable", reason=_constant(fit, j, name)))
-        for j, name in enumerate(robot.joint_names)
-    ]
+    joints = []
+    for name, torque in zip(robot.joint_names, fit.rows.torques.known.T, strict=True):
+        reason = (
+            f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
+            f"N·m), so its sag looks like an offset of {name}'s angle: hang a known payload off its axis, or "
+            "pull across it with a known force; a vertical axis carries no weight at all"
+        )
+        joints.append(WeightedJoint(JointCompliance(name, "not_observable", reason=reason)))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], found.ends[k]
         if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
-                "which "
-                "its weight torque differs, or hang on a known payload"
+                "which its weight torque differs, as a plan for own weight lists them, or hang on a payload"
             )
             joints[j] = WeightedJoint(JointCompliance(name, "not_observable", reason=reason))
             continue
@@ -132,17 +133,6 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
             share,
         )
     return tuple(joints)
-
-
-def _constant(fit: WeightFit, j: int, name: str) -> str:
-    """Say why a joint has no number."""
-    torque = fit.rows.torques.known[:, j]
-    return (
-        f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} N·m), "
-        f"so its sag looks like an offset of {name}'s angle: hang a known payload off its axis, or pull "
-        "across "
-        "it with a known force; a vertical axis carries no weight at all"
-    )
 
 
 _STEP: Final = 1e-6  # of difference quotients [rad]

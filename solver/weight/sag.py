@@ -44,16 +44,16 @@ def identified_weight(
         reach[start] = cap
     stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / reach)])
     root = np.linalg.inv(np.linalg.qr(stacked, mode="r"))
-    nominal, unit = np.zeros((n, 4)), np.zeros((n, 4, len(burden.unknown)))
+    nominal, unit = np.zeros((n, 4)), np.zeros((n, 4, len(burden.unknown[0])))
     for body in burden.bodies:
         nominal[body.joint] += 0.5 * (body.most + body.least) * np.array([1.0, *body.centre])
-    for k, (number, inertia) in enumerate(burden.unknown):
+    for k, (number, inertia) in enumerate(burden.unknown[0]):
         unit[burden.bodies[number].joint, :, k] = inertia
     units = unit.reshape(4 * n, -1)
     inertias, roots = np.zeros((n, n, 4)), np.zeros((n * n * 4, size))
     compliances = np.zeros((n, size))
     for j, scale, (start, block) in zip(problem.seen.tolist(), problem.unit.tolist(), blocks, strict=True):
-        scaled = joint_unknowns(fit.rows, j, burden.deviations(), units)[1][:, : block.size - 1]
+        scaled = joint_unknowns(fit.rows, j, burden, units)[1][:, : block.size - 1]
         products = scale * np.column_stack([nominal.ravel(), scaled])
         part = slice(start, start + block.size)
         own = scale * float(np.linalg.norm(root[start]))

@@ -41,6 +41,10 @@ def to_identified_model(model: JointModel, error: ModelError | JointstiffError) 
     """Return a model as it is stored with its run, with its model error or the reason why it has none."""
     names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
     given = None if likelihood is None else likelihood.given_rows
+    weight = None
+    if isinstance(model.weight, IdentifiedWeight):
+        root = [[float(f"{value:.8g}") for value in row] for row in model.weight.root.tolist()]
+        weight = message(WeightPart, model.weight, covariance_root=root)
     return IdentifiedModel(
         joints=list(names),
         compliance=model.compliance.tolist(),
@@ -51,16 +55,11 @@ def to_identified_model(model: JointModel, error: ModelError | JointstiffError) 
         lower=[finite(value) for value in bounds.lower],
         upper=[finite(value) for value in bounds.upper],
         order=list(model.constraints.order),
-        weight=_stored_weight(model.weight) if isinstance(model.weight, IdentifiedWeight) else None,
+        weight=weight,
         degrees_of_freedom=model.degrees_of_freedom,
         error=_stored_error(error) if isinstance(error, ModelError) else None,
         no_error=error.reason if isinstance(error, JointstiffError) else None,
     )
-
-
-def _stored_weight(weight: IdentifiedWeight) -> WeightPart:
-    root = [[float(f"{value:.8g}") for value in row] for row in weight.root.tolist()]
-    return message(WeightPart, weight, covariance_root=root)
 
 
 def _stored_error(error: ModelError) -> StoredModelError:

@@ -47,7 +47,11 @@ def work(inputs: Inputs, request: GeometryRequest) -> QuickWork:
     elif request.robot_id is not None:
         nominal, robot_hash = inputs.robot(request.robot_id, "robot_id")
     with as_request_errors():
-        readings = _readings(request, nominal)
+        readings: SweepSet | Poses
+        if request.sweeps is None and nominal is not None:
+            readings = to_poses(request, nominal)
+        else:
+            readings = to_sweeps(request, nominal)
     # Names and ids do not count.
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
@@ -75,39 +79,28 @@ def as_request_errors(section: str | None = None) -> Iterator[None]:
         raise RequestError(error.reason, remedy=error.remedy, where=where or None) from error
 
 
-def _readings(request: GeometryRequest, nominal: Robot | None) -> SweepSet | Poses:
-    if request.sweeps is None and nominal is not None:
-        return to_poses(request, nominal)
-    return to_sweeps(request, nominal)
-
-
-def _identify(request: GeometryRequest, readings: SweepSet | Poses, nominal: Robot | None) -> GeometryResult:
-    with as_request_errors():
-        geometry = _identified_geometry(request, readings, nominal)
-        return to_geometry_result(geometry, request.name, readings.joint_map)
-
-
-def _identified_geometry(
-    request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None
-) -> IdentifiedGeometry:
+def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
     nominal = robot.chain if robot is not None else None
-    conventions = to_conventions(request, readings.targets)
-    base_targets = to_base_targets(request, readings.sigma)
-    if isinstance(readings, SweepSet):
-        return identify_from_sweeps(
-            readings,
-            conventions,
-            nominal=nominal,
-            name=request.name,
-            fit=request.fit,
-            angles=request.angles,
-            base_targets=base_targets,
-        )
-    if nominal is None:
-        raise ValueError("poses need a nominal model to calibrate, but the request has none")
-    return identify_from_poses(
-        readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
-    )
+    with as_request_errors():
+        conventions = to_conventions(request, readings.targets)
+        base_targets = to_base_targets(request, readings.sigma)
+        if isinstance(readings, SweepSet):
+            geometry = identify_from_sweeps(
+                readings,
+                conventions,
+                nominal=nominal,
+                name=request.name,
+                fit=request.fit,
+                angles=request.angles,
+                base_targets=base_targets,
+            )
+        elif nominal is not None:
+            geometry = identify_from_poses(
+                readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
+            )
+        else:
+            raise ValueError("poses need a nominal model to calibrate, but the request has none")
+        return to_geometry_result(geometry, request.name, readings.joint_map)
 
 
 def to_geometry_result(

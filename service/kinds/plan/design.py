@@ -20,6 +20,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.weight.bodies import Burden
+from jointstiff.solver.weight.planning import planned_rows
 
 SoFar: TypeAlias = tuple[Measurements, tuple[str, ...]]
 """Readings of a campaign, and the names of their targets."""
@@ -63,6 +65,19 @@ def to_design_request(
         prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
     names, targets = named_targets(request, robot, so_far)
+    weighed = isinstance(request.load, plans.OwnWeight)
+    if weighed and not (robot.bodies and np.isfinite(nominal).any()):
+        raise RequestError(
+            "the robot has no masses, or no stiffness of a joint is known",
+            where="load",
+            remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
+        )
+    if weighed and (request.work_area or request.tracker or request.directions):
+        raise RequestError(
+            "a plan for own weight knows no work area, no tracker's station and no directions of gauges",
+            where="load",
+            remedy="leave `work_area`, `tracker` and `directions` out; `sigma` states the readings",
+        )
     wanted = [joint_index(robot, name, "joints") for name in request.joints]
     area, directions = request.work_area, _directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
@@ -89,6 +104,9 @@ def to_design_request(
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=None if so_far is None else so_far[0],
+        by_weight=planned_rows(robot, Burden(robot.bodies), targets, np.nan_to_num(nominal))
+        if weighed
+        else None,
         seed=request.seed,
     )
 
@@ -200,6 +218,8 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: SoFar | None) -> Lo
     for name, limit in request.torque_limits.items():
         limits[joint_index(robot, name, f"torque_limits.{name}")] = limit
     load = request.load
+    if isinstance(load, plans.OwnWeight):
+        return Loads("dead_weight", 0.0, limits)
     if load is not None:
         anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
         return Loads(load.kind, load.force, limits, anchors)

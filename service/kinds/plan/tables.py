@@ -57,7 +57,9 @@ def _joints(result: PlanResult) -> Table:
             Column("now", [joint.before for joint in joints], nano),
         ],
         title="Predicted standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
-        caption="by the noise of the readings alone",
+        caption="by the noise of the readings alone"
+        if any(any(each.force) for each in result.readings)
+        else "by the noise of the readings, the bounds of the masses and the geometry",
     )
 
 
@@ -97,7 +99,9 @@ def _direction(job: Plan, reading: PlannedReading) -> str:
     if reading.anchor is not None and isinstance(job.request.load, Cable):
         return f"to anchor {reading.anchor + 1}, {_millimetres(job.request.load.anchors[reading.anchor])} mm"
     size = hypot(*reading.force)
-    unit = [part / size if size else 0.0 for part in reading.force]
+    if not size:
+        return "own weight"
+    unit = [part / size for part in reading.force]
     return "down" if unit[2] < _DOWN else _components(unit)
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.plan import PlanRequest, PlanResult
+from jointstiff.schemas.plan import OwnWeight, PlanRequest, PlanResult
 from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.weight import Weight
 from jointstiff.service.conversion.assessments import to_assessment
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
@@ -17,6 +18,7 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.plan.design import named_targets, to_design_request, to_plan_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
+from jointstiff.service.kinds.run.weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.design.campaign_plan import plan_campaign
 from jointstiff.solver.inference.prediction import predict
@@ -51,7 +53,10 @@ def work(inputs: Inputs, request: PlanRequest) -> QuickWork:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
         planned = Planned(robot, str(request.robot_id), content)
     else:
-        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id").with_loads()
+        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+        if request.load is None and not prepared.measurements.force.any():
+            request = request.model_copy(update={"load": OwnWeight(kind="own_weight")})
+        prepared = prepared if isinstance(request.load, OwnWeight) else prepared.with_loads()
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
@@ -70,7 +75,12 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
     """
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
-    if prepared is not None:
+    if prepared is not None and isinstance(request.load, OwnWeight):
+        result = identified_by_weight(prepared, RunOptions(), Weight())
+        sigma, assessment = result.sigma, result.assessment
+        nominal = np.array([joint.compliance or np.nan for joint in result.joints])
+        refuse_unaccepted(assessment, request.accept_verdict, "the campaign so far", "measurement_set_id")
+    elif prepared is not None:
         settings, estimate = identified(prepared, to_settings(RunOptions(), robot))
         sigma = estimate.sigma
         for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
@@ -94,7 +104,10 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
             passed_over=_TOO_LITTLE | _LINKS if screening.links_speak else _TOO_LITTLE,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
-    so_far = None if prepared is None else (prepared.measurements, tuple(prepared.readings.targets.tolist()))
+    so_far = None
+    if prepared is not None:
+        read = replace(prepared.measurements, present=prepared.readings.present)
+        so_far = (read, tuple(prepared.readings.targets.tolist()))
     asked = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )

@@ -63,23 +63,6 @@ class RigidTransform:
         """Transform points (..., 3) [m]."""
         return np.asarray(points @ self.rotation.T + self.translation)
 
-    def apply_with_covariance(
-        self, points: FloatArray, covariance: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Transform points whose uncertainty is independent of the transform's.
-
-        Args:
-            points: (..., 3) [m].
-            covariance: (..., 3, 3) of these [m²].
-
-        Returns:
-            Points, and their covariance, each by itself: points transformed together share φ and δ.
-        """
-        moved = self.apply(points)
-        S = self.sensitivity(moved)
-        turned = self.rotation @ covariance @ self.rotation.T
-        return moved, np.asarray(turned + S @ self.covariance @ np.swapaxes(S, -1, -2))
-
     @staticmethod
     def sensitivity(moved: FloatArray) -> FloatArray:
         """Displacement (..., 3, 6) of transformed points y (..., 3) by (δ, φ)."""

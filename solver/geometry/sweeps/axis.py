@@ -84,18 +84,6 @@ class Axis:
         u, v = self.frame[:, 0], self.frame[:, 1]
         return np.column_stack([u, v, -distance * v, distance * u])
 
-    def position_covariance(self, covariance: FloatArray, distance: float) -> FloatArray:
-        """Covariance (3, 3) [m²] of where the axis passes, at a distance [m] from `point`.
-
-        Singular along the axis. Far from the readings it grows with the square of the distance.
-
-        Args:
-            covariance: (4, 4) of the chart.
-            distance: signed, along the axis [m].
-        """
-        S = self.sensitivity(distance)
-        return np.asarray(S @ covariance @ S.T)
-
     def direction_covariance(self, covariance: FloatArray) -> FloatArray:
         """Covariance (3, 3) [rad²] of the unit vector, singular along it, from that of the chart (4, 4)."""
         u, v = self.frame[:, 0], self.frame[:, 1]
@@ -130,15 +118,6 @@ class Axis:
         after = np.cross(first.T[:, None, None], (arms @ np.swapaxes(turns, -1, -2))[None])
         before = second @ np.swapaxes(turns, -1, -2)
         return np.concatenate([by_place, np.moveaxis(after - before, 0, -1)], axis=-1)
-
-    def distance_to(self, other: Axis) -> float:
-        """Least distance [m] between the two lines, never negative."""
-        normal = np.cross(self.direction, other.direction)
-        sine = float(np.linalg.norm(normal))
-        between = other.point - self.point
-        if sine < 1e-12:
-            return float(np.linalg.norm(between - self.direction * (between @ self.direction)))
-        return float(abs(between @ normal) / sine)
 
 
 def rotation_about(axis: Axis, angle: float) -> tuple[FloatArray, FloatArray]:

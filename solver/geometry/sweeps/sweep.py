@@ -6,7 +6,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
@@ -144,14 +143,6 @@ class Sweep:
         present = self.present[..., None]
         weight = np.where(present[..., None], whitener(self.covariance), 0.0)
         return np.where(present, self.points, 0.0), weight
-
-    def with_targets(self, targets: npt.ArrayLike) -> Sweep:
-        """The sweep with some of its targets, given by index."""
-        keep = np.asarray(targets, dtype=np.intp)
-        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[:, keep]
-        return Sweep(
-            self.name, self.joint, self.angles, self.points[:, keep], self.present[:, keep], covariance
-        )
 
 
 def refuse_other_unit(reach: float) -> None:

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.kinds.comparison.work import work as comparison_work
 from jointstiff.service.kinds.run.work import work
-from jointstiff.simulator import default_arm, random_configurations, simulate_campaign
+from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.solver.errors import RequestError, RobotError
 
@@ -101,6 +101,55 @@ def stored_run(client, document, **options):
         "/v1/measurement-sets", json={**document["measurement_set"], "robot_id": robot["id"]}
     ).json()
     return client.post("/v1/runs", json={"measurement_set_id": posted["id"], **options}).json()["id"]
+
+
+def test_plans_tell_joints_apart_from_geometry_and_masses(client, document):
+    known = copy.deepcopy(document)
+    for body in known["robot"]["bodies"]:
+        body["mass_uncertainty"] = 0.0
+    del known["measurement_set"]["observations"][25:]
+    run_id = stored_run(client, known, weight={})
+    run = client.get(f"/v1/runs/{run_id}").json()
+    asked = {"measurement_set_id": run["request"]["measurement_set_id"], "readings": 5, "validation": 0.0}
+    posted = client.post("/v1/plans", json={**asked, "candidates": 600})
+    assert posted.status_code == 201, posted.text
+    plan = posted.json()["result"]
+    assert plan["left_out"] == ["joint_1"]
+    assert plan["random_efficiency"] < 0.9
+    assert all(reading["force"] == [0.0, 0.0, 0.0] for reading in plan["readings"])
+    before = [joint["before"] for joint in plan["joints"]]
+    found = [joint["standard_uncertainty"] for joint in run["result"]["joints"][1:]]
+    c = [joint["compliance"] for joint in run["result"]["joints"][1:]]
+    np.testing.assert_allclose(before, found, rtol=0.15)
+    promised = [joint["standard_uncertainty"] for joint in plan["joints"]]
+    readings = np.array([reading["joints"] for reading in plan["readings"]])
+    more = copy.deepcopy(known)
+    draws = np.random.default_rng(6)
+    places = ARM.posture(readings + sag(ARM, default_bodies(), readings)).targets_to_base(
+        np.array(list(TARGETS.values()))
+    )
+    places += 3e-5 * draws.standard_normal(places.shape)
+    for number, (joints, read) in enumerate(zip(readings.tolist(), places.tolist(), strict=True)):
+        targets = [{"target": name, "unloaded": place} for name, place in zip(TARGETS, read, strict=True)]
+        more["measurement_set"]["observations"].append(
+            {"label": f"p{number}", "joints": joints, "force": [0.0, 0.0, 0.0], "readings": targets}
+        )
+    after = [joint.standard_uncertainty for joint in identified(more).joints[1:]]
+    np.testing.assert_allclose(promised, after, rtol=0.15)
+    assert len(c) == 5
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [({}, "no stiffness of a joint"), ({"work_area": [[1.0, 0.0, 1.0], [2.0, 1.0, 2.0]]}, "no work area")],
+)
+def test_plans_for_own_weight_need_stiffness_and_no_load(client, document, other, said):
+    robot = client.post("/v1/robots", json=document["robot"]).json()
+    asked = {"robot_id": robot["id"], "load": {"kind": "own_weight"}, "targets": {"a": [0.1, 0.0, 0.1]}}
+    guess = {"stiffness": {"joint_2": 3e6}} if other else {}
+    refused = client.post("/v1/plans", json={**asked, **guess, **other})
+    assert refused.status_code == 422
+    assert said in refused.text
 
 
 def test_units_and_frames_change_nothing(document):

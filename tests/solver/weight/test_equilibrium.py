@@ -76,11 +76,12 @@ def test_torques_are_those_of_the_weights_in_predictions():
 
 
 @pytest.mark.parametrize("what", ["mass", "centre", "rate", "pull"])
-def test_units_of_the_unknowns_are_differences_of_known_torques(what):
+def test_torques_of_the_unknowns_at_their_bounds_are_differences_of_known_torques(what):
     body = Body("forearm", 3, 80.0, 70.0, 90.0, (0.4, 0.1, 0.2), radius=0.1)
     spring = replace(SPRING_STATED, rate=(2e4, 4e4), pull=(8e3, 1e4))
     burden = solver_bodies.Burden((body,), (spring,))
-    steps = {"mass": (0, 2.0), "centre": (2, 0.05 * 80.0), "rate": (4, 100.0), "pull": (5, 10.0)}
+    # in half-widths: 10 kg, 0.1 m of 80 kg, 1e4 N/m, 1e3 N
+    steps = {"mass": (0, 0.2), "centre": (2, 0.5), "rate": (4, 0.01), "pull": (5, 0.01)}
     column, size = steps[what]
     changed = {
         "mass": replace(burden, bodies=(replace(body, mass=82.0, least=72.0, most=92.0),)),
