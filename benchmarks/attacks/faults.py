@@ -1,6 +1,7 @@
 """Faults below the service: no room, no writing, a lock, a server that is away; during posts and a long run.
 
-By name only: it takes about ten minutes. SQLite's disk is a small one in memory, which takes root.
+By name only: it takes about ten minutes, or `--part 1/2` and `--part 2/2`. SQLite's disk is a small one in
+memory, which takes root.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import httpx2
 from benchmarks.attacks.restored import restored
 from benchmarks.attacks.worker_faults import worker_faults
 from benchmarks.campaigns import small_campaign
-from benchmarks.report import Figure, Section
+from benchmarks.report import Figure, Part, Section
 from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.in_process import identify
@@ -66,48 +67,58 @@ class Outcome:
     found: list[str] = field(default_factory=list)
 
 
-def run(*, quick: bool) -> list[Section]:
+def run(*, quick: bool, part: Part) -> list[Section]:
     """Let services of our own meet each fault."""
     seconds = 3.0 if quick else 8.0
     undisturbed = _undisturbed()
-    outcomes: dict[str, Outcome] = {}
-    with _disk() as folder:
+    with _disk() as folder, postgresql() as server:
         sqlite: dict[str, Callable[[Path], Fault]] = {
             "disk full": lambda path: partial(_full, path.parent),
             "no file may grow": lambda _: _no_growth,
             "locked": lambda path: lambda _: locked(path),
         }
+        cases: dict[str, Callable[[], Outcome]] = {}
         for name, fault in sqlite.items():
             path = folder / f"{uuid4().hex}.db"
             long = 25.0 if name == "locked" and not quick else seconds
-            outcomes[f"SQLite: {name}"] = _meet(f"sqlite:///{path}", fault(path), long, undisturbed)
-            path.unlink()
+            cases[f"SQLite: {name}"] = partial(_meet, f"sqlite:///{path}", fault(path), long, undisturbed)
         url, back = f"sqlite:///{folder / uuid4().hex}.db", partial(_clock_set_back, folder)
-        outcomes["SQLite: clock −1 day"] = _meet(url, back, seconds, undisturbed, _faked(folder))
-    with postgresql() as server:
-        faults = {"server stopped and back": _stopped, "read-only": _read_only}
-        for name, server_fault in faults.items():
-            outcomes[f"PostgreSQL: {name}"] = _meet(
-                server(), partial(server_fault, server), seconds, undisturbed
+        cases["SQLite: clock −1 day"] = lambda: _meet(url, back, seconds, undisturbed, _faked(folder))
+        for name, hurt in {"server stopped and back": _stopped, "read-only": _read_only}.items():
+            cases[f"PostgreSQL: {name}"] = partial(
+                _meet, server(), partial(hurt, server), seconds, undisturbed
             )
-        with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as place:
-            new: dict[str, Callable[[], str]] = {
-                "SQLite": lambda: f"sqlite:///{Path(place) / uuid4().hex}.db",
-                "PostgreSQL": server,
-            }
-            copies = restored(new, 1.0 if quick else 5.0)
-    if quick:
-        return [_section(outcomes), copies]
-    return [_section(outcomes), copies, hurt_workers(undisturbed)]
+        outcomes: dict[str, Outcome] = {}
+        sections: list[Section] = []
+        for number in part.of(len(cases) + (1 if quick else 2)):
+            if number < len(cases):
+                name = list(cases)[number]
+                outcomes[name] = cases[name]()
+                for path in folder.glob("*.db*"):  # the disk is small
+                    path.unlink()
+            elif number == len(cases):
+                sections.append(copies(1.0 if quick else 5.0))
+            else:
+                sections.append(hurt_workers(undisturbed))
+    return [_section(outcomes), *sections] if outcomes else sections
+
+
+@contextmanager
+def databases() -> Iterator[dict[str, Callable[[], str]]]:
+    """Yield a function for each kind of database that makes one."""
+    with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as place, postgresql() as server:
+        yield {"SQLite": lambda: f"sqlite:///{Path(place) / uuid4().hex}.db", "PostgreSQL": server}
+
+
+def copies(seconds: float) -> Section:
+    """Restore backups that were made while clients posted for some seconds."""
+    with databases() as new:
+        return restored(new, seconds)
 
 
 def hurt_workers(undisturbed: dict[str, Any]) -> Section:
     """Let workers meet their faults, those that die at a step on both databases."""
-    with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as name, postgresql() as server:
-        new: dict[str, Callable[[], str]] = {
-            "SQLite": lambda: f"sqlite:///{Path(name) / uuid4().hex}.db",
-            "PostgreSQL": server,
-        }
+    with databases() as new:
         return worker_faults(new, CONFIGURATIONS, RESAMPLING, undisturbed)
 
 

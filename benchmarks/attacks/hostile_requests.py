@@ -1,6 +1,6 @@
 """Requests that no client should send, in process: damaged URDFs, odd JSON, damaged uploads, odd addresses.
 
-`python -m benchmarks hostile --part 2/8` sends the second eighth, in some two minutes; `attacks` sends all.
+`python -m benchmarks hostile --part 2/8` sends the second eighth, in some two minutes.
 """
 
 from __future__ import annotations
@@ -55,9 +55,8 @@ Request = tuple[str, str, dict[str, Any]]
 """Method, path and what else `httpx2` sends."""
 
 
-def run(*, quick: bool, part: Part | None = None) -> list[Section]:
+def run(*, quick: bool, part: Part) -> list[Section]:
     """Send each kind of request, and judge the models that come of URDFs."""
-    part = part or Part()
     total = _BLOCK if quick else _REQUESTS
     statuses, models, raised = Counter[tuple[str, int]](), Counter[str](), list[str]()
     for first in part.of(total // _BLOCK):
