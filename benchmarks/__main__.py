@@ -97,6 +97,7 @@ BENCHMARKS = {
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
     "trend": Benchmark("studies.trend", "false alarms and drifts; docs/trend.md"),
+    "scale": Benchmark("studies.scale", "costs of work, parts for many robots; docs/scale.md; some minutes"),
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True
     ),

@@ -27,6 +27,7 @@ __all__ = [
     "PostgresqlServer",
     "Service",
     "ServiceError",
+    "cpu",
     "locked",
     "numbers",
     "post_campaign",
@@ -161,6 +162,16 @@ def running(pid: int) -> bool:
         return False
 
 
+def cpu(pid: int) -> float:
+    """Return the processor time of a process and of those that it started [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    started = [
+        child for each in Path(f"/proc/{pid}/task").glob("*/children") for child in each.read_text().split()
+    ]
+    own = sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+    return own + sum(cpu(int(child)) for child in started if running(int(child)))
+
+
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
     """Hold the lock of a SQLite database by which others may not write."""
@@ -179,6 +190,11 @@ class PostgresqlServer:
     def __call__(self) -> str:
         """Make a database; return its URL."""
         return _new_database(self._folder)
+
+    @property
+    def pid(self) -> int:
+        """Process that started all others of the server."""
+        return int((self._folder / "data" / "postmaster.pid").read_text().split()[0])
 
     def start(self) -> None:
         """Start it, and wait until it answers."""

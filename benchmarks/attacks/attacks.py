@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import resource
 import socket
 import tempfile
@@ -31,7 +30,7 @@ from benchmarks.attacks.hostile_bodies import bodies, imports, peak_of
 from benchmarks.attacks.many_posts import posts_at_once, queue_full
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
-from benchmarks.services import Service, locked, post_campaign, postgresql
+from benchmarks.services import Service, cpu, locked, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
@@ -360,9 +359,9 @@ def _threads(database: str, count: int) -> Section:
         }
         found = {}
         for name, send in requests.items():
-            before, began = _cpu(service.process.pid), time.monotonic()
+            before, began = cpu(service.process.pid), time.monotonic()
             send().raise_for_status()
-            found[name] = (_cpu(service.process.pid) - before, time.monotonic() - began)
+            found[name] = (cpu(service.process.pid) - before, time.monotonic() - began)
     return Section(
         title="Processor time of the service beside the time that it took",
         columns=("work", "processor", "time", "ratio"),
@@ -372,13 +371,3 @@ def _threads(database: str, count: int) -> Section:
             for name, (c, t) in found.items()
         ),
     )
-
-
-def _cpu(pid: int) -> float:
-    """Return the processor time of a process and of those that it started [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    started = [
-        child for each in Path(f"/proc/{pid}/task").glob("*/children") for child in each.read_text().split()
-    ]
-    own = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return own + sum(_cpu(int(child)) for child in started)
