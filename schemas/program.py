@@ -175,7 +175,7 @@ class ProgramOptions(AcceptingOptions, SagOptions):
     mark: bool = Field(
         default=True,
         strict=True,
-        description="True to write a comment into the corrected program with the run, its verdict and the "
+        description="True to write a comment into the compensated program with the run, its verdict and the "
         "date. A marked program is not corrected again. The mark is always written for a run with the "
         "verdict do_not_use.",
     )
@@ -288,7 +288,7 @@ class ProgramResult(FromRun):
         description="Points with the greatest deflections without a correction, greatest first."
     )
     remarks: list[str] = Field(description="Remarks on unchanged lines and on the prediction.")
-    files: list[ProgramFile] = Field(description="Corrected program; null in answers: GET …/program.")
+    files: list[ProgramFile] = Field(description="Compensated program; null in answers: GET …/program.")
     table: ProgramFile = Field(description="All points; null in answers: GET …/points.csv.")
 
 

@@ -32,7 +32,7 @@ async def compute_deflections(
 
     Each case says in which posture, under which load, and which place is asked for. Intervals are
     of two kinds: `readings_only` holds the errors of the readings, and of the force where it is stated;
-    `with_model_error` holds what the model leaves out, too, calibrated on postures left out of the fit. A
+    `with_model_error` holds what the model leaves out, too, calibrated on held-out postures. A
     run never changes, so the same request has the same answer.
     """
     # Many cases take seconds: predictions wait for their turn, and leave the other requests theirs.

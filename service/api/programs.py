@@ -106,7 +106,7 @@ async def create_program(
     responses=_FILES | problems(404, 409, 422),
 )
 def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) -> Response:
-    """Get a file of the corrected program: only numbers of its targets differ from what was sent."""
+    """Get a file of the compensated program: only numbers of its targets differ from what was sent."""
     result = _result(parts, program_id)
     found = next((each for each in result.files if file in {None, each.name}), None)
     if found is None:

@@ -147,7 +147,7 @@ EXTRAS: Final[Mapping[str, Extra]] = {
             "output": (
                 Annotated[
                     Path,
-                    output_option("File to write the corrected program to; a .dat is written to its folder."),
+                    output_option("File for the compensated program; a .dat is written to its folder."),
                 ],
                 ...,
             ),

@@ -23,7 +23,7 @@ MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
 MARK: Final = "Jointstiff run "
-"""Text by which a mark is known: a comment that keeps a corrected program from a second correction."""
+"""Text by which a mark is known: a comment that keeps a compensated program from a second correction."""
 
 
 class _Format(NamedTuple):
@@ -114,7 +114,7 @@ def frame_notation(program: Program) -> Notation:
 
 
 def marked(kind: str, content: bytes, run_id: str, verdict: str, day: date) -> bytes:
-    """Return a corrected program with its mark; FANUC's is three remarks of 32 characters at most."""
+    """Return a compensated program with its mark; FANUC's is three remarks of 32 characters at most."""
     known, end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
     words = f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"
     if kind == "fanuc":

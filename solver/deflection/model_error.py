@@ -1,9 +1,9 @@
-"""Model error: an empirical bound from postures left out, one after the other (method.md §11).
+"""Model error: an empirical bound from postures held out, one after the other (method.md §11).
 
 Vovk, Gammerman & Shafer, *Algorithmic Learning in a Random World*, 2005: if a new posture is exchangeable
 with those measured, its score lies among theirs as likely at one place as at another. The targets of a
 posture share its place (Lee, Barber & Willett, *Distribution-free inference with hierarchical data*, 2023).
-Here each score is of a fit of its own, so the argument is no proof: residuals of postures left out in turn
+Here each score is of a fit of its own, so the argument is no proof: residuals of held-out postures
 have no guarantee without assumptions on their distribution (Barber, Candès, Ramdas & Tibshirani, *Predictive
 inference with the jackknife+*, 2021).
 """

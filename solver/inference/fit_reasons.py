@@ -217,7 +217,7 @@ def _bends(screening: Screening) -> str:
 
 def _predicted(gain: HeldOutGain) -> str:
     return (
-        f"With {gain.model.replace('_', ' ')}, postures left out are predicted to "
+        f"With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
         f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
     )
 

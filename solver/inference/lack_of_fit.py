@@ -1,4 +1,4 @@
-"""Intervals of joints where something besides them bends: the postures left out speak, too."""
+"""Intervals of joints where something besides them bends: held-out postures speak, too."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class LoadMistake:
 
 @dataclass(frozen=True)
 class HeldOutGain:
-    """Verdict of cross-validation on the best model beside joints alone, on postures left out."""
+    """Verdict of cross-validation on the best model beside joints alone, on held-out postures."""
 
     model: str  #: of least error
     error: float  #: mean norm of its residuals [m]
@@ -99,7 +99,7 @@ class Screening:
 
     @property
     def lack_of_fit(self) -> bool:
-        """Return True if links explain the readings better: on postures left out, if these were compared."""
+        """Return True if links explain the readings better: on held-out postures, if these were compared."""
         if self.gain is None:
             return self.links_speak and self.links_p_value < MISTAKE_LEVEL
         return self.links_speak and self.gain.significant

@@ -1,4 +1,4 @@
-"""A corrected program: the files with other numbers, and the certificate of what was written."""
+"""A compensated program: the files with other numbers, and the certificate of what was written."""
 
 from __future__ import annotations
 

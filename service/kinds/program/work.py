@@ -271,7 +271,7 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
     for summary in inputs.listed(Program, found.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(
-                f"a file is the output of the corrected program '{summary['id']}'",
+                f"a file is the output of the compensated program '{summary['id']}'",
                 where="files",
                 remedy="send the original program",
             )

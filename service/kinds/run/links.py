@@ -100,12 +100,12 @@ def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str
 def to_choice_by_comparison(
     selection: Selection, chosen: HeldOut, screening: Screening, *, given: bool, plain: RunResult | None
 ) -> ModelChoice:
-    """Return the choice among models that were compared on postures left out."""
+    """Return the choice among models that were compared on held-out postures."""
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
     evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
     if gain is not None:
         evidence += (
-            f"; postures left out are predicted to {length_text(float(chosen.by_posture.mean()))}, by joints "
+            f"; held-out postures are predicted to {length_text(float(chosen.by_posture.mean()))}, by joints "
             f"alone to {length_text(gain.error_of_joints)}"
         )
     neglected = "" if chosen.model == "joints" else " K_c is neglected."

@@ -47,7 +47,7 @@ def links_line(links: LinksResult, selection: ModelSelection | None) -> Line:
     chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
     return Line(
         f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {percent(scores[links.model])} of "
-        f"postures left out, joints alone {percent(scores['joints'])}"
+        f"held-out postures, joints alone {percent(scores['joints'])}"
         f"{'' if selection.simplest == links.model else chosen}"
     )
 

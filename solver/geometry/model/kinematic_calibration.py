@@ -114,7 +114,7 @@ def calibrate(
 
     Args:
         nominal: within some centimetres and degrees of the truth.
-        poses: more readings than unknowns; 20 or more poses over the whole workspace are good practice.
+        poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
         start: rough transform from base to tracker; found from the poses if None.
         hold_out: whether to find the error of poses that are left out.
 

@@ -270,7 +270,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
     assert bends.choice.plain.joints == plain.joints
     assert bends.choice.plain.rms_residual == plain.rms_residual
     said = {reason.code: reason.message for reason in bends.assessment.reasons}["links_bend_with_joints"]
-    assert "postures left out are predicted to" in said
+    assert "held-out postures are predicted to" in said
     assert bends.links.model == bends.selection.simplest != "joints"
     assert bends.links.model_source == "cross_validation"
 

@@ -1,4 +1,4 @@
-"""Model error: bounds from postures left out hold on arms that the model does not describe."""
+"""Model error: bounds from held-out postures hold on arms that the model does not describe."""
 
 from __future__ import annotations
 
