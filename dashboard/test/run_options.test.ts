@@ -24,6 +24,14 @@ describe("request of a run", () => {
     });
   });
 
+  it("takes the own weight for the load, and keeps what a file says of it", () => {
+    const weighed = { measurement_set_id: "s", weight: { estimate_gravity: false } };
+    expect(requestOf("s", { ...initialOptions, ownWeight: true })).toEqual(weighed);
+    expect(requestOf("s", optionsOf({ weight: {} } as Partial<RunOptions>))).toEqual(weighed);
+    const stated = { weight: { gravity: [0, 0, 9.8] } } as unknown as Partial<RunOptions>;
+    expect(requestOf("s", optionsOf(stated))).toEqual({ measurement_set_id: "s", ...stated });
+  });
+
   it("leaves out what another choice has no use for", () => {
     const typed = {
       ...initialOptions,

@@ -109,12 +109,23 @@ def _factor(budget: Budget) -> float:
 
 def uncertainty(model: ExportedModel) -> Section:
     """Return the budget of the compliances, in the words of the GUM."""
-    budget = model.result.budget
+    budget, weight = model.result.budget, model.result.weight
+    if weight is not None:
+        shares = [(each.joint, each.readings, each.masses) for each in weight.joints]
+        cells = [
+            [name, *(NO_NUMBER if part is None else f"{100 * part:.0f} %" for part in parts)]
+            for name, *parts in shares
+        ]
+        return Section(
+            statements.UNCERTAINTY,
+            paragraphs=["Shares of each interval's width, by the readings and by the bounds of the masses."],
+            tables=[text_table(["joint", "readings", "uncertain masses"], cells, texts=[0])],
+        )
     if budget is None:
         return Section(
             statements.UNCERTAINTY,
             paragraphs=[
-                "The run has no budget: it was made without one, by own weight, or links or a coupling of "
+                "The run has no budget: it was made without one, or links or a coupling of "
                 "joints bend. The intervals in the results include what is known."
             ],
         )

@@ -51,10 +51,6 @@ class OwnWeight:
         moment about it. An angle behind j moves the moment of the links behind that angle, one before it
         turns all that j carries, which is to turn gravity back.
 
-        Args:
-            robot: n joints.
-            configurations: B postures.
-
         Returns:
             (B, n) [N·m] and (B, n, n) [N·m/rad].
         """
@@ -107,13 +103,7 @@ class IdentifiedWeight(OwnWeight):
     root: FloatArray = field(kw_only=True)
 
     def turn_root(self, robot: Robot, configurations: Configurations, torque: FloatArray) -> FloatArray:
-        """Return a root (B, n, r) of the covariance of the joints' turns [rad].
-
-        Args:
-            robot: n joints.
-            configurations: B postures.
-            torque: (B, n) of known loads [N·m].
-        """
+        """Return a root (B, n, r) of the covariance of joints' turns [rad], by loads' torques (B, n)."""
         n = robot.n
         rotation, origin = joint_frames(robot, configurations.q)
         axes = configurations.angular_jacobian.transpose(0, 2, 1)

@@ -71,7 +71,7 @@ def fit_weight(
     state: PoseState,
     *,
     free_gravity: bool = False,
-    differences: Differences | None = None,
+    differences: Differences,
 ) -> WeightFit:
     """Fit geometry, compliances and weights.
 
@@ -81,7 +81,7 @@ def fit_weight(
         frames: of the nominal robot.
         state: geometry to start from, as without sag.
         free_gravity: whether gravity's direction is estimated, too.
-        differences: deflections by known loads that join in, whitened in the same unit.
+        differences: deflections by known loads that join in, whitened in the same unit; none have no rows.
 
     Raises:
         NotObservableError: no joint's torque varies.
@@ -97,8 +97,7 @@ def fit_weight(
         rows = rows_at(tilted, whitened, frames, state, sag, c)
         nuisance = np.column_stack([rows.geometry, rows.gravity]) if free_gravity else rows.geometry
         linear = LinearFit.of(rows.residual, nuisance)
-        others = np.zeros((0, len(c) + 1)) if differences is None else differences(c)
-        reduced, columns = reduce(rows, linear, burden, others)
+        reduced, columns = reduce(rows, linear, burden, differences(c))
         optimum = least_squares(reduced.A, reduced.b, reduced.cones)
         move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
         before, sag = sag, _sag(rows, reduced, burden, optimum.x)

@@ -33,7 +33,7 @@ from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.regression.stage_rows import encoder_readings, target_readings
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import WeightReadings
-from jointstiff.solver.weight.fit import Differences, WeightFit, fit_weight
+from jointstiff.solver.weight.fit import WeightFit, fit_weight
 from jointstiff.solver.weight.regressor import Frames, torques_of
 from jointstiff.solver.weight.sag import identified_weight
 
@@ -194,6 +194,15 @@ def identify_weight(
         )
     angles = poses.joint_map.model_angles(poses.angles)
     whitened = pose_readings(angles, poses)
+
+    def differences(compliance: FloatArray) -> FloatArray:
+        """Return the rows of deflections by known loads, in units of their sigma."""
+        parts = [np.zeros((0, robot.n + 1))]
+        for block in [] if loaded is None else regressor_blocks(robot, loaded, compliance):
+            read = (target_readings(block), encoder_readings(block, np.arange(robot.n)))
+            parts += [part.whitened().reshape(-1, robot.n + 1) for part in read if part is not None]
+        return np.concatenate(parts) / (1.0 if loaded is None else loaded.sigma or 1.0)
+
     rigid = calibrate(robot.chain, poses, start=base, hold_out=False)
     frames = Frames.of(robot, base)
     fit = fit_weight(
@@ -202,7 +211,7 @@ def identify_weight(
         frames,
         PoseState(rigid.axes, rigid.targets, np.zeros(len(angles))),
         free_gravity=free_gravity,
-        differences=None if loaded is None else _differences(robot, loaded),
+        differences=differences,
     )
     problem, loss = fit.reduced, fit.optimum.loss
     rank = int(np.linalg.matrix_rank(problem.A))
@@ -251,16 +260,3 @@ def identify_weight(
         weight=identified_weight(readings.burden, fit, scale, uncertainty),
         largest_stiffness_ratio=largest,
     )
-
-
-def _differences(robot: Robot, loaded: Measurements) -> Differences:
-    """Return the rows of deflections by known loads, in units of their sigma."""
-
-    def rows(compliance: FloatArray) -> FloatArray:
-        parts = []
-        for block in regressor_blocks(robot, loaded, compliance):
-            read = (target_readings(block), encoder_readings(block, np.arange(robot.n)))
-            parts += [part.whitened().reshape(-1, robot.n + 1) for part in read if part is not None]
-        return np.concatenate(parts) / (loaded.sigma or 1.0)
-
-    return rows

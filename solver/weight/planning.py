@@ -24,16 +24,10 @@ _GEOMETRY: Final = 0.01
 def planned_rows(
     robot: Robot, burden: Burden, targets: FloatArray, compliance: FloatArray
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return a function from postures (N, n) to rows (N, 3 T, P) of a reading of all targets [m].
+    """Return a function from postures (N, n) to rows (N, 3 T, P) of a reading of targets (T, 3) [m].
 
     The columns are those of the joints' compliances, then those of the geometry and of the masses, in units
-    of what is known of each beforehand.
-
-    Args:
-        robot: n joints, nominal.
-        burden: that all readings carry.
-        targets: (T, 3) flange frame [m].
-        compliance: (n,) by which errors of masses show [rad/(N·m)].
+    of what is known of each beforehand. Errors of masses show by compliances (n,) [rad/(N·m)].
     """
     axes, flange = chain_axes(robot.chain)
     frames, names = Frames.of(robot, RigidTransform.identity()), tuple(map(str, range(len(targets))))

@@ -30,7 +30,7 @@ def identified_weight(
         burden: bodies that hang on in all observations.
         fit: of the same.
         sigma: of a residual, in the fit's unit.
-        uncertainty: (n,) standard uncertainties of the compliances; zero where there is none.
+        uncertainty: (n,) of the compliances; zero where there is none.
     """
     if burden.balancers:
         return None

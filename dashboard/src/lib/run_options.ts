@@ -14,6 +14,8 @@ export interface Options {
   positive: boolean;
   loss: Loss | "";
   complementary: boolean;
+  /** The robot's own weight is the load. */
+  ownWeight: boolean;
   confidence: string;
   elasticity: Elasticity;
   weighting: Weighting;
@@ -44,6 +46,7 @@ export const initialOptions: Options = {
   positive: true,
   loss: "",
   complementary: true,
+  ownWeight: false,
   confidence: "0.95",
   elasticity: "automatic",
   weighting: "covariance",
@@ -109,6 +112,7 @@ function fieldsOf(options: Options, stiffness: number): Fields {
     loss: loss || "automatic",
     huber_threshold: loss === "huber" ? posted(options.huberThreshold) : null,
     complementary_stiffness: options.complementary ? "included" : "neglected",
+    weight: options.ownWeight ? { estimate_gravity: false } : null,
     elasticity: options.elasticity,
     links: hasLinks(options.elasticity) ? options.links : [],
     link_penalty: elastic && options.elasticity !== "automatic" ? posted(options.linkPenalty) : null,
@@ -162,6 +166,7 @@ function shownOf(run: Partial<RunOptions>, stiffness: number): Options {
     positive: run.positive ?? initialOptions.positive,
     loss: run.loss === undefined || run.loss === "automatic" ? "" : run.loss,
     complementary: run.complementary_stiffness !== "neglected",
+    ownWeight: !!run.weight && Object.keys(run.weight).length === 0,
     confidence: typed(run.confidence) || initialOptions.confidence,
     elasticity: run.elasticity ?? initialOptions.elasticity,
     weighting: run.weighting ?? initialOptions.weighting,

@@ -156,7 +156,7 @@ export function Advanced({
             change={(confidence) => change({ confidence })}
             options={["0.9", "0.95", "0.99"].map((value) => ({ value, label: `${Math.round(Number(value) * 100)} %` }))}
           />
-          {(["positive", "complementary", "resample"] as const).map((name) => (
+          {(["positive", "complementary", "ownWeight", "resample"] as const).map((name) => (
             <Toggle label={text.options[name]} checked={options[name]} change={(on) => change({ [name]: on })} />
           ))}
         </div>

@@ -22,6 +22,7 @@ export function Evidence({ context, result }: { context: RunContext; result: Run
         <Goodness result={result} />
         <Certificate result={result} />
         {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
+        {result.weight && <WeightTable weight={result.weight} />}
         {result.budget && <BudgetTable budget={result.budget} joints={result.joints} />}
         <Provenance context={context} />
       </div>
@@ -202,6 +203,29 @@ const budgetWords = text.budget;
 const shown = (value: number) => significant(value, 2);
 
 /** The uncertainty budget: what each joint's uncertainty consists of, relative to its compliance. */
+/** Causes of the intervals of a run by own weight. */
+function WeightTable({ weight }: { weight: NonNullable<RunResult["weight"]> }) {
+  const share = { unit: "%", show: (value: number) => fixed(100 * value, 0) };
+  return (
+    <section class="wide">
+      <h3>{words.ownWeight}</h3>
+      <p class="soft">{words.ownWeightNote}</p>
+      <DataTable
+        caption={words.ownWeight}
+        table={{
+          columns: [
+            text.run.joint,
+            { title: words.byReadings, ...share },
+            { title: words.byMasses, ...share },
+            { title: words.sag, unit: "mrad", show: (value) => fixed(1e3 * value, 2) },
+          ],
+          rows: weight.joints.map((each) => [each.joint, each.readings, each.masses, each.largest_sag]),
+        }}
+      />
+    </section>
+  );
+}
+
 function BudgetTable({ budget, joints }: { budget: Budget; joints: JointResult[] }) {
   const sizes = budget.joints.map((name) => joints.find((joint) => joint.name === name)?.compliance ?? null);
   /** In per cent of the compliance, which is that of the stiffness, too. */

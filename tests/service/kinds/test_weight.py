@@ -252,6 +252,8 @@ def test_the_api_stores_runs_by_own_weight(client, document):
     assert posted.status_code == 201, posted.text
     run = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"], "weight": {}}).json()
     assert run["result"]["weight"]["joints"][1]["joint"] == "joint_2"
+    report = client.get(f"/v1/runs/{run['id']}/report.html").text
+    assert "uncertain masses" in report
     found = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"]})
     assert found.status_code == 422
     assert "weight" in found.text
