@@ -83,8 +83,7 @@ class _Search:
         self._expected = (design.matrix - problem.base) * self._squares / problem.readings
         self._all, self._distinct = scaled.candidates, distinct
         prices = design.bound.prices
-        count = min(max(_POOL, 4 * problem.readings), len(prices))
-        self._pool: IndexArray = np.sort(np.argpartition(prices, len(prices) - count)[-count:])
+        self._pool: IndexArray = np.sort(np.argsort(-prices)[: max(_POOL, 4 * problem.readings)])
         self._candidates: Candidates = self._all[self._pool]
 
     def value(self, M: FloatArray) -> float:
@@ -135,8 +134,7 @@ class _Search:
         at = rest if self._criterion.information(rest) > 1e-6 * value else M
         G = self._criterion.support(at)
         prices = np.where(taken > 0, -np.inf, self._candidates.prices(G))
-        count = min(_TRIED, len(prices))
-        tried = np.argpartition(prices, len(prices) - count)[-count:]
+        tried = np.argsort(-prices)[:_TRIED]
         tried = tried[np.isfinite(prices[tried])]
         if not len(tried):
             return None

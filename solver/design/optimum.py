@@ -185,7 +185,5 @@ def _entering(problem: DesignProblem, prices: FloatArray, held: IndexArray) -> I
     promising = np.flatnonzero(prices >= _PROMISING * prices[held].min())
     if not problem.candidates.free:
         promising = promising[~np.isin(promising, held)]
-    if len(promising) <= _ADDED:
-        return promising
-    best: IndexArray = promising[np.argpartition(prices[promising], -_ADDED)[-_ADDED:]]
+    best: IndexArray = promising[np.argsort(-prices[promising])[:_ADDED]]
     return best

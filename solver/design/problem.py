@@ -129,9 +129,7 @@ class Distinct:
         """
         if self.angle <= 0.0:
             return float(prices.max())
-        looked_at = min(max(_LOOKED_AT, 10 * count), len(prices))
-        top = np.argpartition(prices, len(prices) - looked_at)[-looked_at:]
-        top = top[np.argsort(-prices[top])]
+        top = np.argsort(-prices)[: max(_LOOKED_AT, 10 * count)]
         random = np.random.default_rng(0)
         shifts = self.angle * random.random((_PARTITIONS, self.postures.shape[1]))
         return min(self._mean_of_cells(top, prices[top], count, shift) for shift in shifts)

@@ -182,11 +182,12 @@ def minimise(
     Raises:
         MeasurementError: no convergence.
     """
-    r, damping = residual(state), 0.0
+    r = residual(state)
     for _ in range(MOST_STEPS):
         linear = LinearFit.of(r, jacobian(state), None if by_own is None else by_own(state))
         if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * size):
             return state, linear
+        damping = 0.0
         for _ in range(_MOST_TRIALS):
             trial = stepped(state, linear.step(damping))
             shorter = residual(trial)
@@ -196,7 +197,6 @@ def minimise(
         else:
             return state, linear
         state, r = trial, shorter
-        damping = damping / _FACTOR if damping > _LEAST_DAMPING else 0.0
     rms = float(np.sqrt(np.mean(r**2)))
     if rms < _EXACT:
         return state, linear

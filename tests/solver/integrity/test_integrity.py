@@ -283,6 +283,23 @@ def test_a_tracker_that_drifts(campaign):
     assert "drifted by 5" in finding.message  # 500 µm
 
 
+def test_a_drift_is_told_where_a_target_was_hidden_for_once(campaign):
+    """A row without one of the targets has no barycentre to compare: the others tell the drift."""
+    robot, measurements = campaign
+    drift = np.linspace(0.0, 1.0, 15)[:, None, None] * np.array([3e-4, 0.0, -4e-4])
+    present = measurements.present.copy()
+    present[7, 0] = False
+    read = present[..., None]
+    hidden = replace(
+        measurements,
+        present=present,
+        position=np.where(read, measurements.position + drift, 0.0),
+        deflection=np.where(read, measurements.deflection, 0.0),
+    )
+    (finding,) = only(look(robot, hidden), "drift_in_time")
+    assert "drifted by 5" in finding.message
+
+
 def test_a_reading_that_no_springs_explain(campaign):
     robot, measurements = campaign
     deflection = measurements.deflection.copy()

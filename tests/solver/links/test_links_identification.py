@@ -168,6 +168,7 @@ def test_a_heavy_penalty_leaves_the_joints_alone(fanuc):
     np.testing.assert_allclose(1.0 / found.compliance, published, rtol=1e-5)
     assert found.prediction.compensation == pytest.approx(0.810339, abs=1e-5)
     assert found.effective_freedom == pytest.approx(6.0, abs=1e-6)
+    assert found.degrees_of_freedom == pytest.approx(3 * measurements.present.sum() - 6.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", MODELS[1:])
