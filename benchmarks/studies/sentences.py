@@ -22,8 +22,8 @@ def prose(text: str) -> Iterator[str]:
 
 def text_of(node: ast.AST) -> str:
     """Return the text of an expression of strings, with … for what is inserted."""
-    inner = [one for one in ast.walk(node) if isinstance(one, ast.Constant | ast.FormattedValue)]
-    return "".join(one.value if isinstance(getattr(one, "value", None), str) else "…" for one in inner)
+    values = [getattr(one, "value", None) for one in ast.walk(node) if isinstance(one, ast.expr)]
+    return "…".join(each for each in values if isinstance(each, str))
 
 
 def strings(path: Path, *, fields: bool) -> Iterator[str]:
