@@ -93,6 +93,7 @@ BENCHMARKS = {
     "geometry": Benchmark("studies.geometry", "coverage of sweeps; docs/geometry.md"),
     "geometry_worn": Benchmark("studies.geometry_real", "gears and sag", "run_worn", in_parts=True),
     "geometry_ur5": Benchmark("studies.geometry_real", "poses of a real UR5", "run_ur5"),
+    "one_geometry": Benchmark("studies.one_geometry", "sweeps without circles; a minute"),
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),

@@ -20,7 +20,7 @@ from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState
 from jointstiff.solver.weight.bodies import Burden, WeightReadings
-from jointstiff.solver.weight.regressor import Frames, Rows, across, rows_at, stepped
+from jointstiff.solver.weight.regressor import Frames, Rows, across, rows_at
 
 Differences = Callable[[FloatArray], FloatArray]
 """Whitened rows (k, n + 1) of deflections by known loads, at compliances (n,): regressor and readings."""
@@ -101,7 +101,7 @@ def fit_weight(
         optimum = least_squares(reduced.A, reduced.b, reduced.cones)
         move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
         before, sag = sag, _sag(rows, reduced, burden, optimum.x)
-        state = stepped(state, move[: rows.geometry.shape[1]])
+        state = state.displaced(move[: rows.geometry.shape[1]])
         if free_gravity:
             turned = gravity + np.linalg.norm(gravity) * across(gravity) @ move[-2:]
             gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)

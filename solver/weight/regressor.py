@@ -15,7 +15,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseReadings, PoseState
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.model import Robot
@@ -101,14 +100,6 @@ def across(vector: FloatArray) -> FloatArray:
     """Return two unit vectors (3, 2) across a vector (3,)."""
     frame = np.linalg.svd(vector[None])[2]
     return np.asarray(frame[1:].T)
-
-
-def stepped(state: PoseState, step: FloatArray) -> PoseState:
-    """Return the geometry after a step (4 n + 3 T,) of charts and targets."""
-    charts = CHART_SIZE * len(state.axes)
-    moves = step[:charts].reshape(-1, CHART_SIZE)
-    axes = tuple(axis.displaced(move) for axis, move in zip(state.axes, moves, strict=True))
-    return PoseState(axes, state.targets + step[charts:].reshape(-1, 3), state.corrections)
 
 
 def torques_of(readings: WeightReadings, frames: Frames, motion: Motion) -> Torques:

@@ -43,6 +43,13 @@ class PoseState:
     targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
     corrections: FloatArray  #: (N,) of the angles [rad]
 
+    def displaced(self, step: FloatArray) -> PoseState:
+        """Return the state after a step of charts, of the first axes, and then of all targets."""
+        moves = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
+        axes = tuple(axis.displaced(move) for axis, move in zip(self.axes, moves, strict=False))
+        targets = self.targets + step[CHART_SIZE * len(moves) :].reshape(-1, 3)
+        return replace(self, axes=axes + self.axes[len(moves) :], targets=targets)
+
 
 def fit_poses(
     readings: PoseReadings, first: PoseState, *, where: str, fitted: int | None = None
@@ -68,11 +75,8 @@ def fit_poses(
     basis = readings.basis
 
     def stepped(state: PoseState, step: FloatArray) -> PoseState:
-        moves = step[:charts].reshape(-1, CHART_SIZE)
-        axes = tuple(axis.displaced(move) for axis, move in zip(state.axes[:fitted], moves, strict=True))
-        targets = state.targets + step[charts:kept].reshape(-1, 3)
         correction = step[kept:] if basis is None else basis @ step[kept:]
-        return PoseState(axes + state.axes[fitted:], targets, state.corrections + correction)
+        return replace(state.displaced(step[:kept]), corrections=state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
         gaps = readings.points - Motion(state, readings).stages[0]
