@@ -18,7 +18,7 @@ class Terminal:
     metavar: str = ""
     parse: Callable[[str], Any] | None = None  # from text to JSON; raises a ValueError
     gather: Literal["one", "list", "dict"] = "one"  # whether it is repeated, and what becomes of the values
-    unit: str = ""  # of its numbers as the command line states them to the API
+    unit: str = ""  # unit of its numbers as the command line states them to the API
     flag: str = ""  # value that the option stands for, if it takes none
 
 

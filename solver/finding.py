@@ -58,10 +58,10 @@ NOISE_SIGMAS: Final = 3.0
 class Finding:
     """One suspicion."""
 
-    code: FindingCode  #: its kind
+    code: FindingCode  #: kind of finding
     observation: int | None  #: index of the observation; None for the whole set
-    message: str  #: what was seen, with figure and unit
-    remedy: str  #: what to check
+    message: str  #: observed effect, with figure and unit
+    remedy: str  #: checks to make
     #: "error" where it is almost certainly a mistake, "note" where it is good to know
     severity: Severity = "warning"
     joint: str | None = None  #: name of the joint; None where it is about no single one

@@ -29,8 +29,8 @@ _REMEDY: Final = "copy the whole key, from jst_ to its last character; it was sh
 class Minted(NamedTuple):
     """A new key."""
 
-    text: str  # that its holder keeps; nothing else does
-    record: AccessKey  # that is stored
+    text: str  # text that its holder keeps; nothing else does
+    record: AccessKey  # record that is stored
 
 
 def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> Minted:

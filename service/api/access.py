@@ -86,10 +86,10 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 class Asked:
     """A request, and who asks."""
 
-    key: AccessKey | None  # that came with it; None if none did
+    key: AccessKey | None  # key that came with it; None if none did
     is_open: bool  # whether no key is demanded
     address: str  # where it came from
-    operation: str | None = None  # that was found for it
+    operation: str | None = None  # operation that was found for it
 
     def require(self, role: Role | None) -> None:
         """Do nothing if a role, or that of anyone, is enough.

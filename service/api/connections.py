@@ -50,9 +50,9 @@ class BoundedProtocol(H11Protocol):
     WRITE_SECONDS: ClassVar[float] = 20.0  # without a byte of the answer taken
     ANSWER_RATE: ClassVar[float] = 4 * 1024  # bytes a second of an answer, on average over `WRITE_SECONDS`
     LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock
-    BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all bodies that are received or worked on
+    BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # bytes of all bodies that are received or worked on
     ANSWER_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all answers of more than `PIECE_BYTES` under way
-    PIECE_BYTES: ClassVar[int] = 64 * 1024  # of an answer that wait for the client at a time
+    PIECE_BYTES: ClassVar[int] = 64 * 1024  # bytes of an answer that wait for the client at a time
     # open at once; the one that was silent for longest makes room for a new one
     CONNECTIONS: ClassVar[int] = connection_limit()
 
@@ -71,7 +71,7 @@ class BoundedProtocol(H11Protocol):
     _received: int = 0
     _latest: int = 0
     _handed: int = 0  # bytes of answers given to the transport
-    _taken: int = 0  # of them, by the client, at the last look
+    _taken: int = 0  # bytes that the client had taken at the last look
     _written_at: float = 0.0
     _window: tuple[float, int] = (0.0, 0)  # time and bytes taken when the rate was judged last
 

@@ -38,7 +38,7 @@ class SignedIn:
     """A browser that signed in."""
 
     key: AccessKey  # with which
-    token: str  # of its cookie
+    token: str  # token of its cookie
     ends_at: datetime  # when it has to sign in again at the latest
 
 

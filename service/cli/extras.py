@@ -33,7 +33,9 @@ class Extra:
     passed: tuple[str, ...] = ()  # names of those that the function of the work takes
     # writes files of a job that has a result; returns the job to show, if it is another
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = _nothing
-    written: Callable[[_Values, Sequence[Any]], list[Path | None]] = _no_paths  # that it will write
+    written: Callable[[_Values, Sequence[Any]], list[Path | None]] = (
+        _no_paths  # paths that the command will write
+    )
 
 
 def _mended_file(values: _Values, sources: Sequence[Any]) -> Path:

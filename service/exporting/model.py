@@ -31,7 +31,7 @@ class ExportedModel:
     run: Run  # the run
     result: RunResult  # its result
     robot: Robot  # the robot
-    name: str  # of the robot
+    name: str  # name of the robot
     # of the geometry that was identified; None if the robot is as it was described
     geometry_id: str | None = None
 

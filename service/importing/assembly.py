@@ -38,7 +38,7 @@ class Gathered:
     place: Place  # where it is first spoken of
     # joint angles, force, moment, load point, and where they stand
     values: dict[Kind, tuple[Vector, Place]] = field(default_factory=dict)
-    points: dict[str, dict[State, Point]] = field(default_factory=dict)  # by target, then state
+    points: dict[str, dict[State, Point]] = field(default_factory=dict)  # points by target, then state
     held_out: bool = False  # whether it is held out from the fit
 
 
@@ -49,7 +49,7 @@ class Assembly:
     # with complete readings only, unless a state is absent from all of them
     observations: tuple[Gathered, ...]
     targets: tuple[str, ...]  # names, in order of appearance
-    states: tuple[State, ...]  # that were read at all
+    states: tuple[State, ...]  # states that were read at all
     assumptions: tuple[str, ...]  # what was left out, in words
     # what every reading states its own uncertainty by; None if the files have none
     uncertainty: Literal["coordinate", "point"] | None = None

@@ -34,9 +34,9 @@ class Grid:
     rows: tuple[Row, ...]  # those that are neither empty nor comments; all of the same length in a text file
     comments: tuple[Row, ...]  # rows that begin with a mark of comments, without it
     remarks: tuple[tuple[int, str], ...]  # the same as lines and texts
-    encoding: str | None = None  # of a text file
-    delimiter: Delimiter | None = None  # of a text file
-    sheet: str | None = None  # of an Excel file
+    encoding: str | None = None  # encoding of a text file
+    delimiter: Delimiter | None = None  # delimiter of a text file
+    sheet: str | None = None  # sheet of an Excel file
     assumptions: tuple[str, ...] = ()  # in words
     ended: bool = True  # whether its last line has an end
 

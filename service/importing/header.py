@@ -76,11 +76,11 @@ _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
 class Meaning:
     """Meaning of a column."""
 
-    kind: Kind  # of its cells
+    kind: Kind  # kind of its cells
     # number of the joint, or of the axis x, y, z, from 0; 0 of a point's uncertainty; None for texts
     axis: int | None = None
-    target: str | None = None  # of a position or its uncertainty, if the header names it
-    state: State | None = None  # of a position or its uncertainty, if the header names it
+    target: str | None = None  # target of a position or its uncertainty, if the header names it
+    state: State | None = None  # state of a position or its uncertainty, if the header names it
     unit: str | None = None  # canonical, if the header names it; of a temperature as it is written
     guessed: bool = False  # whether it is to be checked: the unit stood without brackets, 0 and 1 as states
 
@@ -116,9 +116,9 @@ class Meaning:
 class Quantity:
     """Quantity given by several columns: a vector, or all joint angles."""
 
-    kind: Kind  # of the quantity
-    target: str | None = None  # of a position, if the header names it
-    state: State | None = None  # of a position, if the header names it
+    kind: Kind  # kind of the quantity
+    target: str | None = None  # target of a position, if the header names it
+    state: State | None = None  # state of a position, if the header names it
 
 
 def state_named(word: str, extra: Mapping[str, State]) -> State | None:

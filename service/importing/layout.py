@@ -58,11 +58,11 @@ class Layout:
 
     grid: Grid  # the file
     headers: tuple[str, ...]  # as they stand in the file; empty texts where there is no header
-    lines: tuple[int, ...]  # of the file that make the header
+    lines: tuple[int, ...]  # lines of the file that make the header
     columns: Columns  # what they mean
-    rows: tuple[Row, ...]  # of data, as long as the header
+    rows: tuple[Row, ...]  # rows of data, as long as the header
     mark: DecimalMark | None  # None if it is not clear
-    frame: str | None = None  # of positions, as a comment of the file names it
+    frame: str | None = None  # frame of positions, as a comment of the file names it
     assumptions: tuple[str, ...] = ()  # in words
     doubt: str | None = None  # value to be confirmed, in words
 
@@ -72,7 +72,7 @@ class _Heading:
     """A header as it stands in the file."""
 
     cells: tuple[HeaderCell, ...]  # one a column
-    lines: tuple[int, ...]  # of the file that make it
+    lines: tuple[int, ...]  # lines of the file that make it
     start: int  # index of the first row of data
     notes: tuple[str, ...] = ()  # in words
     stated: bool = False  # whether the caller states it

@@ -37,7 +37,7 @@ class Imported:
     """Content of the files, in their units."""
 
     assembly: Assembly  # the observations
-    units: Mapping[str, str]  # by dimension, of all numbers that occur
+    units: Mapping[str, str]  # units by dimension, of all numbers that occur
     surroundings: Surroundings  # times and temperatures
 
 
@@ -45,7 +45,7 @@ class Imported:
 class Understood:
     """Content of files as far as it was understood."""
 
-    layouts: tuple[Layout, ...]  # of the files whose rows were found
+    layouts: tuple[Layout, ...]  # layouts of the files whose rows were found
     faults: tuple[ImportFileError, ...]  # what was not; at most `MAX_FAULTS`
     imported: Imported | None  # their content, if there are no faults
 

@@ -30,7 +30,7 @@ class Point:
     """Three numbers of one target in one state, or one along an axis that its name ends with."""
 
     target: str  # its name
-    state: State  # of the robot, or `deflection` for the difference
+    state: State  # state of the robot, or `deflection` for the difference
     vector: Vector | None  # x, y, z in the unit of length; None if the cells are empty
     place: Place  # where it stands
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
@@ -42,7 +42,7 @@ class Point:
 class Record:
     """Content of one row."""
 
-    label: str  # of the observation
+    label: str  # label of the observation
     place: Place  # where it stands
     values: Mapping[Kind, Vector]  # joint angles, force, moment, load point, in the file's units
     points: tuple[Point, ...]  # readings

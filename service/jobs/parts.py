@@ -22,7 +22,7 @@ class Parts:
     robots: Robots  # its robots
     sets: MeasurementSets  # its measurement sets
     jobs: Mapping[str, Jobs]  # its jobs, by the name of their kind
-    trends: Trends  # of its robots
+    trends: Trends  # trends of its robots
 
     @classmethod
     def of(cls, store: Store, enqueue: Enqueue | None = None) -> Parts:

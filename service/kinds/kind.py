@@ -38,7 +38,7 @@ class File:
 
     name: str  # last part of its address, such as `table.csv`
     operation: str  # name of the operation in the API, such as `get_pair_table`
-    description: str  # of the operation, for the API's users
+    description: str  # description of the operation, for the API's users
     content: str  # description of the answer
     media_type: str
     made_of: Literal["result", "work"]  # what the sheet is made of: the job, or its work, done again
@@ -70,14 +70,14 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     summary: type[AnySummary]
     options: type[Message]  # part of the request that people state
     sources: tuple[Source, ...]  # that the command line and `import jointstiff` make the rest of, in order
-    title: str  # of its report
-    description: str  # of the post, for the API's users
+    title: str  # title of its report
+    description: str  # description of the post, for the API's users
     stepped: bool = False  # whether its jobs may take steps, which are left to workers
     max_bytes: int = OPTIONS_BYTES  # size of a request
     # of its listing: fields of the summary, each in words
     filters: Mapping[str, str] = field(default_factory=dict)
-    examples: Mapping[str, Any] = field(default_factory=dict)  # of requests, by what they are for
-    files: tuple[File, ...] = ()  # that can be downloaded
+    examples: Mapping[str, Any] = field(default_factory=dict)  # examples of requests, by what they are for
+    files: tuple[File, ...] = ()  # files that can be downloaded
     reported: bool = True  # whether any such job has a report made of its tables
     is_form: bool = False  # whether it is posted as a form with files, at a route of its own
     hidden: str = ""  # function of `work` that returns a stored document as it is answered, if it differs

@@ -32,7 +32,7 @@ class _Shown:
     """A job that shows itself as tables: to be mixed with its message."""
 
     declared: ClassVar[AnyKind]
-    _inputs: Any  # of the work, where it was done in this process
+    _inputs: Any  # inputs of the work, where it was done in this process
 
     def __eq__(self, other: object) -> bool:
         """Return whether the other is the same job, whether it shows itself or not."""
@@ -102,8 +102,8 @@ class TabledRun(_Shown, Run):
 
     declared: ClassVar[AnyKind] = RUN
     _inputs: Any = PrivateAttr(default=None)
-    _campaign: Campaign | None = PrivateAttr(default=None)  # that was identified in this process
-    _service: Runs | None = PrivateAttr(default=None)  # that the run comes from, of a client
+    _campaign: Campaign | None = PrivateAttr(default=None)  # campaign that was identified in this process
+    _service: Runs | None = PrivateAttr(default=None)  # service that the run comes from, of a client
 
     @property
     def joints(self) -> Joints:

@@ -27,7 +27,7 @@ class _Word:
 
     joint: int  # index of the joint
     kind: Literal["sign", "quadrant", "turn"]
-    bit: int | None = None  # of the number that is 1 below zero; None where the number is the word
+    bit: int | None = None  # bit of the number that is 1 below zero; None where the number is the word
 
     def ranges(self, numbers: FloatArray) -> FloatArray:
         """Return least and greatest angles (m, 2) [rad] that numbers (m,) mean; ∓inf for NaN."""

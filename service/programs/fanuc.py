@@ -59,7 +59,7 @@ _STANDS: Final = 2e-3
 class _Program(Script):
     """The state of a program while it is read."""
 
-    frames: dict[tuple[str, str], FrameName] = field(default_factory=dict)  # by UF or UT, and number
+    frames: dict[tuple[str, str], FrameName] = field(default_factory=dict)  # frames by UF or UT, and number
     current: dict[str, str] = field(default_factory=dict)  # active UFRAME_NUM and UTOOL_NUM
     arc: tuple[Place, int] | None = None  # an arc whose end is still to come, and the number of its via point
     others: list[float] | None = None  # where the other groups stand

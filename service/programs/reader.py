@@ -96,7 +96,7 @@ class Place:
     line: int  # from 1
     start: int  # first character of the statement
     first: int  # place of its first number among those of the file
-    numerals: Numerals  # of the file
+    numerals: Numerals  # numerals of the file
 
     def value(self, ordinal: int) -> float:
         """Return a number."""
@@ -306,10 +306,10 @@ class Script:
     branched: set[str] = field(default_factory=set)  # names that get them in a branch or a loop
     inner: list[tuple[int, str]] = field(default_factory=list)  # those of open ones, with their depths
     left: set[str] = field(default_factory=set)  # those of branches that have ended, or that a jump may skip
-    parameters: set[str] = field(default_factory=set)  # of routines
+    parameters: set[str] = field(default_factory=set)  # parameters of routines
     routines: set[str] = field(default_factory=set)
     jumps: bool = False  # whether the program jumps, or calls its own routines
-    calls: int = 0  # of its own routines
+    calls: int = 0  # calls of its own routines
     depth: int = 0  # branches and loops that are open
     routine: int = 0  # routines that have begun
     moved: bool = False  # whether the robot has moved, or may have

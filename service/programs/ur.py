@@ -101,7 +101,7 @@ class _Target:
     """A target of a move: numbers or the name of some, in a frame."""
 
     numbers: Literal | str
-    frame: Literal | str = ""  # that pose_trans takes them in; empty for the robot's base
+    frame: Literal | str = ""  # frame that pose_trans takes them in; empty for the robot's base
 
 
 @dataclass

@@ -37,17 +37,17 @@ class Section:
 class Letterhead:
     """The laboratory above the title."""
 
-    name: str  # of the laboratory
+    name: str  # name of the laboratory
     lines: list[str]  # its address, contact and accreditation
     logo: bytes | None = None  # bytes of a PNG or JPEG; none without
-    logo_type: Literal["png", "jpg"] = "png"  # of these bytes
+    logo_type: Literal["png", "jpg"] = "png"  # format of the logo
 
 
 @dataclass(frozen=True)
 class State:
     """State of a report: draft, authorised or superseded."""
 
-    kind: Literal["draft", "authorised", "superseded", "unsigned"]  # of the state
+    kind: Literal["draft", "authorised", "superseded", "unsigned"]  # kind of the state
     line: str  # who authorised it and when, or what is missing
     number: int = 0  # counts the authorisations; zero for none
     issued_at: datetime | None = None  # when it was authorised; None for a draft
@@ -73,10 +73,10 @@ class Attachment:
 class Document:
     """A report."""
 
-    title: str  # of the report
-    number: str  # that identifies it, on each page
+    title: str  # title of the report
+    number: str  # number that identifies it, on each page
     state: State  # whether it is authorised
-    letterhead: Letterhead  # of the laboratory
+    letterhead: Letterhead  # letterhead of the laboratory
     dated: datetime  # date of the document's file
     sections: list[Section]  # in order; signature and end mark follow them
     attachments: list[Attachment] = field(default_factory=list)  # files within it

@@ -36,9 +36,9 @@ class RunSubject:
 
     model: ExportedModel  # the run with its robot
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
-    settings: LaboratorySettings  # of the laboratory
+    settings: LaboratorySettings  # settings of the laboratory
     received_on: date | None = None  # when the item was received
-    alarms: Sequence[str] = ()  # of the robot, that nobody has acknowledged
+    alarms: Sequence[str] = ()  # alarms of the robot, that nobody has acknowledged
 
     def run_json(self) -> bytes:
         """Return the run as it is attached: a large one without what it says of each observation."""

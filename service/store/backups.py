@@ -41,7 +41,7 @@ class Manifest(BaseModel):
     made_at: datetime  # when the copy began
     database: Dialect  # kind of database that it was made of, and that it can be restored to
     revision: str  # schema version of the tables
-    sha256: str  # of the file beside the manifest
+    sha256: str  # SHA-256 of the file beside the manifest
     tables: dict[str, TableContent]  # content of each table
 
 

@@ -22,7 +22,7 @@ class TableContent(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     rows: int  # their number
-    sha256: str  # of all their values, in the order of the primary key
+    sha256: str  # SHA-256 of all their values, in the order of the primary key
 
 
 def content_of(connection: Connection) -> dict[str, TableContent]:

@@ -30,7 +30,7 @@ _TABLES: Final[tuple[tuple[Table, type[AnyRecord]], ...]] = (
 class Fault:
     """Something wrong in a database."""
 
-    code: str  # of the kind of fault
+    code: str  # code of the kind of fault
     where: str  # table or resource
     reason: str  # what is wrong
     remedy: str  # what to do about it

@@ -20,7 +20,7 @@ _ARC_MINUTE: Final = radians(1.0 / 60.0)
 class StiffnessUnit:
     """A unit of stiffness, or of its inverse."""
 
-    factor: float  # of a stiffness in N·m/rad; where inverse, of a compliance in rad/(N·m)
+    factor: float  # factor of a stiffness in N·m/rad; where inverse, of a compliance in rad/(N·m)
     label: str  # as printed
     inverse: bool = False  # whether compliances are shown
 

@@ -93,7 +93,7 @@ Part = Table | Line
 class Sheet:
     """Columns of raw values for files: their headers carry the unit, such as `force x [N]`."""
 
-    columns: Mapping[str, Any]  # by header: sequences of values, or arrays (rows,)
+    columns: Mapping[str, Any]  # columns by header: sequences of values, or arrays (rows,)
     texts: frozenset[str] = field(default_factory=frozenset)  # headers of the columns that npz holds apart
     digits: str = ""  # format of numbers in CSV, such as `.10g`; as many as read back the same without
 

@@ -156,7 +156,7 @@ class Certificate:
 class StagesCertificate:
     """The greatest violations of the optimality conditions over the stages of a method, dimensionless."""
 
-    primal: float  #: of a bound
+    primal: float  #: greatest violation of a bound
     dual: float  #: gradient of the wrong sign
     complementarity: float  #: min(multiplier, slack)
     solved_by: tuple[str, ...]  #: what found the support of each stage

@@ -25,7 +25,7 @@ class Constraints:
         RequestError: if the order goes round in a circle, or contradicts the bounds.
     """
 
-    bounds: Bounds  #: of the n compliances [rad/(N·m)]
+    bounds: Bounds  #: bounds of the n compliances [rad/(N·m)]
     order: Order = ()  #: pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j
 
     def __post_init__(self) -> None:

@@ -77,8 +77,8 @@ class IdentificationProblem:
 
     R: FloatArray  #: (m, n) compressed, weighted regressor; every column has a positive norm
     z: FloatArray  #: (m,) compressed, weighted deflections
-    bounds: Bounds  #: of the n compliances
-    inequalities: Inequalities | None = None  #: that hold besides, or None
+    bounds: Bounds  #: bounds of the n compliances
+    inequalities: Inequalities | None = None  #: inequalities that hold besides, or None
 
     def __post_init__(self) -> None:
         shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}

@@ -38,7 +38,7 @@ class CartesianCompliance:
     symmetric: BoolArray
     #: (B, 6, n) and (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``
     by_joint: tuple[FloatArray, FloatArray]
-    covariance: FloatArray | None  #: (n, n) of the compliances [(rad/(N·m))²]; None if unknown
+    covariance: FloatArray | None  #: (n, n) covariance of the compliances [(rad/(N·m))²]; None if unknown
 
     @property
     def translation(self) -> FloatArray:

@@ -48,7 +48,7 @@ class Compensation:
     #: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if unknown
     uncertainty: FloatArray
     leverage: FloatArray  #: (m,) the greatest of a displacement in any direction [m]; zero if unknown
-    share: FloatArray  #: (m,) of the full correction that the command carries, 0 to 1
+    share: FloatArray  #: (m,) share of the full correction that the command carries, 0 to 1
     uncertain: BoolArray  #: (m,) left alone, as the uncertainty of the deflection exceeds it
     capped: BoolArray  #: (m,) held back by the limits
 

@@ -52,7 +52,7 @@ class ElasticPredictor(ForwardModel):
 
     first_order = True
 
-    columns: ElasticColumns  #: of the richest model
+    columns: ElasticColumns  #: columns of the richest model
     kept: IndexArray  #: (p,) columns that the model has
     entries: FloatArray  #: (p,) compliances
     #: (p, p) upper triangular, root rootᵀ the covariance of the entries; None if it is unknown

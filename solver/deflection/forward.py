@@ -31,7 +31,7 @@ class ForwardModel(ABC):
     """Whether it is linear in the load, without own weight and complementary stiffness."""
 
     robot: Robot  #: n joints
-    #: of a sigma that comes from residuals; None for one that was given
+    #: degrees of freedom of a sigma that comes from residuals; None for one that was given
     degrees_of_freedom: float | None = field(default=None, kw_only=True)
 
     @abstractmethod

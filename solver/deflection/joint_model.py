@@ -232,7 +232,7 @@ class JointDeflection(Deflection):
     unloaded: Configurations  #: kinematics without the load
     moved: FloatArray  #: (B, 6) what the last step of the balance adds to places and axes [m, rad]
     balance: Balance  #: balance of springs and loads
-    jacobian: FloatArray  #: (B, 6, n) of the places [m/rad, then rad/rad], in the loaded posture
+    jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
 
     @cached_property
     def displacement(self) -> FloatArray:

@@ -34,7 +34,7 @@ class MapTask:
     """Everything that a map asks of each place."""
 
     fan: ToolFan  #: orientations and wrenches
-    place: FloatArray  #: (3,) of the tool, flange frame [m]: it is brought to the places
+    place: FloatArray  #: (3,) place of the tool, flange frame [m]: it is brought to the places
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
     limits: FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none
     #: (n,) controller's angles [rad] that each place stays nearest to; None: it is the stiffest

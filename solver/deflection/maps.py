@@ -29,7 +29,7 @@ class DeflectionMap:
     orientation: IndexArray  #: (P,) index of the fan
     #: (P, n) posture without the load, controller's angles [rad]; given where limits are kept
     joints: FloatArray
-    displacement: FloatArray  #: (P, 3) of the place, loaded minus unloaded, axes of R0 [m]
+    displacement: FloatArray  #: (P, 3) displacement of the place, loaded minus unloaded, axes of R0 [m]
     along: FloatArray  #: (P,) compliance along the direction, uᵀ C_tt u [m/N]
     across: FloatArray  #: (P,) greatest compliance across it [m/N]
     #: (P, 2) interval of the displacement's length from the readings alone [m]; NaN if unknown

@@ -70,7 +70,7 @@ class ModelError:
     #: (S,) ascending: length of a residual over the root of the size of its load [m], less what is the
     #: readings' own in it; inf where the others do not determine it
     score: FloatArray
-    share: FloatArray  #: (S,) of the postures' readings with that score at most, times P/(P + 1)
+    share: FloatArray  #: (S,) share of the postures' readings with that score at most, times P/(P + 1)
     force: float  #: unit of the size of a load [N]; zero where none was measured
     moment: float  #: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
     least_load: float  #: least size of a load

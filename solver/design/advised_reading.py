@@ -14,12 +14,12 @@ from jointstiff.solver.arrays import FloatArray
 class Advice:
     """One more reading that would tell more of a joint."""
 
-    joint: int  #: its index
+    joint: int  #: index of the joint
     joints: FloatArray  #: (n,) angles of the posture as the controller shows them [rad]
     observation: int | None  #: the observation that has this posture; None for a new one
     force: FloatArray  #: (3,) on the robot, axes of R0 [N]
     own_direction: bool  #: whether the force is the one that the whole set was loaded with
-    torque: float  #: of that force about the joint [N·m]
+    torque: float  #: torque of that force about the joint [N·m]
     #: standard uncertainty of the compliance after the reading, in units of sigma [rad/(N·m)/m]
     deviation: float
     #: standard uncertainty of one coordinate of one reading [m]; None where it is unknown

@@ -92,13 +92,13 @@ class CampaignPlan:
 
     joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take them
     force: FloatArray  #: (n, 3) on the robot, axes of R0 [N]
-    anchor: IndexArray  #: (n,) of the cable; -1 without one
+    anchor: IndexArray  #: (n,) anchor of the cable; -1 without one
     along: FloatArray | None  #: (n, 3) unit vectors in R0 along which to read; None if all coordinates are
     validation: BoolArray  #: (n,) which readings are held out from the fit
     efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
     weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
     efficiencies: Mapping[str, float]  #: least efficiency of the list by each criterion that applies
-    parameters: Parameters  #: what is determined
+    parameters: Parameters  #: parameters to determine
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance after the list
     before: FloatArray  #: (s,) the same before it; inf where it is not determined
     #: standard uncertainty of the predicted deflection in the work area under the load [m]: root mean
@@ -107,7 +107,7 @@ class CampaignPlan:
     random: OtherPlan  #: mean of random plans
     one_at_a_time: OtherPlan  #: each reading the best next one
     feasible: int  #: how many candidates there are
-    strikes: Strikes  #: what was struck out, and why
+    strikes: Strikes  #: infeasible readings by reason
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:

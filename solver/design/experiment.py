@@ -28,7 +28,7 @@ class Loads:
     """Forces that can be applied."""
 
     kind: LoadKind  #: a weight pulls along −z of R0, a cable towards one of the anchors, or in any direction
-    force: float  #: its size [N]; in any direction, the greatest
+    force: float  #: magnitude [N]; for any direction the greatest
     torque_limit: FloatArray  #: (n,) greatest torque of the load about each joint [N·m]; inf for none
     anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  #: (A, 3) of the cable, in R0 [m]
 
@@ -44,7 +44,7 @@ class Equipment:
 
     targets: FloatArray  #: (T, 3) flange frame [m]
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]; or (N, 3), of as many postures
-    loads: Loads  #: that can be applied
+    loads: Loads  #: loads that can be applied
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]
     instrument: Instrument | None = None  #: the tracker at its station; isotropic noise of sigma if None
     #: (3, 3) or (T, 3, 3) of the targets' deflections, in units of sigma², where there is no instrument;

@@ -36,7 +36,7 @@ class Cell:
     inside: FloatArray | None = None  #: (2, 3) corners of the box in which they stay [m]; None for none
     #: (B, 2, 3) corners of boxes that they stay out of [m]
     obstacles: FloatArray = field(default_factory=lambda: np.empty((0, 2, 3)))
-    link_radius: float | None = None  #: of the capsules [m]; 4 % of the stretched arm if None
+    link_radius: float | None = None  #: link radius of the capsules [m]; 4 % of the stretched arm if None
     #: (T, 3) direction in which each reflector looks, flange frame; None if they turn by themselves
     facing: FloatArray | None = None
     acceptance: float = np.pi  #: greatest angle between that and the line of sight [rad]

@@ -30,7 +30,7 @@ class PlanRequest:
     #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf for none
     prior: FloatArray
     cell: Cell = field(default_factory=Cell)  #: surroundings of the robot
-    criterion: CriterionName = "relative_a"  #: what to make least
+    criterion: CriterionName = "relative_a"  #: criterion to minimise
     postures: FloatArray | None = None  #: (N, n) to choose from, controller's angles [rad]; drawn if None
     candidates: int = 5_000  #: how many to draw
     joints: IndexArray | None = None  #: to be determined; all if None

@@ -25,7 +25,7 @@ class DesignProblem:
     """Choice of readings among candidates."""
 
     candidates: Candidates  #: N of p parameters
-    criterion: Criterion  #: by which designs are compared
+    criterion: Criterion  #: criterion by which designs are compared
     readings: int  #: n, how many are to be taken
     base: FloatArray  #: M0 (p, p), information of earlier readings and of priors; zero for none
     once: bool = False  #: whether a candidate may be read once only, so that no weight exceeds 1/n

@@ -81,12 +81,12 @@ class Fit:
     active: Support  #: (n,) -1 or 1 at a lower or upper bound, else 0
     tied: BoolArray  #: (n,) joints whose compliance an order makes equal to another's
     covariance: FloatArray  #: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns
-    likelihood: Likelihood  #: of the compliances that the readings see, before any constraint
+    likelihood: Likelihood  #: likelihood of the compliances that the readings see, before any constraint
     parameters: float  #: how many the readings were asked for: the rank, less what a prior answered instead
     #: groups of joints that neither the readings nor a prior tell apart
     undetermined: tuple[Combination, ...]
-    identifiability: tuple[Identifiability, ...]  #: of each stage, by the readings alone
-    certificates: tuple[Certificate, ...]  #: of each stage
+    identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
+    certificates: tuple[Certificate, ...]  #: certificates of each stage
     alone: Fit | None = None  #: where a prior takes part, the fit of the readings alone
 
     def inflated(self, factor: float) -> Fit:

@@ -110,12 +110,12 @@ class NewMethod(Protocol):
 class Iteration:
     """One fit of a whole set."""
 
-    #: of the joints, in the unloaded configurations; the first pass settles it for all
+    #: observability of the joints, in the unloaded configurations; the first pass settles it for all
     observability: Observability
     method: MethodAccumulator  #: the rows that were fitted
     fit: Fit  #: the outcome
     largest_stiffness: LargestStiffness  #: K_c over the set
-    robust: RobustFit | None  #: what the Huber loss made of the readings; None for the squared loss
+    robust: RobustFit | None  #: weights of the readings by the Huber loss; None for the squared loss
     targets: TargetRows | None  #: the rows of that loss
     first_block: RegressorBlock  #: the first observations, with their regressors
 

@@ -63,11 +63,11 @@ class RobustFit:
 
     threshold: float  #: norm beyond which a reading counts less, in units of sigma
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]: as stated, or the robust scale
-    weight: FloatArray  #: (N, T) of the readings; 1 where a target was not read
+    weight: FloatArray  #: (N, T) weight of the readings; 1 where a target was not read
     #: (N, T) of the whitened residuals in units of sigma; 0 where a target was not read. They are those of
     #: the Huber estimate, whatever the method.
     residual_norm: FloatArray
-    certificate: Certificate  #: of the optimum of the Huber problem
+    certificate: Certificate  #: certificate of the optimum of the Huber problem
 
     @property
     def suspicious(self) -> IndexArray:

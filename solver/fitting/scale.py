@@ -34,7 +34,7 @@ class Scale:
     #: no degrees of freedom to estimate it from
     sigma: float | None
     given: bool  #: whether it was stated with the readings
-    chi_square: float  #: of the targets' residuals, under sigma
+    chi_square: float  #: chi square of the targets' residuals, under sigma
     degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
 
     def quantile(self, probability: float) -> float:

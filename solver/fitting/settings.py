@@ -28,7 +28,7 @@ class Settings:
     order: tuple[tuple[int, int], ...] = ()
     #: what is known of the compliances beforehand; with weighting by covariance only
     prior: Prior | None = None
-    loss: Loss = "squared"  #: of the norm of each target's whitened residual
+    loss: Loss = "squared"  #: loss of the norm of each target's whitened residual
     huber_threshold: float = 2.8  #: for the loss `huber`, in units of sigma
     complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
 

@@ -22,9 +22,9 @@ from jointstiff.solver.regression.stage_rows import Stage, encoder_readings
 class StageFit:
     """One stage solved."""
 
-    joints: IndexArray  #: (p,) of its columns
-    spectrum: Spectrum  #: of its rows, with those of the prior
-    analysis: Identifiability  #: of its rows, the readings' alone
+    joints: IndexArray  #: (p,) joints of its columns
+    spectrum: Spectrum  #: spectrum of its rows, with those of the prior
+    analysis: Identifiability  #: analysis of its rows, the readings' alone
     undetermined: tuple[Combination, ...]  #: what neither readings nor prior tell apart
     parameters: float  #: how many the readings were asked for
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last

@@ -36,12 +36,12 @@ _SEVERITIES: Final[dict[GeometryFindingCode, Severity]] = {
 class GeometryFinding:
     """One suspicion."""
 
-    code: GeometryFindingCode  #: its kind
+    code: GeometryFindingCode  #: kind of finding
     where: str  #: path into the input, such as `sweeps[2].observations[7].targets.P10`
     figure: float  #: the number that raised it
-    unit: str  #: of the figure; empty where it is a ratio
-    message: str  #: what was seen, with figure and unit
-    remedy: str  #: what to check
+    unit: str  #: unit of the figure; empty where it is a ratio
+    message: str  #: observed effect, with figure and unit
+    remedy: str  #: checks to make
 
     @property
     def severity(self) -> Severity:

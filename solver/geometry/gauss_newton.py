@@ -122,7 +122,7 @@ class OwnUnknowns:
     """Unknowns of which each moves the readings of one group only."""
 
     directions: FloatArray  #: (G, m / G) unit vectors of the readings' derivatives; null where there is none
-    norms: FloatArray  #: (G,) of these derivatives; 1 for a null one
+    norms: FloatArray  #: (G,) norms of these derivatives; 1 for a null one
     along: FloatArray  #: (G,) residual along the directions
     others: FloatArray  #: (G, p) the same part of the derivative by the other unknowns
 

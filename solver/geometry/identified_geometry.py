@@ -37,7 +37,7 @@ class BaseTargets:
     before: FloatArray  #: (B, 3) tracker's frame [m]
     after: FloatArray  #: (B, 3) later
     covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
-    names: tuple[str, ...]  #: (B,) of the targets
+    names: tuple[str, ...]  #: (B,) names of the targets
 
     def drift(self, sigma: float, at: FloatArray) -> BaseDrift:
         """Return the motion between the two readings.
@@ -76,15 +76,15 @@ class IdentifiedGeometry:
 
     identified: IdentifiedAxes  #: axes and targets
     sigma_stated: bool  #: whether its sigma was stated; it comes from the residuals if not
-    conventions: Conventions  #: by which the frames are placed
-    evidence: Evidence | None  #: of sweeps; None for poses
-    base: BaseFrame  #: where R0 is
+    conventions: Conventions  #: conventions by which the frames are placed
+    evidence: Evidence | None  #: evidence of sweeps; None for poses
+    base: BaseFrame  #: placement of R0
     model: IdentifiedModel  #: the robot
     links: tuple[LinkParameter, ...]  #: beside those of the nominal model; empty without one
-    wrist: WristCentre | str  #: its centre, or why there is none
+    wrist: WristCentre | str  #: wrist centre, or the reason why there is none
     tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
-    drift: BaseDrift | None  #: of the base; None if its targets were not read twice
-    findings: tuple[GeometryFinding, ...]  #: what a user should know
+    drift: BaseDrift | None  #: drift of the base; None if its targets were not read twice
+    findings: tuple[GeometryFinding, ...]  #: findings for the user
 
     @cached_property
     def axes(self) -> tuple[PlacedAxis, ...]:

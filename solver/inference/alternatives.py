@@ -63,7 +63,7 @@ _RIDGE: Final = 1e-12
 class Alternative:
     """One mistake that may have been made."""
 
-    kind: AlternativeKind  #: which mistake
+    kind: AlternativeKind  #: kind of mistake
     joints: tuple[int, ...]  #: indices of the controller's joints concerned
     matrix: FloatArray  #: (n, n) E, the controller's angles meant from those given, dimensionless
     offset: FloatArray  #: (n,) e [rad]

@@ -42,7 +42,7 @@ class Assessment:
     reasons: tuple[Reason, ...]  #: most severe first; none where the verdict is "use"
     #: verdict on each joint, never better than what the reasons about the set or this joint allow
     joints: tuple[Usability, ...]
-    notes: tuple[str, ...] = ()  #: what the readings could not show, in words
+    notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
 
     def supported(self, prediction: Prediction) -> Prediction:
         """Return what the readings support of a prediction.

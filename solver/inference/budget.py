@@ -46,7 +46,7 @@ class Spread:
 class BudgetComponent:
     """One source of uncertainty."""
 
-    source: BudgetSource  #: of the uncertainty
+    source: BudgetSource  #: source of the uncertainty
     #: "A" from these readings by statistics, "B" by other means, as stated with them
     evaluation: Literal["A", "B"]
     included: bool  #: whether it is part of the standard uncertainty of the joints

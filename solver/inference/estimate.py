@@ -40,24 +40,24 @@ class Estimate:
     #: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not observable are no
     #: estimates; `joints` withholds them.
     compliance: FloatArray
-    #: (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown
+    #: (n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown
     covariance: FloatArray | None
     #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
     #: no degrees of freedom to estimate it from
     sigma: float | None
     sigma_given: bool  #: whether sigma was stated with the readings
-    chi_square: float  #: of the targets' residuals, under sigma
+    chi_square: float  #: chi square of the targets' residuals, under sigma
     degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
     characteristic_length: float | None  #: [m], where the weighting used one
-    identifiability: tuple[Identifiability, ...]  #: of each stage of the method
-    certificates: tuple[Certificate, ...]  #: of each stage of the method
+    identifiability: tuple[Identifiability, ...]  #: identifiability of each stage of the method
+    certificates: tuple[Certificate, ...]  #: certificates of each stage of the method
     #: (m, n) of all readings, compressed and weighted by their covariance in units of sigma, whatever the
     #: method made of them
     regressor: FloatArray
-    observability: Observability  #: of the joints in the same readings
+    observability: Observability  #: observability of the joints in the same readings
     complementary_stiffness: ComplementaryStiffness | None = None  #: how much it matters
-    robust: RobustFit | None = None  #: what the Huber loss made of the readings; None for the squared loss
-    #: of the compliances that the readings see, before any constraint, in units of sigma
+    robust: RobustFit | None = None  #: weights of the readings by the Huber loss; None for the squared loss
+    #: likelihood of the compliances that the readings see, before any constraint, in units of sigma
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None

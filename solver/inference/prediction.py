@@ -25,7 +25,7 @@ class Contributions:
 
     by_observation: FloatArray  #: (n, N) mean over the targets of each observation [m]
     mean: FloatArray  #: (n,) mean over all readings [m]
-    #: (n,) of the mean length of the predicted deflections, dimensionless; zero if nothing moves
+    #: (n,) share of the mean length of the predicted deflections, dimensionless; zero if nothing moves
     share: FloatArray
 
     @classmethod
@@ -44,7 +44,7 @@ class Contributions:
 class Prediction:
     """Deflections of N observations of T targets, axes of R0 [m]."""
 
-    predicted: FloatArray  #: (N, T, 3) by the joint compliances
+    predicted: FloatArray  #: (N, T, 3) predicted by the joint compliances
     residual: FloatArray  #: (N, T, 3) measured minus predicted; zero where a target was not read
     compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
     rms_residual: float  #: root mean square of ‖residual‖ [m]

@@ -50,23 +50,23 @@ ActionKind = Literal[
 class Place:
     """Subject of a reason: one observation or one joint."""
 
-    observation: int | None = None  #: its index; None for a joint
-    joint: str | None = None  #: its name; None for an observation
+    observation: int | None = None  #: index of the observation; None for a joint
+    joint: str | None = None  #: name of the joint; None for an observation
 
 
 @dataclass(frozen=True)
 class Action:
     """Action that a program can offer as a button."""
 
-    kind: ActionKind  #: which action
+    kind: ActionKind  #: kind of action
     observations: tuple[int, ...] = ()  #: indices of the observations to leave out, or to show
     joints: tuple[str, ...] = ()  #: names of the joints whose columns are exchanged
     #: rows of the corrected joint map's matrix M; empty for other kinds
     joint_map: tuple[tuple[float, ...], ...] = ()
-    offset: tuple[float, ...] = ()  #: of the corrected joint map [rad]; empty for other kinds
+    offset: tuple[float, ...] = ()  #: offset of the corrected joint map [rad]; empty for other kinds
     #: index of the target to be exchanged with the load point; None for other kinds
     target: int | None = None
-    #: (3,) what to add to every load point, flange frame [m], or to every force, axes of R0 [N]; empty for
+    #: (3,) correction of every load point, flange frame [m], or to every force, axes of R0 [N]; empty for
     #: other kinds
     correction: tuple[float, ...] = ()
     #: unit of lengths, angles or forces that the numbers are in: `m`, `mm`, `deg`, `rad`, `N` or `kN`; None
@@ -78,10 +78,10 @@ class Action:
 class Reason:
     """One reason not to use the result, or to use it with care."""
 
-    code: ReasonCode  #: its kind
+    code: ReasonCode  #: kind of reason
     #: the best verdict that a result with this reason can have
     weight: Literal["use_with_care", "do_not_use"]
     where: Place | None  #: the observation or joint; None for the whole set
-    message: str  #: what is wrong, with figure and unit
-    remedy: str  #: what to do about it
-    action: Action | None = None  #: what a program can do about it; None where only people can
+    message: str  #: fault, with figure and unit
+    remedy: str  #: correction to make
+    action: Action | None = None  #: correction that a program can make; None if it needs a person

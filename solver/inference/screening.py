@@ -53,12 +53,12 @@ _KINDS: Final[tuple[LoadMistakeKind, ...]] = ("load_point", "constant_force")
 class LoadMistake:
     """A load that explains the readings far better than the load as stated."""
 
-    kind: LoadMistakeKind  #: what is off
-    #: (3,) what to add: to every load point, flange frame [m]; or to every force, axes of R0 [N]
+    kind: LoadMistakeKind  #: kind of mistake
+    #: (3,) correction: of every load point, flange frame [m]; or to every force, axes of R0 [N]
     correction: FloatArray
-    p_value: float  #: of its F test
-    links_p_value: float  #: of the test of links beside it
-    compliance: FloatArray  #: (n,) of the joints once it is corrected [rad/(N·m)]
+    p_value: float  #: p value of its F test
+    links_p_value: float  #: links p value of the test of links beside it
+    compliance: FloatArray  #: (n,) compliance of the joints once it is corrected [rad/(N·m)]
     ratio: float  #: sum of squared residuals once it is corrected, over that of the load as stated
 
     @property
@@ -77,10 +77,10 @@ class LoadMistake:
 class HeldOutGain:
     """Verdict of cross-validation on the best model beside joints alone, on held-out postures."""
 
-    model: str  #: of least error
+    model: str  #: model of least error
     error: float  #: mean norm of its residuals [m]
     error_of_joints: float  #: the same of joints alone [m]
-    standard_error: float  #: of the difference, paired by posture [m]
+    standard_error: float  #: standard error of the difference, paired by posture [m]
 
     @property
     def significant(self) -> bool:
@@ -94,7 +94,7 @@ class Screening:
 
     links_p_value: float  #: of the test of links, the load as stated; 1 where the readings cannot tell
     mistake: LoadMistake | None  #: the mistake in the load that explains most; None where none is significant
-    gain: HeldOutGain | None = None  #: of the cross-validation; None where none was run
+    gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
 
     @property
@@ -159,8 +159,8 @@ def _followed(robot: Robot, part: Measurements, columns: _Columns, kind: LoadMis
 class _Columns:
     """Triangle of all candidate columns, each of unit length, and of the deflections."""
 
-    triangle: FloatArray  # (K + 1, K + 1) of [A, load point, constant force, links, d]
-    length: FloatArray  # (K,) of the columns before they were scaled; 1 where a column is zero
+    triangle: FloatArray  # (K + 1, K + 1) triangle of [A, load point, constant force, links, d]
+    length: FloatArray  # (K,) length of the columns before they were scaled; 1 where a column is zero
     joints: BoolArray  # (n,) joints whose columns take part
     rows: int  # coordinates that were read
 

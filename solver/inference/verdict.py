@@ -91,9 +91,9 @@ _NO_UNCERTAINTY = (
 class Evidence:
     """Data on which the verdicts are based."""
 
-    names: tuple[str, ...]  #: of the n joints
+    names: tuple[str, ...]  #: names of the n joints
     fit: Fit  #: outcome of the method
-    observability: Observability  #: of the same observations
+    observability: Observability  #: observability of the same observations
     scale: Scale  #: sigma
     constraints: Constraints  #: on the compliances
     confidence: float  #: level of the intervals

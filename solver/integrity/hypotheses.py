@@ -19,7 +19,7 @@ class Hypothesis:
     code: FindingCode  #: the finding if it is true
     joints: FloatArray  #: (M, n) controller angles [rad]
     length: float  #: factor on the positions
-    figure: str  #: what was done, for the message: "with ... ".
+    figure: str  #: change that was tried, for the message: "with ... ".
     remedy: str  #: the proposed correction
     rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
 

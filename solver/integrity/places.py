@@ -38,7 +38,7 @@ _SEARCHED: Final = 300
 class Places:
     """Findings from the positions of the targets on the flange."""
 
-    findings: tuple[Finding, ...]  #: what is suspicious
+    findings: tuple[Finding, ...]  #: suspicious places
     good: BoolArray  #: (N,) rows whose targets sit where they should, or that measured no place
     sound: bool  #: whether the set as a whole may be looked at further
 

@@ -39,10 +39,10 @@ SMALLEST_STEP: Final = 1e-4
 class Step:
     """A lasting displacement of one target."""
 
-    target: int  #: its index
+    target: int  #: index of the target
     row: int  #: the first observation in which it sits elsewhere
-    size: float  #: of the displacement [m]
-    ratio: float  #: of the displacement to what chance allows
+    size: float  #: size of the displacement [m]
+    ratio: float  #: ratio of the displacement to what chance allows
 
 
 @dataclass(frozen=True, eq=False)

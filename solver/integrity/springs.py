@@ -37,7 +37,7 @@ class Springs:
 
     predicted: FloatArray  #: (N, T, 3) deflections [m]; zero where not read
     residual: FloatArray  #: (N, T, 3) measured less predicted [m]
-    work: float  #: of the load, as predicted, summed over the observations [J]; springs make it positive
+    work: float  #: work of the load, as predicted, summed over the observations [J]; springs make it positive
     parameters: int  #: joints that were fitted
     unexplained: float  #: median residual of an observation over its median deflection
 
@@ -47,7 +47,7 @@ class SpringModel:
     """The deflections that compliances make of N observations, linear in them (method.md §2)."""
 
     A: FloatArray  #: (N, T, 3, n) [m / (rad/(N·m))]; zero where not read
-    torque: FloatArray  #: (N, n) of the loads [N·m]
+    torque: FloatArray  #: (N, n) torque of the loads [N·m]
     deflection: FloatArray  #: (N, T, 3) as measured [m]
 
     @classmethod

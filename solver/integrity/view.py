@@ -34,7 +34,7 @@ class View:
     measurements: Measurements  #: as they came
     targets: tuple[str, ...]  #: (T,) names
     degrees: bool  #: whether the angles were posted in degrees
-    configurations: Configurations  #: by the model, without load
+    configurations: Configurations  #: configurations by the model, without load
 
     @classmethod
     def of(cls, robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool) -> View:

@@ -44,7 +44,7 @@ class Plan:
 
     folds: int = 5  #: how many a draw, at least 2; fewer where there are fewer configurations
     draws: int = 4  #: how often the configurations are shared out anew
-    seed: int = 0  #: of the draw that shares out the configurations
+    seed: int = 0  #: seed of the draw that shares out the configurations
     weights: tuple[float, ...] = WEIGHTS  #: λ to choose from, ascending
     #: `best` takes the weight of least error, `one_standard_error` the largest whose error is within one
     #: standard error of that

@@ -47,7 +47,7 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 class EffectiveIntervals:
     """Intervals of the n effective compliances."""
 
-    ends: FloatArray  #: (n, 2) of the intervals [rad/(N·m)]; NaN where an end was not found
+    ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]; NaN where an end was not found
     uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
 
     @classmethod

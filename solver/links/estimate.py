@@ -26,7 +26,7 @@ class LinkCertificate:
     #: mean norm of a target's residual.
     gap: float
     scale: float  #: sigma where it is given, else the residual scale of joints alone [m]
-    tolerance: float  #: of Clarabel, that sufficed
+    tolerance: float  #: tolerance of Clarabel, that sufficed
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Element:
 
     kind: ElementKind  #: a joint, the coupling between joints, or a link
     joint: int | None  #: index of the joint, or of the one that carries the link; None for the coupling
-    share: float  #: of the measured deflection, ``Σ δp_e·δp / Σ ‖δp‖²`` over the set
+    share: float  #: share of the measured deflection, ``Σ δp_e·δp / Σ ‖δp‖²`` over the set
     by_observation: FloatArray  #: (N,) the same of each observation; zero where nothing moved
 
 
@@ -69,9 +69,9 @@ class Companion:
     promise too much.
     """
 
-    formulation: Formulation  #: of the whole set
+    formulation: Formulation  #: formulation of the whole set
     weight: float  #: λ of its penalty
-    #: of one coordinate of one reading, of the residuals where these exceed what is stated [m]; None
+    #: sigma of one coordinate of one reading, of the residuals where these exceed what is stated [m]; None
     #: without degrees of freedom
     sigma: float | None
     degrees_of_freedom: float | None  #: of a sigma that comes from residuals; None for one that was given
@@ -92,15 +92,15 @@ class ElasticEstimate:
     #: are not coupled
     coupled_joints: FloatArray | None
     entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
-    links: tuple[LinkCompliance, ...]  #: that bend
+    links: tuple[LinkCompliance, ...]  #: links that bend
     elements: tuple[Element, ...]  #: what each explains
-    prediction: Prediction  #: of all deflections
+    prediction: Prediction  #: prediction of all deflections
     sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
-    chi_square: float  #: of the weighted residuals, under sigma
+    chi_square: float  #: chi square of the weighted residuals, under sigma
     degrees_of_freedom: float  #: readings less effective freedom
-    effective_freedom: float  #: of the whole model: how many numbers the readings determine
+    effective_freedom: float  #: effective freedom of the whole model: how many numbers the readings determine
     parameters: int  #: how many numbers the model has
-    certificate: LinkCertificate  #: of optimality
+    certificate: LinkCertificate  #: certificate of optimality
     companion: Companion  #: what uncertainties are computed with
 
     @property

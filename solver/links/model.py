@@ -54,10 +54,10 @@ class ElasticModel:
     #: full positive semidefinite joint compliance, `diagonal_links` six compliances a link,
     #: `joints_and_links` a full positive semidefinite 6 × 6 compliance a link
     name: ModelName
-    columns: ElasticColumns  #: of the richest model; its links are those that bend here
-    #: of the norm of each target's whitened residual: its square, Huber's, or the norm itself
+    columns: ElasticColumns  #: columns of the richest model; its links are those that bend here
+    #: loss of the norm of each target's whitened residual: its square, Huber's, or the norm itself
     loss: Loss = "squared"
-    threshold: float = DEFAULT_THRESHOLD  #: of Huber's loss, in units of sigma
+    threshold: float = DEFAULT_THRESHOLD  #: threshold of Huber's loss, in units of sigma
 
     @property
     def key(self) -> tuple[ModelName, Loss]:
@@ -82,10 +82,10 @@ class Formulation:
     """A model on some observations, ready to be solved for any weight of the penalty."""
 
     fit: LeastSquares  #: quadratic part, in the program's parameters
-    cone: Cone  #: of the parameters
+    cone: Cone  #: cone of the parameters
     penalised: BoolArray  #: (nonnegative,) which scalars are
     columns: IndexArray  #: (p,) column of each parameter
-    unit: FloatArray  #: (p,) of each parameter: compliances are ``unit · x``
+    unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     width: int  #: P, number of columns
     size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
 

@@ -19,11 +19,11 @@ from jointstiff.solver.robot.rotations import skew
 class ElasticPlaces:
     """B places under B loads."""
 
-    columns: ElasticColumns  #: of the compliances
-    jacobian: FloatArray  #: (B, 6, n) of the places [m/rad, then rad/rad], axes of R0
-    moves: FloatArray  #: (B, n, 6, 6) of the places with each joint's frame: translation, then rotation
-    torque: FloatArray  #: (B, n) of the joints [N·m]
-    wrench: FloatArray  #: (B, n, 6) of the load in each joint's frame [N, then N·m]
+    columns: ElasticColumns  #: columns of the compliances
+    jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], axes of R0
+    moves: FloatArray  #: (B, n, 6, 6) moves of the places with each joint's frame: translation, then rotation
+    torque: FloatArray  #: (B, n) torque of the joints [N·m]
+    wrench: FloatArray  #: (B, n, 6) wrench of the load in each joint's frame [N, then N·m]
 
     @classmethod
     def of(

@@ -70,7 +70,7 @@ class ElasticColumns:
 class ElasticBlock:
     """Regressors of B observations of T targets."""
 
-    rows: FloatArray  #: (B, T, 3, P) of the deflections; zero where not present
+    rows: FloatArray  #: (B, T, 3, P) rows of the deflections; zero where not present
     lever: FloatArray  #: (B, n) distance of the load point from each joint frame's origin [m]
     base: RegressorBlock  #: the joints' regressor and the observations
 

@@ -25,7 +25,7 @@ class HeldOut:
     error: float  #: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
     compensation: float  #: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
-    standard_error: float  #: of that mean for one draw, from the spread of the folds
+    standard_error: float  #: standard error of that mean for one draw, from the spread of the folds
     by_fold: FloatArray  #: (K,) compensation of each fold
     #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
     by_posture: FloatArray
@@ -38,7 +38,7 @@ class Selection:
     models: tuple[HeldOut, ...]  #: that were compared, each with all losses
     best: ModelName  #: of the least mean residual of held-out postures, each model with its best loss
     simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
-    #: of the best model but joints over joints alone; None where either has no answer
+    #: gain of the best model but joints over joints alone; None where either has no answer
     gain: HeldOutGain | None
 
     def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:

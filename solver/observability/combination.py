@@ -47,7 +47,7 @@ class WeakDirection:
     """The change of the compliances that shows least."""
 
     joints: tuple[int, ...]  #: m that matter in it
-    #: (m,) of their compliances, the largest of size 1, the first positive. Dimensionless.
+    #: (m,) change of their compliances, the largest of size 1, the first positive. Dimensionless.
     change: FloatArray
     #: how many times less it shows than what shows best, each joint's column brought to unit norm: the
     #: condition number

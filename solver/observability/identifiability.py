@@ -40,7 +40,7 @@ class Observability:
     #: (n,) norm of the joint's column over what it would be had the force pulled across the joint's lever
     #: and the moment turned about its axis in every observation; 0 to 1
     excitation: FloatArray
-    greatest_torque: FloatArray  #: (n,) of the load about the joint, over the set [N·m]
+    greatest_torque: FloatArray  #: (n,) greatest torque of the load about the joint, over the set [N·m]
 
 
 class Excitation:
@@ -124,7 +124,7 @@ class Identifiability:
     condition_number: float  #: ratio of the extreme singular values; inf if rank deficient
     singular_values: FloatArray  #: largest first, dimensionless
     combinations: tuple[Combination, ...]  #: groups that appear only together
-    #: what shows least; None where the rank is not full, or every direction shows well
+    #: least observable direction; None if the rank is not full, or every direction is well observable
     weakest: WeakDirection | None
 
     @property

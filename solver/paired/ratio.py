@@ -30,7 +30,7 @@ class GaussianEstimate:
 
     value: float  #: [rad/(N·m)]
     standard_uncertainty: float  #: positive, in the same unit
-    degrees_of_freedom: float = inf  #: of that uncertainty; inf where sigma was given
+    degrees_of_freedom: float = inf  #: degrees of freedom of that uncertainty; inf where sigma was given
 
     def __post_init__(self) -> None:
         known = 0.0 < self.standard_uncertainty < inf and isfinite(self.value)

@@ -29,7 +29,7 @@ class PairSide:
 
     robot: Robot  #: n joints
     measurements: Measurements  #: N observations of T targets
-    labels: tuple[str, ...]  #: (N,) of the observations
+    labels: tuple[str, ...]  #: (N,) labels of the observations
     targets: tuple[str, ...]  #: (T,) names of the targets
     settings: Settings  #: how to identify
 

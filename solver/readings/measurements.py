@@ -77,14 +77,14 @@ class CommonUncertainty:
         MeasurementError: one is negative or not finite.
     """
 
-    scale: float = 0.0  #: of ε, dimensionless
-    direction: float = 0.0  #: of each component of φ [rad]
-    load_point: float = 0.0  #: of each coordinate of the place where the load acts [m]
-    #: of each coordinate of each target's place, independent of the other targets [m]
+    scale: float = 0.0  #: scale of ε, dimensionless
+    direction: float = 0.0  #: direction of each component of φ [rad]
+    load_point: float = 0.0  #: load point of each coordinate of the place where the load acts [m]
+    #: target places of each coordinate of each target's place, independent of the other targets [m]
     target_places: float = 0.0
-    #: of each joint axis's place in the robot's model, in each direction across it [m]
+    #: axis position of each joint axis's place in the robot's model, in each direction across it [m]
     axis_position: float = 0.0
-    #: of each joint axis's direction in the model, about each direction across it [rad]
+    #: axis direction of each joint axis's direction in the model, about each direction across it [rad]
     axis_direction: float = 0.0
     load_point_assumed: bool = False  #: whether `load_point` was not stated with the readings
 
@@ -152,7 +152,7 @@ class Measurements:
     position: FloatArray
     in_flange: BoolArray  #: (N, T) frame of `position`
     deflection: FloatArray  #: (N, T, 3) loaded minus unloaded, axes of R0 [m]
-    present: BoolArray  #: (N, T) which targets were read; the others hold zeros
+    present: BoolArray  #: (N, T) True for targets that were read; the others hold zeros
     sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
     #: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
@@ -165,7 +165,7 @@ class Measurements:
     #: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by it
     #: already, and rows that are not weighted by covariance are weighted by it. None for ones.
     weight: FloatArray | None = None
-    #: of loads and places, common to all observations; None for exact ones
+    #: common uncertainty of loads and places, common to all observations; None for exact ones
     common_uncertainty: CommonUncertainty | None = None
 
     def __post_init__(self) -> None:

@@ -86,7 +86,7 @@ class DifferenceNoise:
     #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position
     #: [m]. It only is the unit of `covariance`: no estimate depends on it.
     sigma: float
-    covariance: FloatArray  #: (N, T, 3, 3) of the deflections, in units of sigma²
+    covariance: FloatArray  #: (N, T, 3, 3) covariance of the deflections, in units of sigma²
 
     @classmethod
     def of(cls, unloaded: FloatArray, loaded: FloatArray, present: BoolArray) -> DifferenceNoise:

@@ -59,7 +59,7 @@ class Balance:
 
     loaded: Configurations  #: kinematics there
     step: FloatArray  #: (B, n) the last step [rad]
-    #: (B, n) by which the load, with the change of the own weight's, twists the joints [N·m]
+    #: (B, n) torque by which the load, with the change of the own weight's, twists the joints [N·m]
     torque: FloatArray
     stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight [N·m/rad]
     slope: FloatArray  #: (B, n, n) ``I − diag(c)(K_c + ∂g/∂q)``

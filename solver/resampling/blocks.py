@@ -66,12 +66,12 @@ class GramBlocks:
     """A method on a measurement set, ready to be fitted to any of its N configurations."""
 
     parameters: int  #: n, number of joints
-    stages: tuple[StageBlocks, ...]  #: of the method, in the order in which they are solved
+    stages: tuple[StageBlocks, ...]  #: stages of the method, in the order in which they are solved
     visible: IndexArray  #: (v,) the joints that leave a trace in the full set
-    #: (v, 3, M) of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
+    #: (v, 3, M) regressor of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
     #: compensation is judged on these whatever a method fits
     regressor: FloatArray
-    deflection: FloatArray  #: (3, M) of the same readings, axes of R0 [m]
+    deflection: FloatArray  #: (3, M) deflection of the same readings, axes of R0 [m]
     characteristic_length: float | None  #: [m], that of the full set, if the weighting uses one
 
     def __len__(self) -> int:

@@ -47,7 +47,7 @@ class ResamplingPlan:
 
     size: int  #: m, configurations in a draw
     repetitions: int  #: R, how many draws
-    seed: int  #: of the draws
+    seed: int  #: seed of the draws
     replacement: bool = False  #: whether a configuration may come more than once in a draw (bootstrap)
 
     def __post_init__(self) -> None:

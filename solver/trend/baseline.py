@@ -40,7 +40,7 @@ class Baseline:
     freedom: int  #: m - 1
     between: FloatArray  #: τ by DerSimonian and Laird (...,), zero where the campaigns agree
     variance_of_readings: FloatArray  #: var(mean) if τ = 0 (...,)
-    variance_of_between: FloatArray  #: what τ² adds to var(mean), over τ² (...,)
+    variance_of_between: FloatArray  #: increase of var(mean) by τ², over τ² (...,)
 
     @classmethod
     def of(cls, values: FloatArray, uncertainties: FloatArray) -> Baseline:

@@ -46,9 +46,9 @@ class Monitored:
 
     deviation: FloatArray  #: EWMA minus the baseline's mean (..., N)
     readings: FloatArray  #: its variance if τ = 0 (..., N)
-    between: FloatArray  #: what τ² adds to it, over τ² (..., N)
+    between: FloatArray  #: increase of that variance by τ², over τ² (..., N)
     tau: FloatArray  #: plausible τ (..., G)
-    probability: FloatArray  #: theirs (..., G)
+    probability: FloatArray  #: probabilities of these values (..., G)
     exceeded: BoolArray  #: whether the deviation is beyond its limit (..., N)
 
     @property
@@ -117,13 +117,13 @@ class Chart:
     """Chart of one joint."""
 
     series: Series  #: all its campaigns: those of the baseline, then those after it
-    baseline: Baseline  #: of the first campaigns
+    baseline: Baseline  #: baseline of the first campaigns
     size: int  #: how many they are
     #: standard uncertainty of the baseline's mean, scatter between campaigns included
     baseline_uncertainty: float
     between: float  #: root mean square of the plausible τ, in ln k
     monitored: Monitored  #: campaigns after the baseline
-    limits: FloatArray  #: of their deviation (N,)
+    limits: FloatArray  #: limits of their deviation (N,)
 
     def change(self, campaign: int) -> Change:
         """Return the change of one campaign (index into the series) against the baseline's mean."""
@@ -192,8 +192,8 @@ class Alarm:
     last: int  #: index of the last one
     is_open: bool  #: whether the latest campaign is one of them
     change: Change  #: of the EWMA against the baseline at the last one; it lags behind that of the joint
-    latest: Change  #: of the last one itself
-    limit: float  #: of that change of ln k
+    latest: Change  #: latest of the last one itself
+    limit: float  #: limit of that change of ln k
 
     def in_words(self, joint: str, since: str) -> str:
         """Return joint, change with its uncertainty, that of the EWMA with its limit, and the beginning."""

@@ -69,8 +69,8 @@ def log_stiffness(
 class Change:
     """Change of ln k, with its standard uncertainty."""
 
-    difference: float  #: of ln k
-    standard_uncertainty: float  #: of the difference
+    difference: float  #: difference of ln k
+    standard_uncertainty: float  #: standard uncertainty of the difference
 
     @property
     def relative(self) -> float:

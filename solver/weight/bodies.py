@@ -48,10 +48,10 @@ class Balancer:
 class Placement:
     """Axes of the arm in B postures, with the frames that move with the joints."""
 
-    direction: FloatArray  #: (B, n, 3) of the axes
+    direction: FloatArray  #: (B, n, 3) direction of the axes
     point: FloatArray  #: (B, n, 3) on the axes [m]
-    rotation: FloatArray  #: (B, n, 3, 3) of the frames
-    origin: FloatArray  #: (B, n, 3) of the frames [m]
+    rotation: FloatArray  #: (B, n, 3, 3) rotation of the frames
+    origin: FloatArray  #: (B, n, 3) origin of the frames [m]
     #: from R0 to the frame of all this: rotation (3, 3), translation (3,)
     base: tuple[FloatArray, FloatArray]
 

@@ -45,7 +45,7 @@ class Reduced:
     b: FloatArray  #: (p,)
     outside: float  #: squares of the residuals that no x explains
     cones: Cones  #: blocks of the joints seen
-    unit: FloatArray  #: (n_seen,) of the blocks' c [rad/(N·m)]
+    unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
     seen: IndexArray  #: (n_seen,) joints whose torque varies
     freedom: int  #: number of readings less the geometry that they determine
 
@@ -58,7 +58,7 @@ class WeightFit:
     gravity: FloatArray  #: (3,) in the same frame [m/s²]
     sag: FloatArray  #: (N, n) θ [rad]
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
-    rows: Rows  #: of the last step
+    rows: Rows  #: rows of the last step
     reduced: Reduced  #: the problem of the last step
     optimum: Weighed  #: its solution
     steps: int  #: number of steps of Gauss and Newton

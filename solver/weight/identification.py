@@ -148,13 +148,13 @@ class WeightEstimate:
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
     chi_square: float  #: of all residuals, under the stated sigma; the degrees of freedom if none is stated
     degrees_of_freedom: int  #: number of readings less all that they determine
-    rms_residual: float  #: of a whitened coordinate [m]
+    rms_residual: float  #: rms residual of a whitened coordinate [m]
     rms_without_sag: float  #: the same, of the best geometry of an arm that does not bend [m]
     confidence: float  #: level of the intervals
-    #: (N, T, 3) of the targets by the sag, from the geometry that does not bend [m]
+    #: (N, T, 3) displacement of the targets by the sag, from the geometry that does not bend [m]
     displacement: FloatArray
     residual: FloatArray  #: (N, T, 3) position less prediction [m]; zero where absent
-    certificate: Certificate  #: of the last convex program
+    certificate: Certificate  #: certificate of the last convex program
     #: of the bodies as the products with the compliances have it, to predict the sag; None with balancers
     weight: IdentifiedWeight | None
     #: largest |∂τ_i/∂θ_j| c_i: effect of the sag on the torques, which the balance includes

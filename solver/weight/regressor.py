@@ -50,7 +50,7 @@ class Rows:
     geometry: FloatArray  #: (m, g) J_φ
     joints: FloatArray  #: (m, n) J_θj τ_j, factors of c_j
     products: FloatArray  #: (m, n, K) J_θj Y_jk, factors of η_jk
-    torques: Torques  #: of the N observations
+    torques: Torques  #: torques of the N observations
     gravity: FloatArray  #: (m, 2) derivative by gravity's direction, about two axes across it [m/rad]
     across: FloatArray  #: (n,) greatest torque of the same weights and loads across each axis [N·m]
 

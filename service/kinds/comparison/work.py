@@ -35,7 +35,7 @@ class _Fit:
 
     options: RunOptions  # as of a run
     error: Problem | None  # why the readings cannot support it
-    draws: ResamplingWork | None  # of the method, if the comparison resamples
+    draws: ResamplingWork | None  # draws of the method, if the comparison resamples
     bounds: Bounds  # on the compliances
 
 

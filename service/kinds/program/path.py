@@ -51,7 +51,7 @@ class ProgramPath:
     """The m targets that moves use, in the order of the path."""
 
     program: Program  # the program
-    frames: ProgramFrames  # of its targets
+    frames: ProgramFrames  # frames of its targets
     stated: StatedConfigurations  # what it says of the arm's configuration
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # the wanted, loaded postures; the place is the tool's centre
@@ -70,7 +70,7 @@ class Visits:
     order: IndexArray  # (m,) targets that are visited, in the order of their first visits
     number: IndexArray  # (v,) place of each visit's target among them
     first: IndexArray  # (m,) first visit of each of them
-    loads: Loads  # of the visits
+    loads: Loads  # loads of the visits
 
     @classmethod
     def of(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:

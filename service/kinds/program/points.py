@@ -37,7 +37,7 @@ class Corrections:
     # (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
     # without a model error
     extrapolation: FloatArray
-    share: FloatArray  # (k,) of the full correction
+    share: FloatArray  # (k,) share of the full correction
     uncertain: BoolArray  # (k,) left alone, as the uncertainty exceeds the deflection
     capped: BoolArray  # (k,) held back by the limits
 
@@ -62,7 +62,7 @@ class WrittenPoints:
     """The m points of a path with what is written for them."""
 
     path: ProgramPath  # the path
-    corrections: Corrections  # of the points under load
+    corrections: Corrections  # corrections of the points under load
     residual: FloatArray  # (k, 6) from the wanted to the loaded place under what is written [m, rad]
     rounding: FloatArray  # (k,) part of it that comes of the program's digits [m]
     changed: BoolArray  # (k,) whether a number is another one than before

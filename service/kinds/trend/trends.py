@@ -46,11 +46,11 @@ _STATES: Final[Mapping[messages.JointState, int]] = {
 class _Ground:
     """Data of a robot's trends, looked up once."""
 
-    names: list[str]  # of its joints
+    names: list[str]  # names of its joints
     stored: list[MeasurementSetEntry]  # its sets that are not archived
     archived: list[MeasurementSetEntry]  # those that are
     notes: list[TrendNote]  # in its trends
-    sets: list[MeasurementSetEntry]  # of `stored`, those that are looked at
+    sets: list[MeasurementSetEntry]  # sets of `stored`, those that are looked at
     runs: dict[str, list[Candidate]]  # with numbers, of `sets`
 
     def by_serial_number(self) -> Iterator[tuple[str, _Ground]]:

@@ -54,9 +54,9 @@ class Campaign:
     name: str
     at: datetime
     time_source: Literal["measured_at", "created_at"]
-    assessment: Assessment  # of its run
+    assessment: Assessment  # assessment of its run
     joints: Mapping[str, JointNumbers]  # its run's results by name
-    instrument: str | None = None  # that the measurement set names, tracker and load cell
+    instrument: str | None = None  # instrument that the measurement set names, tracker and load cell
 
 
 @dataclass(frozen=True)

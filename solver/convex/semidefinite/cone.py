@@ -69,7 +69,7 @@ class Cone:
     """Which parameters are what."""
 
     nonnegative: int  #: how many of the first are zero or positive
-    sizes: tuple[int, ...] = ()  #: of the blocks that follow, each a symmetric matrix as a vector
+    sizes: tuple[int, ...] = ()  #: sizes of the blocks that follow, each a symmetric matrix as a vector
 
     @property
     def dimension(self) -> int:
@@ -175,7 +175,7 @@ class SemidefiniteProgram:
     """The program as data."""
 
     fit: LeastSquares  #: quadratic part
-    cone: Cone  #: of the parameters
+    cone: Cone  #: cone of the parameters
     weight: float  #: λ > 0; it penalises the traces of all blocks, and the scalars in `penalised`
     penalised: BoolArray  #: (nonnegative,) which of the scalars, the others' columns being independent
 

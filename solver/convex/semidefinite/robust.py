@@ -34,7 +34,7 @@ class NormSum:
 
     A: FloatArray  #: (K, 3, p)
     d: FloatArray  #: (K, 3) with ``Σ ‖d_i‖ = 1``
-    cone: Cone  #: of the parameters
+    cone: Cone  #: cone of the parameters
     penalised: BoolArray  #: (nonnegative,) which of the scalars have a penalty
 
     @cached_property
@@ -52,7 +52,7 @@ class NormSum:
 class RobustProgram:
     """The program as data."""
 
-    loss: NormSum  #: of the targets
+    loss: NormSum  #: loss of the targets
     weight: float  #: λ > 0 of the penalty on traces and penalised scalars
     threshold: float  #: h ≥ 0, in the unit of d
 

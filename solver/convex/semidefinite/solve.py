@@ -40,7 +40,7 @@ class ConeSolution:
 
     x: FloatArray  #: the optimum
     certificate: Certificate  #: at x
-    tolerance: float  #: of Clarabel, that sufficed
+    tolerance: float  #: tolerance of Clarabel, that sufficed
 
 
 def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:

@@ -30,7 +30,7 @@ class BaseDrift:
     displacement: FloatArray  #: (3,) of the point asked for, later less earlier, tracker's frame [m]
     displacement_covariance: FloatArray  #: (3, 3) [m²]
     rotation: FloatArray  #: (3,) rotation vector, tracker's frame [rad]
-    probability: float  #: that tracker noise alone does this
+    probability: float  #: probability that tracker noise alone does this
     deformation_probability: float  #: that noise alone leaves these residuals to a rigid motion
     residuals: FloatArray  #: (B, 3) later reading less the moved earlier one [m]
     moved_targets: tuple[str, ...]  #: targets that moved on the base, each tested alone: their names

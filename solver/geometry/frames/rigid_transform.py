@@ -24,7 +24,7 @@ class RigidTransform:
 
     rotation: FloatArray  #: (3, 3) R
     translation: FloatArray  #: (3,) t [m]
-    #: (6, 6) of (δ, φ) [m, rad]; zero for a transform that is exact by definition
+    #: (6, 6) covariance of (δ, φ) [m, rad]; zero for a transform that is exact by definition
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ class SphereReadings:
 
     points: FloatArray  #: (P, T, 3) tracker's frame [m]
     factors: FloatArray  #: (P, T, 3, 3) Cholesky factors of their covariances in units of sigma²
-    present: BoolArray  #: (P, T) which were read
+    present: BoolArray  #: (P, T) True for readings
     columns: IndexArray  #: (P, T, 3) index of each among all whitened readings
 
     @property
@@ -51,7 +51,7 @@ class SphereFit:
     centre: FloatArray  #: (3,) tracker's frame [m]
     radii: FloatArray  #: (T,) [m]; of no meaning for a target without reading
     influence: FloatArray  #: (3 + T, m) derivative of both by all whitened readings, in units of sigma
-    readings: SphereReadings  #: that were fitted
+    readings: SphereReadings  #: readings that were fitted
 
 
 def fit_spheres(identified: SweptAxes, sweeps: Sequence[int]) -> SphereFit | None:

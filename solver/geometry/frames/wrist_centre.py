@@ -42,7 +42,7 @@ class WristMiss:
     distance: float  #: greatest distance of one of the axes from the point nearest to them [m]
     #: of that [m]; where the distance is not beyond it, it says how large the miss may be
     standard_uncertainty: float
-    probability: float  #: that axes which do meet are found so far apart
+    probability: float  #: probability that axes which do meet are found so far apart
 
     @property
     def spherical(self) -> bool:
@@ -149,17 +149,17 @@ class Disagreement:
     first: CentreWay  #: one way
     second: CentreWay  #: the other
     distance: float  #: between their centres [m]
-    probability: float  #: that noise alone does this
+    probability: float  #: probability that noise alone does this
 
 
 @dataclass(frozen=True, eq=False)
 class WristCentre:
     """The wrist centre of the sweeps."""
 
-    estimates: tuple[CentreEstimate, ...]  #: by each way that was possible
+    estimates: tuple[CentreEstimate, ...]  #: estimates by each way that was possible
     combined: CentreEstimate  #: their weighted mean
-    disagreements: tuple[Disagreement, ...]  #: of each two of them
-    miss: WristMiss  #: of the axes
+    disagreements: tuple[Disagreement, ...]  #: disagreements of each two of them
+    miss: WristMiss  #: miss of the axes
     posture: FloatArray  #: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad]
 
     def in_base(

@@ -95,7 +95,7 @@ class LinkParameter:
     nominal: float  #: [m] or [rad]
     identified: float  #: the same
     standard_uncertainty: float  #: of the identified one; infinite if the readings do not determine it
-    unit: Literal["m", "rad"]  #: of all three
+    unit: Literal["m", "rad"]  #: unit of all three
 
     @property
     def difference(self) -> float:
@@ -141,11 +141,11 @@ class IdentifiedModel:
     #: its kinematics in R0, for `Robot` with the joint map of the sweeps; at angle zero all link frames are
     #: parallel to R0, with their origins on the axes
     chain: KinematicChain
-    base: BaseFrame  #: where R0 is
+    base: BaseFrame  #: placement of R0
     targets_in_flange: FloatArray  #: (T, 3) [m]
     targets_covariance: FloatArray  #: (3 T, 3 T) [m²]
     targets_determined: BoolArray  #: (T,) whether the readings determine the place of each target
-    target_names: tuple[str, ...]  #: of these
+    target_names: tuple[str, ...]  #: names of these targets
 
 
 def identify_model(

@@ -173,7 +173,7 @@ class DhTable:
     flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.dh.dh_chain`.
     """
 
-    convention: Convention  #: of the rows
+    convention: Convention  #: convention of the rows
     rows: tuple[DhRow, ...]  #: n
     base: RigidTransform  #: from frame 0 to R0; the identity if z of R0 is axis 1
     tool: RigidTransform  #: from the flange frame to frame n; the identity if z of the flange is axis n

@@ -51,7 +51,7 @@ class Anomaly:
     #: (3,) estimated displacement of these readings, tracker's frame [m], without components that the fit
     #: could as well take for another axis or angle
     displacement: FloatArray
-    probability: float  #: that chance alone does this to any of the hypotheses tested
+    probability: float  #: probability that chance alone does this to any of the hypotheses tested
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class _Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class _Test:
-    log_probability: float  # by chance, of this hypothesis alone
+    log_probability: float  # log probability by chance, of this hypothesis alone
     displacement: FloatArray  # (3,)
     directions: FloatArray  # (columns of the hypothesis, rank), orthonormal once projected
 

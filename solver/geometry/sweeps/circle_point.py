@@ -50,7 +50,7 @@ class SweptTarget:
 class AxisFit:
     """The axis of one sweep and the evidence for it."""
 
-    sweep: Sweep  #: what was fitted
+    sweep: Sweep  #: fitted sweep
     outer: AxisFit | None  #: where the sweep turns two axes, the fit of the outer one, from its own sweep
     axis: Axis  #: the (inner) axis in the tracker's frame; its point is the foot of the readings' mean
     #: (T, 3) in the tracker's frame with the turning joint at model angle zero; where two turn, with the

@@ -28,8 +28,8 @@ class IdentifiedAxes:
 
     axes: tuple[Axis, ...]  #: n, base first
     targets: FloatArray  #: (T, 3) [m], carried by the last axis
-    names: tuple[str, ...]  #: of the targets
-    covariance: FloatArray  #: (4 n + 3 T, 4 n + 3 T) of the axes' charts, then the targets
+    names: tuple[str, ...]  #: names of the targets
+    covariance: FloatArray  #: (4 n + 3 T, 4 n + 3 T) covariance of the axes' charts, then the targets
     influence: FloatArray  #: (4 n + 3 T, m) derivative by all whitened readings in units of sigma
     sigma: float  #: standard uncertainty of a coordinate [m], stated or pooled from the residuals
     rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]

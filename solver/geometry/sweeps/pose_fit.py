@@ -26,10 +26,10 @@ from jointstiff.solver.robot.joint_map import JointMap
 class PoseReadings:
     """Readings in N configurations, whitened."""
 
-    angles: FloatArray  #: (N, n) of the model [rad]
+    angles: FloatArray  #: (N, n) angles of the model [rad]
     points: FloatArray  #: (N, T, 3) tracker's frame [m]; zero where absent
     weight: FloatArray  #: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent
-    slopes: FloatArray  #: (N, n) of the model angles by the correction of a configuration
+    slopes: FloatArray  #: (N, n) slopes of the model angles by the correction of a configuration
     #: (N, F) combinations of the corrections that are estimated; None: each configuration's own, eliminated
     #: from its own readings
     basis: FloatArray | None
@@ -41,7 +41,7 @@ class PoseState:
 
     axes: tuple[Axis, ...]  #: n at angle zero, tracker's frame
     targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
-    corrections: FloatArray  #: (N,) of the angles [rad]
+    corrections: FloatArray  #: (N,) corrections of the angles [rad]
 
     def displaced(self, step: FloatArray) -> PoseState:
         """Return the state after a step of charts, of the first axes, and then of all targets."""
@@ -157,7 +157,7 @@ class Poses:
 
     angles: FloatArray  #: (N, n) as the controller shows them [rad]
     points: FloatArray  #: (N, T, 3) tracker's frame [m]; anything where absent
-    present: BoolArray  #: (N, T) which targets were read
+    present: BoolArray  #: (N, T) True for targets that were read
     targets: tuple[str, ...]  #: names of the T targets
     joint_map: JointMap  #: from controller to model angles
     sigma: float | None = None  #: standard uncertainty of one coordinate [m]; None if unknown

@@ -37,11 +37,11 @@ class Sweep:
             position without any reading, the joint did not move, or its targets did not.
     """
 
-    name: str  #: of the controller's joint that was turned, for messages
-    joint: int  #: its index, 0 to n - 1
+    name: str  #: name of the controller's joint that was turned, for messages
+    joint: int  #: index of the joint, 0 to n - 1
     angles: FloatArray  #: (K, n) as the controller shows them [rad]
     points: FloatArray  #: (K, T, 3) readings in the tracker's frame [m]; anything where absent
-    present: BoolArray  #: (K, T) which targets were read
+    present: BoolArray  #: (K, T) True for targets that were read
     #: (3, 3) or (K, T, 3, 3) of the readings in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: np.eye(3))
 

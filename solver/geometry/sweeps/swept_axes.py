@@ -35,7 +35,7 @@ _STEP = 1e-6  # of the difference quotients [rad]
 class SweepEvidence:
     """One sweep, fitted by itself."""
 
-    joint: str  #: of the controller, by name
+    joint: str  #: joint of the controller, by name
     turned: tuple[str, ...]  #: names of the model's joints that turn
     positions: int  #: how many
     arc: float  #: angle that the readings cover [rad]
