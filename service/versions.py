@@ -24,5 +24,5 @@ _DISTRIBUTIONS = MappingProxyType(
 @lru_cache(maxsize=1)
 def versions() -> MappingProxyType[str, str]:
     """Name to version, for the provenance of a run."""
-    found = {name: version(distribution) for name, distribution in _DISTRIBUTIONS.items()}
-    return MappingProxyType(found | {"python": platform.python_version()})
+    numbers = {name: version(distribution) for name, distribution in _DISTRIBUTIONS.items()}
+    return MappingProxyType(numbers | {"python": platform.python_version()})

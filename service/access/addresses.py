@@ -28,12 +28,12 @@ def receiver_addresses(host: str, port: int) -> list[str]:
     """
     allowed = [entry.strip().lower() for entry in os.environ.get(ALLOWED_VARIABLE, "").split(",")]
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        infos = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         raise RequestError(
             f"'{host}' has no address", where="url", remedy="correct the name, or try again later"
         ) from error
-    addresses = list(dict.fromkeys(str(entry[4][0]) for entry in found))
+    addresses = list(dict.fromkeys(str(entry[4][0]) for entry in infos))
     if host.lower() not in allowed:
         for address in addresses:
             if not _is_public(address) and not _is_among(address, allowed):
@@ -55,8 +55,8 @@ def _is_public(text: str) -> bool:
         return False
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6
     try:
-        with socket.socket(family, socket.SOCK_DGRAM) as own:
-            own.bind((str(address), 0))
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind((str(address), 0))
     except OSError:
         return True  # nobody else's address can be bound to
     return False
@@ -72,10 +72,10 @@ def _embedded(address: IPv4Address | IPv6Address) -> IPv4Address | IPv6Address:
 
 
 def _is_among(address: str, allowed: Sequence[str]) -> bool:
-    own = ip_address(address.partition("%")[0])
+    parsed = ip_address(address.partition("%")[0])
     for entry in allowed:
         try:
-            if own in ip_network(entry, strict=False):
+            if parsed in ip_network(entry, strict=False):
                 return True
         except ValueError:  # a name
             continue

@@ -62,12 +62,12 @@ def id_in(text: str) -> str:
     Raises:
         KeyRefusedError: the text is no key, or is mistyped.
     """
-    found = _KEY.fullmatch(text)
-    if found is None:
+    match = _KEY.fullmatch(text)
+    if match is None:
         raise KeyRefusedError("the text sent is not a key", _REMEDY)
-    if _check(found[1]) != found[3]:
+    if _check(match[1]) != match[3]:
         raise KeyRefusedError("the key is mistyped: its check sum does not fit", _REMEDY)
-    return found[2]
+    return match[2]
 
 
 def digest(text: str) -> str:

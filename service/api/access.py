@@ -175,15 +175,15 @@ def public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str
         UndeclaredRoleError: a route does not say who may use it, or is of a class that would not ask.
     """
     paths, mounts = set(), []
-    for found in iter_route_contexts(list(routes)):
-        route = found.original_route
+    for context in iter_route_contexts(list(routes)):
+        route = context.original_route
         if isinstance(route, AccessRoute):
             if role_of(route) is None:
                 paths.add(route.path)
         elif isinstance(route, Mount) and isinstance(route.app, StaticFiles):
             mounts.append(f"{route.path}/")
         else:
-            raise UndeclaredRoleError(f"{found.path} must be an AccessRoute, which asks for a role")
+            raise UndeclaredRoleError(f"{context.path} must be an AccessRoute, which asks for a role")
     return frozenset(paths), tuple(mounts)
 
 

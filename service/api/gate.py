@@ -103,12 +103,12 @@ class Gate:
             return None, None
         await self._watch.latest()
         hashed = digest(token)
-        found = await run_sync(self._store.sessions.find, hashed, datetime.now(UTC), limiter=self._turns)
-        key = None if found is None else self.keyring.find(found.key_id)
-        if found is None or key is None:
+        session = await run_sync(self._store.sessions.find, hashed, datetime.now(UTC), limiter=self._turns)
+        key = None if session is None else self.keyring.find(session.key_id)
+        if session is None or key is None:
             return None, None
-        self._note(hashed, found.used_at, self._store.sessions.used)
-        return key, found.created_at + SESSION_LONGEST
+        self._note(hashed, session.used_at, self._store.sessions.used)
+        return key, session.created_at + SESSION_LONGEST
 
     async def sign_in(self, key: str | None, link: str | None, address: str) -> SignedIn:
         """Begin the session of a browser, with a key or with a one-time link.
@@ -124,11 +124,13 @@ class Gate:
                 remedy="open the page; the link stays valid for a service that requires keys",
             )
         await self._watch.latest()
-        found = await self._checked(key, address) if key is not None else await self._redeemed(link, address)
+        key_record = (
+            await self._checked(key, address) if key is not None else await self._redeemed(link, address)
+        )
         token, now = mint_token("jss"), datetime.now(UTC)
-        record = SessionRecord(digest(token), found.id, now, now)
+        record = SessionRecord(digest(token), key_record.id, now, now)
         await run_sync(self._store.sessions.begin, record, limiter=self._turns)
-        return SignedIn(found, token, now + SESSION_LONGEST)
+        return SignedIn(key_record, token, now + SESSION_LONGEST)
 
     async def sign_out(self, connection: HTTPConnection) -> None:
         """End the session of a browser, if it has one."""
@@ -148,11 +150,11 @@ class Gate:
     async def _redeemed(self, link: str | None, address: str) -> AccessKey:
         hashed, now = digest(link or ""), datetime.now(UTC)
         key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._turns)
-        found = None if key_id is None else self.keyring.find(key_id)
-        if found is not None:
+        record = None if key_id is None else self.keyring.find(key_id)
+        if record is not None:
             self._used_links = {one: at for one, at in self._used_links.items() if now - at < MINUTE}
             self._used_links[hashed] = now
-            return found
+            return record
         if hashed not in self._used_links and self._is_too_much(address):
             await self._wait()
             raise WrongKeysError

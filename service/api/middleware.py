@@ -57,11 +57,11 @@ class Methods:
             await self._app({**scope, "method": "GET"}, receive, self._with_allow(scope, only_headers))
 
     def _with_allow(self, scope: Scope, send: Send) -> Send:
-        asked = dict(scope)  # before a mount changes it
+        request_scope = dict(scope)  # before a mount changes it
 
         async def sent(message: Message) -> None:
             if message.get("status") == _METHOD_NOT_ALLOWED:
-                MutableHeaders(scope=message)["Allow"] = self._allow(asked)
+                MutableHeaders(scope=message)["Allow"] = self._allow(request_scope)
             await send(message)
 
         return sent

@@ -48,14 +48,14 @@ class Posture:
             ValueError: the service would control nothing, or answer under no name.
         """
         named = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
-        own = LOOPBACK_NAMES | {_bracketed(address)}
+        names = LOOPBACK_NAMES | {_bracketed(address)}
         if require_key and not access_control:
             raise ValueError("the service cannot both require keys and leave access control to a proxy")
         if is_loopback(address):
-            return cls("keys" if require_key else "loopback", own | named)
+            return cls("keys" if require_key else "loopback", names | named)
         if access_control:
             # A rebound name has neither the cookie nor the key: without names given, all are answered.
-            return cls("keys", own | named if named - {"*"} else None)
+            return cls("keys", names | named if named - {"*"} else None)
         if not named:
             raise ValueError("other machines can reach this address, but the service has no name")
         return cls("none", None if "*" in named else LOOPBACK_NAMES | named)

@@ -257,8 +257,8 @@ def _authorisations(records: list[AuthorisationRecord]) -> list[Authorisation]:
     """Return authorisations without the files that were issued."""
     found = []
     for record in records:
-        stated = json.loads(record.stated)
+        document = json.loads(record.stated)
         fields = {name: getattr(record, name) for name in Authorisation.model_fields if hasattr(record, name)}
-        fields |= {"customer": stated["laboratory"].get("customer"), "received_on": stated["received_on"]}
+        fields |= {"customer": document["laboratory"].get("customer"), "received_on": document["received_on"]}
         found.append(Authorisation.model_validate(fields))
     return found

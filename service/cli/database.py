@@ -39,8 +39,8 @@ def restore(
     from jointstiff.service.tables.terminal import console
 
     manifest = put_back(database, folder, overwrite=overwrite)
-    made = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
-    console().print(f"{_counts(manifest)}; {made}", markup=False, soft_wrap=True)
+    origin = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
+    console().print(f"{_counts(manifest)}; {origin}", markup=False, soft_wrap=True)
 
 
 def export_database(
@@ -61,13 +61,13 @@ def doctor(*, database: DatabaseUrl) -> None:
     from jointstiff.service.tables.terminal import console
     from jointstiff.service.workers.doctor import examine
 
-    found = examine(database)
-    for fault in found.faults:
+    examination = examine(database)
+    for fault in examination.faults:
         line = f"{fault.code}: {fault.where}: {fault.reason}\n  remedy: {fault.remedy}"
         console().print(line, markup=False, soft_wrap=True)
-    counted = ", ".join(f"{count:,} × {name}" for name, count in found.counted.items()) or "nothing"
-    console().print(f"read {counted}; faults: {len(found.faults)}", markup=False, soft_wrap=True)
-    raise typer.Exit(1 if found.faults else 0)
+    counted = ", ".join(f"{count:,} × {name}" for name, count in examination.counted.items()) or "nothing"
+    console().print(f"read {counted}; faults: {len(examination.faults)}", markup=False, soft_wrap=True)
+    raise typer.Exit(1 if examination.faults else 0)
 
 
 def _counts(manifest: "Manifest") -> str:

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 def joined(options: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
     """Return options with others over them; of dictionaries, such as units, entry by entry."""
-    found = dict(options)
+    merged = dict(options)
     for field, value in others.items():
-        before = found.get(field)
-        found[field] = before | value if isinstance(before, dict) and isinstance(value, dict) else value
-    return found
+        before = merged.get(field)
+        merged[field] = before | value if isinstance(before, dict) and isinstance(value, dict) else value
+    return merged
 
 
 def read_template(path: Path) -> dict[str, Any]:
@@ -87,8 +87,8 @@ def with_notes(answer: ImportAnswer, noted: SetMetadata) -> ImportAnswer:
     """Return an answer whose measurement set says what was noted of it."""
     if answer.measurement_set is None:
         return answer
-    stated = {name: getattr(noted, name) for name in noted.model_fields_set}
-    return answer.model_copy(update={"measurement_set": answer.measurement_set.model_copy(update=stated)})
+    notes = {name: getattr(noted, name) for name in noted.model_fields_set}
+    return answer.model_copy(update={"measurement_set": answer.measurement_set.model_copy(update=notes)})
 
 
 def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:
@@ -106,13 +106,13 @@ def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None
         raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
     refuse_existing(path, overwrite=overwrite)
     document = readings.model_dump(mode="json", exclude_none=True)
-    own = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
+    robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
     if answer.measurement_set is None:
-        document |= own
-        robots = "" if own else " --robot ROBOT"
+        document |= robot_part
+        robots = "" if robot_part else " --robot ROBOT"
         what, command = "unloaded poses", f"jointstiff geometry {path}{robots}"
-    elif own:
-        document = {**own, "measurement_set": document}
+    elif robot_part:
+        document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
             document["run"] = {"leave_out": answer.leave_out}
         what, command = "a campaign", f"jointstiff identify {path}"

@@ -139,7 +139,7 @@ def with_import_options(command: Callable[..., None]) -> Callable[..., None]:
     def called(**given: Any) -> None:  # noqa: ANN401 - what Typer found
         command(chosen=options_of({name: given.pop(name) for name in OPTIONS}), **given)
 
-    own = inspect.signature(command)
+    signature = inspect.signature(command)
     parameters = [
         inspect.Parameter(
             name,
@@ -152,8 +152,8 @@ def with_import_options(command: Callable[..., None]) -> Callable[..., None]:
         )
         for name, option in OPTIONS.items()
     ]
-    others = [parameter for name, parameter in own.parameters.items() if name != "chosen"]
-    called.__signature__ = own.replace(parameters=[others[0], *parameters, *others[1:]])  # type: ignore[attr-defined]
+    others = [parameter for name, parameter in signature.parameters.items() if name != "chosen"]
+    called.__signature__ = signature.replace(parameters=[others[0], *parameters, *others[1:]])  # type: ignore[attr-defined]
     called.__doc__ = command.__doc__
     called.__name__ = command.__name__
     return called

@@ -93,8 +93,10 @@ def _choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
             raise typer.BadParameter(f"answer {', '.join(choices)}")
         return value
 
-    found: str = typer.prompt(f"{text} ({', '.join(choices)})", default=default, value_proc=checked, err=True)
-    return found
+    answer: str = typer.prompt(
+        f"{text} ({', '.join(choices)})", default=default, value_proc=checked, err=True
+    )
+    return answer
 
 
 def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -111,8 +113,8 @@ def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def _vector(text: str, default: str | None) -> tuple[float, ...]:
-    found: tuple[float, ...] = typer.prompt(text, default=default, value_proc=vector_of, err=True)
-    return found
+    answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=vector_of, err=True)
+    return answer
 
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {

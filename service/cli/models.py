@@ -111,12 +111,12 @@ def export(
     from jointstiff.service.library import models
     from jointstiff.service.library.campaigns import read_campaign
 
-    found = _FORMATS.get(output.suffix.lower())
-    if found is None:
+    format_name = _FORMATS.get(output.suffix.lower())
+    if format_name is None:
         raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
     refuse_existing(output, overwrite=overwrite)
     accepted = "do_not_use" if despite_verdict else None
-    _write(output, models.exported(read_campaign(file), found, _read_run(run), accepted))
+    _write(output, models.exported(read_campaign(file), format_name, _read_run(run), accepted))
 
 
 def report(

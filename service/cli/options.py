@@ -43,8 +43,8 @@ def point_of(text: str) -> Vector:
     distance = math.hypot(*point)
     if not distance <= FAR_LOAD_POINT:
         question = f"'{text}' in mm is {distance:g} m from the flange"
-        asked = math.isfinite(distance) and sys.stdin.isatty()
-        if not (asked and typer.confirm(f"{question}. Is that right?", default=False, err=True)):
+        askable = math.isfinite(distance) and sys.stdin.isatty()
+        if not (askable and typer.confirm(f"{question}. Is that right?", default=False, err=True)):
             raise typer.BadParameter(f"{question}; give X,Y,Z in mm, such as 0,0,120.5")
     return point
 

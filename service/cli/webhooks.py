@@ -34,9 +34,9 @@ def create(
 
     with Client(server) as client:
         document = {"url": url, **({"events": event} if event else {})}
-        made = resource_in(client.send("POST", "/v1/webhooks", None, document), NewWebhook)
-    typer.echo(made.secret)
-    warn(f"not shown again; to delete the webhook: jointstiff webhooks delete {made.id}")
+        webhook = resource_in(client.send("POST", "/v1/webhooks", None, document), NewWebhook)
+    typer.echo(webhook.secret)
+    warn(f"not shown again; to delete the webhook: jointstiff webhooks delete {webhook.id}")
 
 
 @webhooks.command("list")

@@ -120,11 +120,11 @@ def to_base_targets(
     """
     from jointstiff.solver.geometry.identified_geometry import BaseTargets
 
-    stated = request.base_targets
-    later = after if after is not None else stated.after if stated is not None else None
-    if stated is None or later is None:
+    targets = request.base_targets
+    later = after if after is not None else targets.after if targets is not None else None
+    if targets is None or later is None:
         return None
-    common = [name for name in stated.before if name in later]
+    common = [name for name in targets.before if name in later]
     if len(common) < 3:
         raise MeasurementError(
             f"only {len(common)} base targets were read both times; three are needed",
@@ -132,7 +132,7 @@ def to_base_targets(
             remedy="read at least three targets both times, with the same names",
         )
     length = LENGTH[request.units.length]
-    first = length * np.array([stated.before[name] for name in common])
+    first = length * np.array([targets.before[name] for name in common])
     second = length * np.array([later[name] for name in common])
     covariance = np.eye(3)
     if sigma is not None and request.noise is not None and request.noise.instrument is not None:

@@ -37,11 +37,11 @@ def advised(assessment: Assessment, kind: str) -> Action:
     """
     actions = [reason.action for reason in assessment.reasons if reason.action is not None]
     kinds = list(dict.fromkeys(action.kind for action in actions if action.kind != "show_posture"))
-    found = next((action for action in actions if action.kind == kind and kind in kinds), None)
-    if found is None:
+    advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
+    if advised_action is None:
         remedy = f"give one of: {', '.join(kinds)}" if kinds else "no reason has an action: read the remedies"
         raise RequestError(f"the assessment does not advise '{kind}'", where="apply", remedy=remedy)
-    return found
+    return advised_action
 
 
 def mended(campaign: Campaign, action: Action) -> Campaign:
@@ -97,10 +97,10 @@ def _without_noise(measured: _Set, _action: Action) -> _Set:
         noise = noise.model_copy(update={"sigma": None, "instrument": None})
         if noise.encoder_sigma is None and not noise.states_common:
             noise = None
-    own = {"sigma": None, "unloaded_covariance": None, "loaded_covariance": None}
+    no_noise = {"sigma": None, "unloaded_covariance": None, "loaded_covariance": None}
 
     def unstated(each: Observation) -> dict[str, object]:
-        return {"readings": [one.model_copy(update=own) for one in each.readings]}
+        return {"readings": [one.model_copy(update=no_noise) for one in each.readings]}
 
     return measured.model_copy(update={"noise": noise, "observations": _each(measured, unstated)})
 
@@ -197,9 +197,9 @@ def _with_units(measured: _Set, action: Action) -> _Set:
     if unit in {"N", "kN"}:
         changed = {"force": unit, "moment": units.moment}
         return measured.model_copy(update={"units": units.model_copy(update=changed)})
-    stated = Units.model_validate({**units.model_dump(), "length": unit, "moment": moment})
-    old, new = LENGTH[units.length], LENGTH[stated.length]
-    return _with_lengths(measured.model_copy(update={"units": stated}), old, new)
+    new_units = Units.model_validate({**units.model_dump(), "length": unit, "moment": moment})
+    old, new = LENGTH[units.length], LENGTH[new_units.length]
+    return _with_lengths(measured.model_copy(update={"units": new_units}), old, new)
 
 
 def _with_lengths(measured: _Set, old: float, new: float) -> _Set:

@@ -57,8 +57,8 @@ class ExportedModel:
 
     def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
         """Yield each moving joint with its result and its stiffness [N·m/rad]; None where there is none."""
-        for joint, found in zip(self.chain.revolute, self.result.joints, strict=True):
-            yield joint, found, stiffness_of(found)
+        for joint, result in zip(self.chain.revolute, self.result.joints, strict=True):
+            yield joint, result, stiffness_of(result)
 
     def remarks(self) -> list[str]:
         """Return what holds for all of the file."""

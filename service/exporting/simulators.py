@@ -39,9 +39,9 @@ def sdf(model: ExportedModel) -> bytes:
         if joint.is_moving:
             _axis(element, joint, springs[joint.name])
         parent = child
-    for joint, found, _ in model.springs():
+    for joint, result, _ in model.springs():
         element = next(each for each in arm.iter("joint") if each.get("name") == joint.name)
-        comment(element, model.remark_on(found))
+        comment(element, model.remark_on(result))
     return written(root)
 
 
@@ -137,6 +137,6 @@ def urdf(model: ExportedModel) -> bytes:
     for place, remark in enumerate(remarks):
         robot.insert(place, remark)
     by_name = {joint.get("name"): joint for joint in robot.iter("joint")}
-    for joint, found, _ in model.springs():
-        comment(by_name[joint.name], model.remark_on(found))
+    for joint, result, _ in model.springs():
+        comment(by_name[joint.name], model.remark_on(result))
     return written(robot)

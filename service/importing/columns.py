@@ -173,21 +173,23 @@ def _rotation(headers: Sequence[HeaderCell], rows: Sequence[Row], options: Impor
     Their squares add up to 1 in each row, or they are empty or 0. Angles have a unit, or the caller states
     what they are; Q0 is no joint, and where Q1 to Q4 are 0 in all rows, they may be joints.
     """
-    stated = {collapsed(text) for text in options.columns}
+    headers_given = {collapsed(text) for text in options.columns}
     named = {
         folded(header.text): column
         for column, header in enumerate(headers)
-        if collapsed(header.text) not in stated and split_unit(header.text)[1] is None
+        if collapsed(header.text) not in headers_given and split_unit(header.text)[1] is None
     }
     first = 0 if "q0" in named else 1
-    found = tuple(named[word] for word in (f"q{first + part}" for part in range(4)) if word in named)
-    if len(found) < 4 or f"q{first + 4}" in named:
+    columns_of_rotation = tuple(
+        named[word] for word in (f"q{first + part}" for part in range(4)) if word in named
+    )
+    if len(columns_of_rotation) < 4 or f"q{first + 4}" in named:
         return ()
-    cells = [[row.cells[column].replace(",", ".") for column in found] for row in rows]
+    cells = [[row.cells[column].replace(",", ".") for column in columns_of_rotation] for row in rows]
     sums = [sum(float(cell) ** 2 for cell in row if looks_like_a_number(cell)) for row in cells]
     units = [abs(total - 1.0) < _UNIT_NORM for total in sums]
     alike = all(unit or total == 0.0 for unit, total in zip(units, sums, strict=True))
-    return found if alike and (any(units) or first == 0) else ()
+    return columns_of_rotation if alike and (any(units) or first == 0) else ()
 
 
 def _gathered(found: list[ImportFileError], headers: Sequence[HeaderCell]) -> list[ImportFileError]:
@@ -262,11 +264,11 @@ def _with_states(
             continue
         if named == words.DIGITS.keys():
             notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
-            found = list(meanings)
+            changed = list(meanings)
             for column, meaning in points:
                 target, word = split[meaning.target or ""]
-                found[column] = replace(meaning, target=target, state=words.DIGITS[word], guessed=True)
-            return found
+                changed[column] = replace(meaning, target=target, state=words.DIGITS[word], guessed=True)
+            return changed
         if not all(word.isdigit() for word in named):
             first, second = sorted(named, key=lambda word: next(c for c, m in points if word in str(m)))
             faults.report(
@@ -285,11 +287,11 @@ def _with_states(
 def _quantities(
     meanings: Sequence[Meaning], headers: Sequence[HeaderCell], faults: Faults
 ) -> dict[Quantity, tuple[int, ...]]:
-    found: dict[Quantity, dict[int, int]] = {}
+    quantities: dict[Quantity, dict[int, int]] = {}
     for index, meaning in enumerate(meanings):
         if meaning.axis is not None:
-            found.setdefault(meaning.quantity, {})[meaning.axis] = index
-    for quantity, axes in found.items():
+            quantities.setdefault(meaning.quantity, {})[meaning.axis] = index
+    for quantity, axes in quantities.items():
         count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1}.get(quantity.kind, 3)
         absent = [axis for axis in range(count) if axis not in axes]
         _check_spelling(quantity, [headers[column] for column in axes.values()], faults)
@@ -300,7 +302,7 @@ def _quantities(
                 f"column {first} is missing" if absent else f"there are more than {MAX_JOINTS} joints",
                 "add it, or correct the header of the column that holds it",
             )
-    return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in found.items()}
+    return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in quantities.items()}
 
 
 def _check_spelling(quantity: Quantity, headers: Sequence[HeaderCell], faults: Faults) -> None:
@@ -401,8 +403,8 @@ def _unit(meaning: Meaning, given: ImportUnits | None, of_axes: str | None, plac
         ImportFileError: they contradict.
     """
     known = None if given is None else getattr(given, DIMENSIONS[meaning.kind])
-    said = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
-    given_by = [(where, unit) for where, unit in said.items() if unit is not None]
+    sources = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
+    given_by = [(where, unit) for where, unit in sources.items() if unit is not None]
     for where, unit in given_by[1:]:
         if unit != given_by[0][1]:
             first = f"{spoken(given_by[0][1])} by {given_by[0][0]}"

@@ -342,13 +342,13 @@ def _headerless(grid: Grid, *, by_order: bool) -> tuple[str, ...]:
 
 def _check_template(options: ImportOptions, headers: Sequence[str], place: Place, faults: Faults) -> None:
     """Refuse headers that no file had of which the template was made."""
-    found = [collapsed(text) for text in headers]
+    texts = [collapsed(text) for text in headers]
     known = [[collapsed(text) for text in one] for one in options.layouts]
-    if found in known:
+    if texts in known:
         return
-    nearest = max(known, key=lambda one: len(set(one) & set(found)))
-    absent = [text for text in nearest if text not in found]
-    extra = [text for text in found if text not in nearest]
+    nearest = max(known, key=lambda one: len(set(one) & set(texts)))
+    absent = [text for text in nearest if text not in texts]
+    extra = [text for text in texts if text not in nearest]
     differences = [f"missing: {shown(', '.join(absent))}"] if absent else []
     differences += [f"not in the template: {shown(', '.join(extra))}"] if extra else []
     reason = "; ".join(differences) or "the same columns in another order or number"

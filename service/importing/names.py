@@ -104,14 +104,14 @@ def names_of(layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
         ImportFileError: a template is faulty, or the file's name does not fit it.
     """
     if layout.columns.probe and "target" in layout.columns.texts and layout.rows:
-        said: list[str] = []
+        remarks: list[str] = []
         with suppress(ImportFileError):
-            names = Names(layout, options, said, without=("target",))
+            names = Names(layout, options, remarks, without=("target",))
             names.of(layout.rows[0])
             by_file = any("target" in lacking for lacking in names.by_file)
             if not by_file or names_a_state(layout.grid.stem, options.state_words):
                 note = f"{layout.grid.file}: the column of targets was read as the instrument's reflector"
-                notes += [*said, note]
+                notes += [*remarks, note]
                 return names
     return Names(layout, options, notes)
 
@@ -275,10 +275,10 @@ def _parts(name: str, words: Mapping[str, State]) -> tuple[list[str], State | No
     if not all(parts):
         return [name], None
     states = [state_named(part, words) for part in parts]
-    found = [state for state in states if state is not None]
-    if len(found) != 1:
+    known = [state for state in states if state is not None]
+    if len(known) != 1:
         return parts, None
-    return [part for part, state in zip(parts, states, strict=True) if state is None], found[0]
+    return [part for part, state in zip(parts, states, strict=True) if state is None], known[0]
 
 
 def is_whole(layout: Layout) -> bool:

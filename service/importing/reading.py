@@ -108,20 +108,20 @@ class _Reader:
         records = (record for reader in readers for record in reader.records(self._faults))
         if self.units.get("length") == "in":
             self.units["length"] = "mm"
-        found = assemble(records, self._faults, allow_missing=self._options.allow_missing)
-        notes = [*notes, *(found.assumptions if found else ()), *self.surroundings.notes]
-        if found and found.held_out:
-            notes.append(f"held out from the fit, to judge it: {', '.join(found.held_out)}")
+        content = assemble(records, self._faults, allow_missing=self._options.allow_missing)
+        notes = [*notes, *(content.assumptions if content else ()), *self.surroundings.notes]
+        if content and content.held_out:
+            notes.append(f"held out from the fit, to judge it: {', '.join(content.held_out)}")
         doubts = [layout.doubt for layout in self.layouts if layout.doubt]
-        return found and replace(found, assumptions=tuple(notes), unusual=(*doubts, *found.unusual))
+        return content and replace(content, assumptions=tuple(notes), unusual=(*doubts, *content.unusual))
 
     def _check_options(self) -> None:
         """Refuse what the caller states of names and headers that no file has."""
         naming = [layout.columns for layout in self.layouts if layout.columns.needed]
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
-            said = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
-            twice = [kind for kind in said for one in naming if kind not in {*one.needed, *one.texts}]
+            kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
+            twice = [kind for kind in kinds for one in naming if kind not in {*one.needed, *one.texts}]
             if text and (twice or not naming):
                 what = " and ".join(twice or ["target", "state"])
                 reason = f"the template {shown(text)} is not needed: headers or columns give the {what}"

@@ -73,10 +73,10 @@ def _as_text(title: Row) -> str:
 def check_units(file: str, remarks: Lines, columns: Columns, faults: Faults) -> None:
     """Refuse numbers in other units than a title or a comment names, such as `Units: inches` or `[m]`."""
     for line, text in remarks:
-        stated = _UNITS.search(text)
-        words = re.findall(r"[^\s,;:()\[\]]+", stated["units"]) if stated else []
+        match = _UNITS.search(text)
+        words = re.findall(r"[^\s,;:()\[\]]+", match["units"]) if match else []
         known = [word for word in words if any_unit(word) and (word != "in" or len(words) == 1)]
-        if stated and not stated["end"] and len(known) < len(words):
+        if match and not match["end"] and len(known) < len(words):
             known = []  # prose
         elif len(words) == 1 and not known and words[0].isalpha():
             reason = f"the unit {shown(words[0])} is not known"

@@ -155,15 +155,15 @@ class Sheet:
 
     def _cell(self, cell: Element) -> tuple[str, CellKind]:
         """Return the text and the kind of a cell; a formula is one if no value is stored beside it."""
-        found = {NAMES.get(child.tag): child for child in cell}
+        children = {NAMES.get(child.tag): child for child in cell}
         type_ = cell.get("t", "n")
         kind = _KINDS.get(type_) or self._number_kind(type_, cell.get("s", "0"))
         holder = "is" if type_ == "inlineStr" else "v"
-        if len(found) != len(cell) or not found.keys() <= {holder, "f", "extLst"}:
+        if len(children) != len(cell) or not children.keys() <= {holder, "f", "extLst"}:
             tags = ", ".join(child.tag.rpartition("}")[2] for child in cell)
             raise self._refusal(f"elements {shown(tags)}, which a cell of type {shown(type_)} cannot have")
-        value = self._value(found[holder], type_) if holder in found else ""
-        if "f" in found:
+        value = self._value(children[holder], type_) if holder in children else ""
+        if "f" in children:
             if not value and type_ != "str":
                 return "= …", "formula"
             self._formulas += 1

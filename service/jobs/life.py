@@ -138,10 +138,10 @@ class Jobs:
             NotFoundError: there is no such job.
         """
         self._refuse_odd(job_id)
-        found = self.log.status(job_id)
-        if found is None:
+        status = self.log.status(job_id)
+        if status is None:
             raise NotFoundError(self.kind.resource, job_id)
-        return found
+        return status
 
     def statuses(self, job_ids: Collection[str]) -> Mapping[str, JobStatus]:
         """Return state and progress of those of some jobs that exist, by id."""

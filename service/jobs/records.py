@@ -41,11 +41,11 @@ def summary_of(kind: AnyKind, job: Job, robot_id: str | None) -> dict[str, Any]:
     """Return a job as it is listed, as JSON."""
     result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
     sources = (job, job.request, job.provenance, result)
-    found = {
+    fields = {
         name: next(getattr(source, name) for source in sources if hasattr(source, name))
         for name in kind.summary.model_fields
         if name != "robot_id"
     }
-    listed = kind.summary.model_validate({"robot_id": robot_id, **found})
+    listed = kind.summary.model_validate({"robot_id": robot_id, **fields})
     summary: dict[str, Any] = listed.model_dump(mode="json")
     return summary

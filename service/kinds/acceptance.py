@@ -17,10 +17,10 @@ def accepted_run(inputs: Inputs, request: MapRequest | ProgramRequest) -> Measur
     Raises:
         RequestError: there is no such run, or it is not to be used and the request does not accept that.
     """
-    found = inputs.run(request.run_id, "run_id")
-    if found.run.result is not None:
-        refuse_unaccepted(found.run.result.assessment, request.accept_verdict, f"run '{found.run.id}'")
-    return found
+    run = inputs.run(request.run_id, "run_id")
+    if run.run.result is not None:
+        refuse_unaccepted(run.run.result.assessment, request.accept_verdict, f"run '{run.run.id}'")
+    return run
 
 
 def refuse_unaccepted(

@@ -158,10 +158,10 @@ def predict(campaign: Campaign, table: str, run: Run | None = None, **options: o
     from jointstiff.service.kinds.deflection.work import predict_by_run
 
     inputs = FromFile()
-    found = inputs.run(add_model(inputs, campaign, run), "run_id")
+    run_id = inputs.run(add_model(inputs, campaign, run), "run_id")
     with as_campaign_error("prediction"):
-        cases = read_load_cases(table, found.prepared.robot.joint_names, **options)
-        return predict_by_run(found.prepared.robot, found.run, cases)
+        cases = read_load_cases(table, run_id.prepared.robot.joint_names, **options)
+        return predict_by_run(run_id.prepared.robot, run_id.run, cases)
 
 
 def carried_out(
@@ -224,9 +224,9 @@ def add_model(inputs: FromFile, campaign: Campaign, run: Run | None) -> str:
         return inputs.add_run(run, set_id)
     with as_campaign_error("prediction"):
         labels = {each.label for each in campaign.measurement_set.observations}
-        asked = run.request
-        if not set(asked.leave_out) < labels or run.provenance.input_hash != run_hash(
-            inputs.measured(set_id, "run_id", asked.leave_out), asked
+        options = run.request
+        if not set(options.leave_out) < labels or run.provenance.input_hash != run_hash(
+            inputs.measured(set_id, "run_id", options.leave_out), options
         ):
             raise RequestError(
                 f"the run '{run.id}' is of another robot or of other readings",

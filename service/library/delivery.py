@@ -42,8 +42,8 @@ class Delivery:
         """
         self._client, self._template, self._robot_id = client, template, robot_id
         self._robot: Robot | None = None
-        stated = b"" if template is None else template.model_dump_json().encode()
-        self._salt = hashlib.sha256(robot_id.encode() + b"\0" + stated).hexdigest()
+        options = b"" if template is None else template.model_dump_json().encode()
+        self._salt = hashlib.sha256(robot_id.encode() + b"\0" + options).hexdigest()
 
     def check(self) -> Robot:
         """Return the robot.
@@ -78,13 +78,13 @@ class Delivery:
             if error.problem.type == _CONFLICT:
                 return _TAKEN_BEFORE
             raise
-        made = self._client.runs.create(run | {"measurement_set_id": stored.id}, key=key)
+        created = self._client.runs.create(run | {"measurement_set_id": stored.id}, key=key)
         alarms = [
             f"this robot is in alarm: {alarm.line}"
             for alarm in self._client.robots.get(robot.id).alarms
             if alarm.serial_number == stored.serial_number
         ]
-        return "; ".join([f"/v1/runs/{made.id}", *alarms])
+        return "; ".join([f"/v1/runs/{created.id}", *alarms])
 
     def _read(self, file: FinishedFile, robot: Robot) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the measurement set and the options of its run, as they are posted."""
@@ -95,8 +95,8 @@ class Delivery:
             return _plain(parse_content(MeasurementSetDocument, content)), {}
         campaign = parse_content(Campaign, content)
         with as_campaign_error("robot"):
-            found = prepare_robot(campaign.robot).content_hash
-        if found != robot.content_hash:
+            robot_hash = prepare_robot(campaign.robot).content_hash
+        if robot_hash != robot.content_hash:
             raise CampaignError(
                 http_problem(
                     422,
@@ -126,5 +126,5 @@ def _is_campaign(content: bytes) -> bool:
 
 
 def _plain(message: Any) -> dict[str, Any]:  # noqa: ANN401 - any message
-    found: dict[str, Any] = message.model_dump(mode="json", exclude_unset=True)
-    return found
+    document: dict[str, Any] = message.model_dump(mode="json", exclude_unset=True)
+    return document

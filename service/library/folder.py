@@ -106,18 +106,18 @@ class WatchedFolder:
         """Look once; take the files that are finished, in the order of their names."""
         now = self._clock()
         try:
-            found = dict(self._files(now))
+            files = dict(self._files(now))
         except OSError as error:  # of a share that is away
             yield from self._once("", "waiting", f"the folder cannot be read: {error.strerror or error}")
             return
-        self._seen = found
+        self._seen = files
         if now < self._resume:
             return
-        for name in sorted(found):
-            if found[name].looks < 2:
+        for name in sorted(files):
+            if files[name].looks < 2:
                 continue
             try:
-                yield from self._take(name, found[name], now)
+                yield from self._take(name, files[name], now)
             except AwayError as error:
                 self._pause = min(_LONGEST_PAUSE, 2.0 * self._pause or 1.0)
                 self._resume = now + self._pause

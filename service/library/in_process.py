@@ -78,8 +78,8 @@ def compare(
     from jointstiff.service.kinds.comparison import COMPARISON
 
     read = campaign_of(campaign)
-    stated = options or ComparisonOptions(confidence=read.run.confidence)
-    return do(COMPARISON, read, options=stated, on_progress=on_progress, **fields)
+    chosen = options or ComparisonOptions(confidence=read.run.confidence)
+    return do(COMPARISON, read, options=chosen, on_progress=on_progress, **fields)
 
 
 def pair(
@@ -201,9 +201,9 @@ def predict(
     Raises:
         CampaignError: run or table cannot be used.
     """
-    found = _identified(run)
+    identified = _identified(run)
     table = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
-    return campaigns.predict(found.campaign, table, found, **options)
+    return campaigns.predict(identified.campaign, table, identified, **options)
 
 
 def map(  # noqa: A001 - the kind's name
@@ -287,19 +287,19 @@ def do(
     request: dict[str, Any] = {}
     for source in kind.sources:
         request |= _TAKE[source](inputs, waiting)
-    stated = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
+    chosen = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
     if "leave_out" not in kind.request.model_fields:
         request.pop("leave_out", None)
-    asked = campaigns.parse_document({**request, **stated, **fields}, kind.request)
+    message = campaigns.parse_document({**request, **chosen, **fields}, kind.request)
     section = "" if "readings" in kind.sources or "files" in kind.sources else None
-    return campaigns.carried_out(kind, inputs, asked, on_progress, section)
+    return campaigns.carried_out(kind, inputs, message, on_progress, section)
 
 
 def function_of(command: str) -> Callable[..., Any]:
     """Return the function of a kind of work by its verb, of this module or made of the declaration."""
-    found: Callable[..., Any] | None = globals().get(command)
-    if found is not None:
-        return found
+    function: Callable[..., Any] | None = globals().get(command)
+    if function is not None:
+        return function
     name = next(name for name, room in ROOMS.items() if room.command == command)
     return partial(do, kind_of(name))
 
@@ -316,8 +316,8 @@ def _set_of(inputs: FromFile, source: AnyCampaign, file: str = "") -> dict[str, 
 
 
 def _take_run(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
-    found = _identified(waiting.pop(0))
-    return {"run_id": campaigns.add_model(inputs, found.campaign, found)}
+    identified = _identified(waiting.pop(0))
+    return {"run_id": campaigns.add_model(inputs, identified.campaign, identified)}
 
 
 def _take_pair(inputs: FromFile, waiting: list[Any]) -> dict[str, Any]:
@@ -380,7 +380,7 @@ def campaign_of(campaign: AnyCampaign) -> Campaign:
 
 
 def _identified(run: TabledRun | AnyCampaign) -> TabledRun:
-    found = run if isinstance(run, TabledRun) else identify(run)
-    if found.error is not None:
-        raise CampaignError(found.error)
-    return found
+    identified = run if isinstance(run, TabledRun) else identify(run)
+    if identified.error is not None:
+        raise CampaignError(identified.error)
+    return identified

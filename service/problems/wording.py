@@ -50,8 +50,8 @@ def reworded(error: Mapping[str, Any]) -> str:
     """
     message = str(error["msg"])
     for pattern, wording in _WORDING:
-        if found := pattern.fullmatch(message):
-            message = found.expand(wording)
+        if match := pattern.fullmatch(message):
+            message = match.expand(wording)
             break
     nearest = _nearest(error) if error["type"] == "extra_forbidden" else None
     return message if nearest is None else f"{message}; did you mean `{nearest}`?"
@@ -67,10 +67,10 @@ def _nearest(error: Mapping[str, Any]) -> str | None:
 
 @cache
 def _fields() -> tuple[str, ...]:
-    found: set[str] = set()
+    names: set[str] = set()
     waiting: list[type[Message]] = [Message]
     while waiting:
         message = waiting.pop()
-        found |= set(message.model_fields)
+        names |= set(message.model_fields)
         waiting += message.__subclasses__()
-    return tuple(sorted(found))
+    return tuple(sorted(names))

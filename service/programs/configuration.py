@@ -115,9 +115,9 @@ class StatedConfigurations:
     def _words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
         """Yield words, the columns of their numbers, and the places (k,) of the targets that have them."""
         targets = self._program.targets
-        said = [tuple(name for name, _ in literal.words) for literal in targets.literals]
-        different = list(dict.fromkeys(said))
-        of_literal = np.array([different.index(names) for names in said], dtype=np.intp)
+        words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
+        different = list(dict.fromkeys(words))
+        of_literal = np.array([different.index(names) for names in words], dtype=np.intp)
         of_target = of_literal[targets.literal[indices]]
         for which, names in enumerate(different):
             members = np.flatnonzero(of_target == which)

@@ -164,8 +164,8 @@ def _instruction(c: Cursor) -> Statement:
 
 def _point(c: Cursor) -> int:
     """Take P[n]."""
-    if found := c.taken("P[n]"):
-        return found[0]
+    if numbers := c.taken("P[n]"):
+        return numbers[0]
     raise c.misread("the target is not a position of /POS", _REMEDY)
 
 
@@ -282,14 +282,14 @@ def _group(c: Cursor, *, own: bool) -> Literal:
     numbers: dict[str, int] = {}
     texts: dict[str, str] = {}
     units: dict[str, str] = {}
-    said: tuple[tuple[str, int], ...] = ()
+    words: tuple[tuple[str, int], ...] = ()
     while not c.at("}") and not _GROUP.fullmatch(c.peek().text):
         name = c.name()
         c.expect(":", "=")
         if name in numbers or name in texts:
             raise Misread(f"{name} occurs twice in a position", _AGAIN)
         if name == "CONFIG":
-            texts[name], said = _configuration(c)
+            texts[name], words = _configuration(c)
         elif c.peek().kind == "number":
             numbers[name] = c.number()
             units[name] = _unit(c)
@@ -302,7 +302,7 @@ def _group(c: Cursor, *, own: bool) -> Literal:
             _unit(c)
         c.accept(",")
     if own:
-        return _whole(numbers, texts, units, said)
+        return _whole(numbers, texts, units, words)
     return Literal(None, fields={name: i for name, i in numbers.items() if name not in {"UF", "UT"}})
 
 
@@ -340,12 +340,12 @@ def _configuration(c: Cursor) -> tuple[str, tuple[tuple[str, int], ...]]:
     token = c.take()
     if token.kind != "text":
         raise Misread("the configuration is not known", _AGAIN)
-    found = _CONFIG.fullmatch(token.text)
-    if not found:
+    match = _CONFIG.fullmatch(token.text)
+    if not match:
         return token.text.strip("'").partition(",")[0], ()
     begins = {each.start(): i for i, each in enumerate(_LEXICON.numbers.finditer(c.text))}
-    said = [begins.get(token.start + found.start(k), -1) for k in (2, 3, 4)]
-    return found[1], tuple(zip(("turn1", "turn4", "turn6"), said, strict=True)) if min(said) >= 0 else ()
+    turns = [begins.get(token.start + match.start(k), -1) for k in (2, 3, 4)]
+    return match[1], tuple(zip(("turn1", "turn4", "turn6"), turns, strict=True)) if min(turns) >= 0 else ()
 
 
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
@@ -361,11 +361,11 @@ def read_fanuc(reader: Reader) -> None:
     instructions: list[tuple[int, int]] = []
     for line, (start, end) in enumerate(zip(source.starts.tolist(), source.ends.tolist(), strict=True), 1):
         text = source.text[start:end].rstrip("\r\n")
-        if found := _SECTION.match(text):
-            if found[1] in sections or _ORDER.index(found[1]) < max(map(_ORDER.index, sections), default=0):
-                reader.refuse(line, f"a second or misplaced /{found[1]}", "send one program")
+        if match := _SECTION.match(text):
+            if match[1] in sections or _ORDER.index(match[1]) < max(map(_ORDER.index, sections), default=0):
+                reader.refuse(line, f"a second or misplaced /{match[1]}", "send one program")
                 return
-            here, sections[found[1]] = found[1], start + len(text)
+            here, sections[match[1]] = match[1], start + len(text)
         elif here == "MN" and text.strip():
             instructions += _instructions(reader, line, start, text)
         elif here == "END" and text.strip():
@@ -397,10 +397,10 @@ def _instructions(reader: Reader, line: int, start: int, text: str) -> list[tupl
 def _positions(reader: Reader, place: int, end: int) -> list[tuple[int, int]]:
     """Return first and last + 1 character of the positions of /POS."""
     source, spans = reader.sources[0], list[tuple[int, int]]()
-    for found in _POSITION.finditer(source.text, place, end):
-        if found[1] is None:
-            reason = f"{shown(found[0])} between positions is unknown or has no end"
-            reader.refuse(source.line(found.start()), reason, _AGAIN)
+    for match in _POSITION.finditer(source.text, place, end):
+        if match[1] is None:
+            reason = f"{shown(match[0])} between positions is unknown or has no end"
+            reader.refuse(source.line(match.start()), reason, _AGAIN)
             break
-        spans.append(found.span())
+        spans.append(match.span())
     return spans

@@ -290,12 +290,12 @@ def _literal(numbers: dict[str, int], texts: dict[str, str]) -> Literal:
     for notation, fields in _FIELDS:
         if all(field in numbers for field in fields):
             external = tuple(numbers.get(f"E{i}", -1) for i in range(1, 7))
-            said = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
+            words = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
             return Literal(
                 notation,
                 tuple(numbers[field] for field in fields),
                 external if max(external) >= 0 else (),
-                said,
+                words,
                 fields=numbers,
                 texts=texts,
             )
@@ -383,8 +383,8 @@ def _frame(c: Cursor, name: str, *, whole: bool) -> Statement:
     if whole and c.at("{"):
         literal = _aggregate(c)
         act = None if literal is None else partial(_Program.stated, which=which, literal=literal)
-    elif whole and (found := c.taken(f"{which}_DATA[n]")):
-        act = partial(_Program.numbered, which=which, ordinal=found[0])
+    elif whole and (index := c.taken(f"{which}_DATA[n]")):
+        act = partial(_Program.numbered, which=which, ordinal=index[0])
     elif whole:
         act = partial(_Program.variable, which=which, name=c.name())
     if act is None or not c.ended:
@@ -418,13 +418,13 @@ def _move(c: Cursor, name: str) -> Statement:
 
 def _with(c: Cursor, *, moves: bool = False) -> str:
     """Take settings behind WITH; return the name of the frames' declaration, if there is one."""
-    own: dict[str, str] = {}
+    frames: dict[str, str] = {}
     more = c.accept("WITH")
     while more:
         name, used = c.word(), Used()
         _index(c, used)
         if name in {"$TOOL", "$BASE"} and moves:
-            own[name] = _declaration(c, name)
+            frames[name] = _declaration(c, name)
         elif name in _SETTINGS or (name == "$IPO_MODE" and c.at("SIPO_MODE")):
             _value(c, used, ",")
         else:
@@ -433,9 +433,9 @@ def _with(c: Cursor, *, moves: bool = False) -> str:
         if used.calls:
             raise Misread("a call in the settings of a move")
         more = c.accept(",")
-    if own and (len(own) < 2 or len(set(own.values())) > 1):
+    if frames and (len(frames) < 2 or len(set(frames.values())) > 1):
         raise Misread("the move has a separate frame", "set $TOOL and $BASE before the move")
-    return own.get("$TOOL", "")
+    return frames.get("$TOOL", "")
 
 
 def _declaration(c: Cursor, name: str) -> str:

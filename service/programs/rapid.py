@@ -86,23 +86,23 @@ class _Module(Script):
 
     def frame(self, place: Place, written: str, pose: Literal | None) -> None:
         """Declare a tool or a work object."""
-        name, found = written.upper(), pose_of(place, pose)
-        if found is None or name in self.frames:
+        name, pose_numbers = written.upper(), pose_of(place, pose)
+        if pose_numbers is None or name in self.frames:
             self.frames.pop(name, None)
             self.computed.add(name)
         else:
-            self.frames[name] = FrameName(written, found)
+            self.frames[name] = FrameName(written, pose_numbers)
 
     def set(self, place: Place, name: str, pose: Literal | None) -> None:
         """Assign a variable: a tool or a work object takes other numbers from here on."""
         if name not in self.frames:
             return
-        found = pose_of(place, pose)
-        if found is None or name in self.used:  # a move before would have another frame in the next cycle
+        numbers = pose_of(place, pose)
+        if numbers is None or name in self.used:  # a move before would have another frame in the next cycle
             self.altered(place, (name,))
         elif self.settable(place, shown(name)):
             known = self.frames[name].name.partition(" ")[0]
-            self.frames[name] = FrameName(f"{known} of line {place.line}", found)
+            self.frames[name] = FrameName(f"{known} of line {place.line}", numbers)
 
     def altered(self, place: Place, names: Iterable[str]) -> None:
         """Refuse that a part of a tool or a work object changes, or may as a routine is given it."""
@@ -249,24 +249,24 @@ def _record(c: Cursor) -> Iterable[Statement]:
 
 def _target(c: Cursor) -> Literal | None:
     """Take a robtarget or a jointtarget in numbers; None, and nothing taken, if there is none."""
-    if found := c.taken("[[n,n,n],[n,n,n,n],[n,n,n,n],[n,n,n,n,n,n]]"):
-        stated = tuple(zip(("cf1", "cf4", "cf6", "cfx"), found[7:], strict=False))
-        return Literal(POSE, found[:7], found[11:], stated)
-    found = c.taken("[[n,n,n,n,n,n],[n,n,n,n,n,n]]")
-    return None if found is None else Literal(JOINTS, found[:6], found[6:])
+    if numbers := c.taken("[[n,n,n],[n,n,n,n],[n,n,n,n],[n,n,n,n,n,n]]"):
+        stated = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
+        return Literal(POSE, numbers[:7], numbers[11:], stated)
+    numbers = c.taken("[[n,n,n,n,n,n],[n,n,n,n,n,n]]")
+    return None if numbers is None else Literal(JOINTS, numbers[:6], numbers[6:])
 
 
 def _frame(c: Cursor) -> Literal | None:
     """Take a tool or a work object in numbers; None, and nothing taken, if there is none that is fixed."""
     begin = c.place
-    if found := c.taken("[FALSE,TRUE,t,[[n,n,n],[n,n,n,n]],[[n,n,n],[n,n,n,n]]]"):
-        return Literal(POSE, found)
-    if found := c.taken("[TRUE,[[n,n,n],[n,n,n,n]],"):
+    if numbers := c.taken("[FALSE,TRUE,t,[[n,n,n],[n,n,n,n]],[[n,n,n],[n,n,n,n]]]"):
+        return Literal(POSE, numbers)
+    if numbers := c.taken("[TRUE,[[n,n,n],[n,n,n,n]],"):
         with suppress(Misread):
             c.expression("]", used=(used := Used()))  # the tool's load
             c.expect("]")
             if not used.calls:
-                return Literal(POSE, found)
+                return Literal(POSE, numbers)
     c.attempt(begin)
     return None
 

@@ -455,22 +455,22 @@ class Script:
     ) -> None:
         """Take a move to targets: literals of the statement, or names of numbers given elsewhere."""
         self.moved = True
-        found: list[int | None] = []
+        indices: list[int | None] = []
         for target, frame in zip(targets, frames, strict=True):
             if isinstance(target, Literal):
-                found.append(self.reader.target("", place, target, frame, place.line))
+                indices.append(self.reader.target("", place, target, frame, place.line))
             elif known := self.constant(target, place):
-                found.append(self.reader.target(target, *known, frame, place.line))
+                indices.append(self.reader.target(target, *known, frame, place.line))
             else:
                 self.refuse(place, f"the target {shown(target)} is not given by constant numbers")
                 return
-        self.reader.move(place.line, motion, found)
+        self.reader.move(place.line, motion, indices)
 
 
 def _says(statement: Statement) -> bool:
     """Return whether a statement says something of names, routines or the program's way."""
-    said = statement.gives or statement.changes or statement.calls or statement.defines
-    return bool(said or statement.depth or statement.jumps)
+    effect = statement.gives or statement.changes or statement.calls or statement.defines
+    return bool(effect or statement.depth or statement.jumps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,17 +75,17 @@ class Lexicon:
 
     def tokens(self, text: str) -> list[Token]:
         """Return the tokens of a statement."""
-        ordinals = {found.start(): i for i, found in enumerate(self.numbers.finditer(text))}
+        ordinals = {match.start(): i for i, match in enumerate(self.numbers.finditer(text))}
         tokens = []
-        for found in self._pattern.finditer(text):
-            kind = str(found.lastgroup)
+        for match in self._pattern.finditer(text):
+            kind = str(match.lastgroup)
             if kind in {"blank", "comment"}:
                 continue
-            start, end = found.span()
+            start, end = match.span()
             if kind == "number":
                 tokens.append(Token(kind, "", start, end, ordinals[start]))
             else:
-                word = found[0].upper() if self.folded and kind == "word" else found[0]
+                word = match[0].upper() if self.folded and kind == "word" else match[0]
                 tokens.append(Token(kind, word, start, end))
         return tokens
 
@@ -162,14 +162,14 @@ class Cursor:
         Returns:
             Places of the numbers among those of the statement; None, and nothing taken, where others stand.
         """
-        parts, found = _PARTS.findall(template), list[int]()
+        parts, places = _PARTS.findall(template), list[int]()
         for ahead, part in enumerate(parts):
             token = self.peek(ahead)
             if token.kind != _KINDS.get(part, token.kind) or (part not in _KINDS and token.text != part):
                 return None
-            found += [token.ordinal] if part == "n" else []
+            places += [token.ordinal] if part == "n" else []
         self._place += len(parts)
-        return tuple(found)
+        return tuple(places)
 
     def written(self, token: Token) -> str:
         """Return a token as it is written."""

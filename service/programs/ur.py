@@ -228,8 +228,8 @@ _FORMS: Final = Forms(
 def _literal(c: Cursor) -> Literal | None:
     """Take p[...] or [...] in numbers; None, and nothing taken, if there is none."""
     for notation, template in ((POSE, "p[n,n,n,n,n,n]"), (JOINTS, "[n,n,n,n,n,n]")):
-        if found := c.taken(template):
-            return Literal(notation, found)
+        if numbers := c.taken(template):
+            return Literal(notation, numbers)
     return None
 
 
@@ -261,10 +261,10 @@ def _return(c: Cursor, _: str) -> Statement:
 
 
 def _set_tcp(c: Cursor, _: str) -> Statement:
-    found = c.taken("(p[n,n,n,n,n,n])") or c.taken("(p[n,n,n,n,n,n],t)")
-    if found is None:
+    numbers = c.taken("(p[n,n,n,n,n,n])") or c.taken("(p[n,n,n,n,n,n],t)")
+    if numbers is None:
         raise Misread("the tool is not given by numbers", _TOOL_REMEDY)
-    return Statement(act=partial(_Script.set_tool, literal=Literal(POSE, found)))
+    return Statement(act=partial(_Script.set_tool, literal=Literal(POSE, numbers)))
 
 
 def _move(c: Cursor, name: str) -> Statement:

@@ -48,14 +48,14 @@ class LaboratorySettings:
 
     def letterhead(self) -> Letterhead:
         """Return what stands above a report."""
-        found = self.laboratory
-        if found is None:
+        laboratory = self.laboratory
+        if laboratory is None:
             return Letterhead(f"Laboratory: {NOT_STATED}", [])
-        lines = [", ".join(found.address), found.contact or "", found.accreditation or ""]
+        lines = [", ".join(laboratory.address), laboratory.contact or "", laboratory.accreditation or ""]
         shown = [line for line in lines if line]
         if self.logo is None:
-            return Letterhead(found.name, shown)
-        return Letterhead(found.name, shown, self.logo.content, self.logo.kind)
+            return Letterhead(laboratory.name, shown)
+        return Letterhead(laboratory.name, shown, self.logo.content, self.logo.kind)
 
 
 def read_laboratory(path: Path) -> LaboratorySettings:

@@ -87,8 +87,8 @@ def _table(table: Table) -> str:
 
     def row(cells: Iterable[str], tag: str) -> str:
         kinds = (' class="text"' if place in texts else "" for place in count())
-        found = (f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=False))
-        return f"<tr>{''.join(found)}</tr>"
+        row_cells = (f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=False))
+        return f"<tr>{''.join(row_cells)}</tr>"
 
     caption = f"<caption>{escape(table.legend)}</caption>" if table.legend else ""
     rows = "".join(row((cell.text for cell in cells), "td") for cells in table.rows())

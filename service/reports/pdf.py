@@ -68,10 +68,10 @@ def _compiled(data: dict[str, Any], document: Document) -> bytes:
             package_path=empty,
             package_cache_path=empty,
         )
-        found = compiler.compile(
+        compiled = compiler.compile(
             format="pdf", pdf_standards="a-3b", timestamp=int(document.dated.timestamp())
         )
-    return found if isinstance(found, bytes) else b""
+    return compiled if isinstance(compiled, bytes) else b""
 
 
 @cache

@@ -51,14 +51,16 @@ class RunSubject:
 
     def stated(self) -> dict[str, Any]:
         """Return what a report states beside the run, which never changes."""
-        found, logo = self.settings.laboratory, self.settings.logo
+        laboratory, logo = self.settings.laboratory, self.settings.logo
         fields = set(SetMetadata.model_fields)
         return {
             "run": [self.model.run.id, self.model.run.provenance.input_hash],
             "robot": self.model.name,
             "set": self.readings.name,
             "metadata": self.readings.model_dump(mode="json", include=fields, exclude_none=True),
-            "laboratory": None if found is None else found.model_dump(mode="json", exclude_defaults=True),
+            "laboratory": None
+            if laboratory is None
+            else laboratory.model_dump(mode="json", exclude_defaults=True),
             "logo": None if logo is None else [logo.kind, b64encode(logo.content).decode()],
             "received_on": None if self.received_on is None else self.received_on.isoformat(),
             "alarms": list(self.alarms),

@@ -60,7 +60,7 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
 def _deviations(request: RunRequest) -> Iterator[str]:
     """Yield options that differ from the defaults, in words."""
     chains = "; ".join(" ≥ ".join(chain) for chain in request.stiffness_order)
-    said = (
+    sentences = (
         (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
         (not request.positive, "negative compliances were allowed."),
         (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
@@ -73,7 +73,7 @@ def _deviations(request: RunRequest) -> Iterator[str]:
         ),
         (request.complementary_stiffness == "neglected", "the complementary stiffness is neglected."),
     )
-    yield from (text for differs, text in said if differs)
+    yield from (text for differs, text in sentences if differs)
 
 
 def adjustment(model: ExportedModel) -> Section:

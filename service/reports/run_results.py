@@ -194,8 +194,8 @@ def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
         for each in result.warnings
         if each.message not in known
     ]
-    said = [*reasons, *warnings]
-    more = len(said) - _MOST_WARNINGS
+    lines = [*reasons, *warnings]
+    more = len(lines) - _MOST_WARNINGS
     return Section(
         statements.ASSESSMENT,
         facts=[
@@ -203,7 +203,7 @@ def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
             *([("The robot is in alarm", "\n".join(alarms))] if alarms else []),
         ],
         notes=[
-            *(said[:_MOST_WARNINGS] or ["Every number passed the checks."]),
+            *(lines[:_MOST_WARNINGS] or ["Every number passed the checks."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),
             *result.assessment.notes,
         ],

@@ -196,11 +196,11 @@ def template_of(
         if column.header
     }
     inches = any(column.unit == "in" for file in files for column in file.columns)
-    found = dict(imported.units) | ({"length": "in"} if inches else {})
+    units = dict(imported.units) | ({"length": "in"} if inches else {})
     known = {} if request.units is None else request.units.model_dump(exclude_none=True)
     layouts = {tuple(column.header for column in file.columns): None for file in files}
     changes = {
-        "units": known | found,
+        "units": known | units,
         "columns": columns,
         "layouts": [list(layout) for layout in layouts],
         "ignore": [],

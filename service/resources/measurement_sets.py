@@ -84,9 +84,9 @@ class MeasurementSets:
             NotFoundError: there is no such set.
             DeletedError: it was deleted.
         """
-        stated = {name: getattr(change, name) for name in change.model_fields_set}
-        kept = {name for name in ("name", "archived") if stated.get(name) is None}
-        return self._store.sets.change(set_id, {n: value for n, value in stated.items() if n not in kept})
+        changes = {name: getattr(change, name) for name in change.model_fields_set}
+        kept = {name for name in ("name", "archived") if changes.get(name) is None}
+        return self._store.sets.change(set_id, {n: value for n, value in changes.items() if n not in kept})
 
     def delete(self, set_id: str) -> None:
         """Hide a set that no job refers to; to do so again changes nothing.

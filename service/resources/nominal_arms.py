@@ -51,20 +51,20 @@ def find_arm(name: str, where: str) -> Arm:
     Raises:
         RequestError: there is none, or several.
     """
-    asked = _bare(name)
-    found = [arm for arm in catalogue().arms if asked and asked in _bare(arm.name)]
-    exact = [arm for arm in found if _bare(arm.name) == asked]
-    if len(exact or found) == 1:
-        return (exact or found)[0]
-    if found:
-        shown = ", ".join(arm.name for arm in found[:_SHOWN])
+    wanted = _bare(name)
+    arms = [arm for arm in catalogue().arms if wanted and wanted in _bare(arm.name)]
+    exact = [arm for arm in arms if _bare(arm.name) == wanted]
+    if len(exact or arms) == 1:
+        return (exact or arms)[0]
+    if arms:
+        shown = ", ".join(arm.name for arm in arms[:_SHOWN])
         raise RequestError(
-            f"'{name}' matches several arms of the catalogue: {shown}{', …' if found[_SHOWN:] else ''}",
+            f"'{name}' matches several arms of the catalogue: {shown}{', …' if arms[_SHOWN:] else ''}",
             where=where,
             remedy="give the whole name",
         )
     names = {_bare(arm.name): arm.name for arm in catalogue().arms}
-    near = [names[each] for each in get_close_matches(asked, names, n=3, cutoff=0.5)]
+    near = [names[each] for each in get_close_matches(wanted, names, n=3, cutoff=0.5)]
     raise RequestError(
         f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
         where=where,

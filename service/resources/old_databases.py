@@ -121,5 +121,5 @@ def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return the columns of a set that are fields of its message."""
     columns = {name: row[name] for name in MeasurementSetDocument.model_fields if name in row}
     at = columns.pop("measured_at", None)  # SQLite keeps UTC, and does not say so
-    stated = f"{at}+00:00" if isinstance(at, str) else at and at.isoformat()
-    return columns | {"measured_at": stated}
+    time = f"{at}+00:00" if isinstance(at, str) else at and at.isoformat()
+    return columns | {"measured_at": time}

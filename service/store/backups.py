@@ -199,9 +199,9 @@ def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *,
 
 
 def _check_arrived(manifest: Manifest, connection: Connection) -> None:
-    found = content_of(connection)
+    contents = content_of(connection)
     for name, expected in manifest.tables.items():
-        if found.get(name) != expected:
+        if contents.get(name) != expected:
             raise StoreError(f"the restored table {name} differs from the backup", "make another backup")
 
 
@@ -226,11 +226,11 @@ def _run(url: str, program: str, *arguments: str) -> None:
     environment = os.environ | ({"PGPASSWORD": str(password)} if password else {})
     shown = parsed._replace(password=None).difference_update_query(["password"])
     database = shown.render_as_string(hide_password=False)
-    found = shutil.which(program)
-    if found is None:
+    executable = shutil.which(program)
+    if executable is None:
         raise StoreError(f"{program} is not installed", "install PostgreSQL's client programs")
     done = subprocess.run(
-        [found, f"--dbname={database}", *arguments],
+        [executable, f"--dbname={database}", *arguments],
         env=environment,
         capture_output=True,
         text=True,

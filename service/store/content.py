@@ -43,8 +43,8 @@ def revision_of(connection: Connection) -> str | None:
     """Return the schema version of a database; None if it has no tables of ours."""
     if _VERSIONS not in inspect(connection).get_table_names():
         return None
-    found = connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar()
-    return None if found is None else str(found)
+    revision = connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar()
+    return None if revision is None else str(revision)
 
 
 def _table_content(connection: Connection, name: str, keys: Iterable[str]) -> TableContent:

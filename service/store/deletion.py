@@ -82,10 +82,10 @@ class Deletions:
                 self._refuse_authorised(connection, identifier)
                 return
             hidden = select(self._hidden).where(self._is(identifier))
-            found = connection.execute(hidden).scalar_one_or_none()
-        if found is None:
+            record = connection.execute(hidden).scalar_one_or_none()
+        if record is None:
             raise NotFoundError(self._resource, identifier)
-        if not found:
+        if not record:
             raise NotEndedError(self._resource, identifier)
 
     def restore(self, identifier: str) -> None:
@@ -128,12 +128,12 @@ class Deletions:
         old = [self._kind, columns.deleted_at < before, *free]
         first = select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
         with self._database.reading() as connection:
-            found = [str(row.id) for row in connection.execute(first)]
-        if not found:
+            expired = [str(row.id) for row in connection.execute(first)]
+        if not expired:
             return []
         with self._database.writing() as connection:
             # Asked again in the transaction: one may have been restored meanwhile.
-            remove = delete(self._table).where(columns.id.in_(found), *old).returning(columns.id)
+            remove = delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
             gone = [str(row.id) for row in connection.execute(remove).all()]
             connection.execute(
                 delete(idempotency_keys).where(

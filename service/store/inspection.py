@@ -71,10 +71,10 @@ class Inspection:
             return []
         try:
             with self._database.reading() as connection:
-                found = connection.exec_driver_sql(f"PRAGMA integrity_check({_SHOWN})").scalars().all()
+                faults = connection.exec_driver_sql(f"PRAGMA integrity_check({_SHOWN})").scalars().all()
         except StoreUnavailableError as error:  # too damaged for the check
-            found = [error.reason]
-        return [Fault("file", "file", str(line), _BACKUP) for line in found if line != "ok"]
+            faults = [error.reason]
+        return [Fault("file", "file", str(line), _BACKUP) for line in faults if line != "ok"]
 
     def orphans(self) -> list[Fault]:
         """Return rows that name what is not there."""
@@ -111,14 +111,14 @@ class Inspection:
 
     def pickles(self) -> int:
         """Return the number of rows of the engine that hold a pickled object."""
-        found = 0
+        count = 0
         for name in ("workflow_status", "operation_outputs"):
             table = self._engine_table(name)
             if table is not None:
                 query = select(func.count()).select_from(table).where(table.c.serialization == "py_pickle")
                 with self._database.reading() as connection:
-                    found += int(connection.execute(query).scalar_one())
-        return found
+                    count += int(connection.execute(query).scalar_one())
+        return count
 
     def _engine_table(self, name: str) -> Table | None:
         with self._database.reading() as connection:

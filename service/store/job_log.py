@@ -67,8 +67,8 @@ class JobLog:
     def state(self, job_id: str) -> str | None:
         """Return the state of a job; None if there is no such job."""
         with self._database.reading() as connection:
-            found = connection.execute(select(jobs.c.state).where(self._is(job_id))).scalar_one_or_none()
-        return None if found is None else str(found)
+            state = connection.execute(select(jobs.c.state).where(self._is(job_id))).scalar_one_or_none()
+        return None if state is None else str(state)
 
     def open_jobs(self) -> list[str]:
         """Return the ids of the jobs that have not ended."""
@@ -122,8 +122,8 @@ class JobLog:
 
     def done(self, job_id: str) -> int:
         """Return the number of units of a job that are done."""
-        found = self.status(job_id)
-        return 0 if found is None else found.done
+        status = self.status(job_id)
+        return 0 if status is None else status.done
 
     def died(self, job_id: str) -> int:
         """Count a worker that died over a job.

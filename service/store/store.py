@@ -129,15 +129,15 @@ class Store:
             .having(func.count(shown) >= least)
         )
         with self._database.reading() as connection:
-            found = {str(row[0]): [str(row)] for row in connection.execute(counted)}
+            marks = {str(row[0]): [str(row)] for row in connection.execute(counted)}
             measured = select(
                 sets.robot_id, sets.id, sets.measured_at, sets.serial_number, sets.instrument, sets.archived
-            ).where(sets.robot_id.in_(found), sets.deleted_at.is_(None))
-            noted = select(notes.robot_id, func.max(notes.sequence)).where(notes.robot_id.in_(found))
+            ).where(sets.robot_id.in_(marks), sets.deleted_at.is_(None))
+            noted = select(notes.robot_id, func.max(notes.sequence)).where(notes.robot_id.in_(marks))
             for query in (measured.order_by(sets.sequence), noted.group_by(notes.robot_id)):
                 for row in connection.execute(query):
-                    found[str(row[0])].append(str(row))
-        return {robot: hashlib.sha256("".join(rows).encode()).hexdigest() for robot, rows in found.items()}
+                    marks[str(row[0])].append(str(row))
+        return {robot: hashlib.sha256("".join(rows).encode()).hexdigest() for robot, rows in marks.items()}
 
     def schema(self) -> str | None:
         """Return the schema of its tables on PostgreSQL, None on SQLite."""

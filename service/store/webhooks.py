@@ -72,8 +72,8 @@ class Webhooks:
         if not hooks:
             return
         run = jobs.c
-        found = select(run.state, run.verdict, run.robot_id, run.measurement_set_id, robots.c.name)
-        row = connection.execute(found.join_from(jobs, robots, isouter=True).where(run.id == run_id)).one()
+        columns = select(run.state, run.verdict, run.robot_id, run.measurement_set_id, robots.c.name)
+        row = connection.execute(columns.join_from(jobs, robots, isouter=True).where(run.id == run_id)).one()
         data = {
             "run_id": run_id,
             "verdict": row.verdict,

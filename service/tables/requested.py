@@ -107,8 +107,8 @@ def _summary(value: object) -> str:
 
 def _unit(field: FieldInfo, units: object) -> str:
     """Return the unit of a field: of its schema, or that which its request states."""
-    if stated := _STATED_UNIT.search(field.description or ""):
-        return getattr(units, stated[1], None) or ""
+    if match := _STATED_UNIT.search(field.description or ""):
+        return getattr(units, match[1], None) or ""
     return _declared(field.json_schema_extra) or _within(field.annotation)
 
 

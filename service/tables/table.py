@@ -81,8 +81,8 @@ class Table:
     def shown(self) -> dict[str, object]:
         """Return the table as JSON of texts."""
         rows = [[cell.text for cell in row] for row in self.rows()]
-        said = {"title": self.title, "caption": self.caption, "legend": self.legend}
-        return {**said, "head": self.head(), "rows": rows, "texts": self.text_columns()}
+        texts = {"title": self.title, "caption": self.caption, "legend": self.legend}
+        return {**texts, "head": self.head(), "rows": rows, "texts": self.text_columns()}
 
 
 Part = Table | Line

@@ -39,9 +39,9 @@ _STYLES: Final = {
 
 def console(*, stderr: bool = False) -> Console:
     """Return a console that does not colour numbers by itself."""
-    found = Console(stderr=stderr, highlight=False)
+    output = Console(stderr=stderr, highlight=False)
     # Numbers that a narrow terminal cuts short mislead; wrapped lines do not.
-    return Console(stderr=stderr, highlight=False, width=max(found.width, _NARROWEST))
+    return Console(stderr=stderr, highlight=False, width=max(output.width, _NARROWEST))
 
 
 @contextmanager

@@ -105,13 +105,13 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
 
 def _not_said(warnings: Sequence[QualityWarning], reasons: Sequence[Reason]) -> list[QualityWarning]:
     """Leave out the kinds of warnings that a reason says or sums up, those of the whole set first."""
-    said: set[str] = {reason.code for reason in reasons} | {
+    codes: set[str] = {reason.code for reason in reasons} | {
         warning.code
         for warning in warnings
         if any(reason.message.startswith(warning.message) for reason in reasons)
     }
-    said = said.union(*(_SAID_BETTER.get(code, ()) for code in said))
-    rest = [warning for warning in warnings if warning.code not in said]
+    codes = codes.union(*(_SAID_BETTER.get(code, ()) for code in codes))
+    rest = [warning for warning in warnings if warning.code not in codes]
     return sorted(rest, key=lambda warning: warning.where is not None)
 
 

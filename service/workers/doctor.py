@@ -36,23 +36,23 @@ def examine(url: str) -> Examination:
     Raises:
         StoreError: it is not there, or cannot be read at all.
     """
-    found = Examination()
+    examination = Examination()
     with Inspection.of(url) as inspection:
-        found.faults += inspection.file_faults()
-        if found.faults:  # what is read from a damaged file says nothing
-            return found
-        found.faults += inspection.schema_faults()
-        if found.faults:
-            return found
-        found.faults += [*inspection.orphans(), *_pickles(inspection)]
+        examination.faults += inspection.file_faults()
+        if examination.faults:  # what is read from a damaged file says nothing
+            return examination
+        examination.faults += inspection.schema_faults()
+        if examination.faults:
+            return examination
+        examination.faults += [*inspection.orphans(), *_pickles(inspection)]
         workflows = inspection.workflows()
         for record in inspection.records():
             name = record.kind if isinstance(record, JobRecord) else _NAMES[type(record)]
-            found.counted[name] = found.counted.get(name, 0) + 1
-            found.faults += _faults_of(record, name)
+            examination.counted[name] = examination.counted.get(name, 0) + 1
+            examination.faults += _faults_of(record, name)
             if isinstance(record, JobRecord) and record.state in OPEN_STATES:
-                found.faults += _endless(record, workflows)
-    return found
+                examination.faults += _endless(record, workflows)
+    return examination
 
 
 def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str) -> Iterator[Fault]:

@@ -66,8 +66,8 @@ class JobQueue:
 
     def pending(self) -> dict[str, tuple[str, str]]:
         """Workflows that a worker has taken and not ended: id → kind, executor."""
-        found = self._client.list_workflows(status="PENDING", load_input=False, load_output=False)
-        return {each.workflow_id: (each.name, str(each.executor_id)) for each in found}
+        workflows = self._client.list_workflows(status="PENDING", load_input=False, load_output=False)
+        return {each.workflow_id: (each.name, str(each.executor_id)) for each in workflows}
 
     def has_parts(self, job_id: str) -> bool:
         """Return whether a job was shared out to parts."""
@@ -83,12 +83,12 @@ class JobQueue:
 
     def statuses(self, job_ids: list[str]) -> dict[str, str]:
         """Return the engine's status of the workflows of some jobs; those that are not there are left out."""
-        found = {}
+        states = {}
         for first in range(0, len(job_ids), _ASKED):
             some = job_ids[first : first + _ASKED]
             for each in self._client.list_workflows(workflow_ids=some, load_input=False, load_output=False):
-                found[each.workflow_id] = str(each.status)
-        return found
+                states[each.workflow_id] = str(each.status)
+        return states
 
     def forget_ended(self, age: timedelta, limit: int) -> list[str]:
         """Remove what the steps of ended jobs computed.
@@ -100,7 +100,7 @@ class JobQueue:
         Returns:
             Ids of the jobs.
         """
-        found = self._client.list_workflows(
+        workflows = self._client.list_workflows(
             name="job",
             status=_ENDED,
             completed_before=(datetime.now(UTC) - age).isoformat(),
@@ -108,7 +108,7 @@ class JobQueue:
             load_input=False,
             load_output=False,
         )
-        identifiers = [each.workflow_id for each in found]
+        identifiers = [each.workflow_id for each in workflows]
         if identifiers:
             self._client.delete_workflows(identifiers, delete_children=True)
         return identifiers

@@ -84,10 +84,10 @@ def _restored(described: dict[str, Any]) -> Exception:
 
 
 def _refusals() -> dict[str, type[JointstiffError]]:
-    found: dict[str, type[JointstiffError]] = {}
+    classes: dict[str, type[JointstiffError]] = {}
     waiting = [JointstiffError]
     while waiting:
         kind = waiting.pop()
-        found[kind.__name__] = kind
+        classes[kind.__name__] = kind
         waiting += kind.__subclasses__()
-    return found
+    return classes

@@ -116,18 +116,18 @@ class Sender:
 
     def _alarms(self, run_id: str) -> dict[str, dict[str, Any]]:
         """Return what is to be told of the alarms of a run's robot, by what tells alarms apart."""
-        runs, told = self._store.jobs(_RUNS), {}
+        runs, alarms = self._store.jobs(_RUNS), {}
         with suppress(NotFoundError):  # a run or its robot was deleted meanwhile
             robot = self._store.robots.get(runs.get(run_id).robot_id or "")
             for alarm in self._trends.alarms([robot.id]).get(robot.id, []):
-                told[f"{alarm.measurement_set_id} {alarm.joint}"] = {
+                alarms[f"{alarm.measurement_set_id} {alarm.joint}"] = {
                     "run_id": alarm.run_id,  # which raised it; others may have ended since
                     "verdict": runs.get(alarm.run_id).verdict,
                     "robot": robot.name,
                     "robot_id": robot.id,
                     "alarm": alarm.model_dump(mode="json"),
                 }
-        return told
+        return alarms
 
 
 def _status(client: httpx2.Client, url: httpx2.URL, request: Mapping[str, Any]) -> int:

@@ -53,9 +53,9 @@ class Cones:
             zeta = s[start + 1 : start + 1 + block.boxes].copy()
             nu = s[start + 1 + block.boxes : start + block.size].reshape(-1, 3)
             pulls = np.linalg.norm(nu, axis=1)
-            for (own, ratio), pull in zip(block.balls, pulls.tolist(), strict=True):
-                if own >= 0:
-                    zeta[own] -= ratio * pull
+            for (box, ratio), pull in zip(block.balls, pulls.tolist(), strict=True):
+                if box >= 0:
+                    zeta[box] -= ratio * pull
             total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - pulls.sum()))
         return total
 

@@ -333,8 +333,8 @@ def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constr
         if block.boxes:
             constraints += [zeta <= c, -zeta <= c]
         first = start + 1 + block.boxes
-        for ball, (own, ratio) in enumerate(block.balls):
-            reach = c + ratio * zeta[own] if own >= 0 else c
+        for ball, (box, ratio) in enumerate(block.balls):
+            reach = c + ratio * zeta[box] if box >= 0 else c
             constraints.append(cp.SOC(reach, x[first + 3 * ball : first + 3 * ball + 3]))
         start += block.size
     return constraints

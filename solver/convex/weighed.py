@@ -53,10 +53,10 @@ def least_squares(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
     program = programs.weighed(len(b), cones.blocks)
     best: Weighed | None = None
     for tolerance in _LADDER:
-        found = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
-        if found is None:
+        point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
+        if point is None:
             continue
-        x = cones.projected(size * found)
+        x = cones.projected(size * point)
         residual = A @ x - b
         gradient = A.T @ residual
         outside = -2.0 * cones.least(gradient) / size**2
@@ -101,10 +101,10 @@ def ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, cones: Con
         a = np.zeros(len(optimum.x))
         a[cones.first[j]] = size = (1.0, -1.0)[side]
         for tolerance in _LADDER:
-            found = program.solve_with_duals({"a": a, **data}, tolerance)
-            if found is not None:
-                values[j, side] = size * (a @ optimum.x + radius * (a @ found[0]))
-                duals[j, side] = a, found[1][1 : 1 + len(b)]
+            solution = program.solve_with_duals({"a": a, **data}, tolerance)
+            if solution is not None:
+                values[j, side] = size * (a @ optimum.x + radius * (a @ solution[0]))
+                duals[j, side] = a, solution[1][1 : 1 + len(b)]
                 break
     bounds, cap = np.full(values.shape, np.nan), cones.cap
     for _ in range(2):

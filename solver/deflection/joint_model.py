@@ -88,11 +88,11 @@ class JointModel(ForwardModel):
             RequestError: a load finds no stable balance near the unloaded posture.
         """
         unloaded = self.unloaded(cases) if unloaded is None else unloaded
-        found = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
-        loaded, place = found.loaded, cases.place[:, None]
+        equilibrium = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
+        loaded, place = equilibrium.loaded, cases.place[:, None]
         reached = loaded.to_base(place)
         jacobian = np.concatenate([loaded.jacobian_at(reached)[:, 0], loaded.angular_jacobian], axis=1)
-        moved = (jacobian @ found.step[..., None])[..., 0]
+        moved = (jacobian @ equilibrium.step[..., None])[..., 0]
         axes = loaded.flange_rotation + skew(moved[:, 3:]) @ loaded.flange_rotation
         return JointDeflection(
             model=self,
@@ -101,7 +101,7 @@ class JointModel(ForwardModel):
             moved=moved,
             place=reached[:, 0] + moved[:, :3],
             axes=axes,
-            balance=found,
+            balance=equilibrium,
             jacobian=jacobian,
         )
 
@@ -112,12 +112,12 @@ class JointModel(ForwardModel):
         commanded: FloatArray = goal.q - step * torque
         if self.weight is None:
             return commanded
-        own = self.weight.torque_and_stiffness(self.robot, goal)[0]
+        weight_torque = self.weight.torque_and_stiffness(self.robot, goal)[0]
         if self.weight.absolute:
-            return commanded - step * own
+            return commanded - step * weight_torque
         for _ in range(_WEIGHT_STEPS):
             rest = self.weight.torque_and_stiffness(self.robot, Configurations(self.robot, commanded))[0]
-            commanded = goal.q - step * (torque + own - rest)
+            commanded = goal.q - step * (torque + weight_torque - rest)
         return commanded
 
     def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:

@@ -91,12 +91,12 @@ def map_places(
         inverse: kinematics of the same robot.
         places: (P, 3) in R0 [m].
     """
-    robot, found = model.robot, DeflectionMap.empty(len(places), model.robot.n)
+    robot, result = model.robot, DeflectionMap.empty(len(places), model.robot.n)
     place, orientation, joints, solved, lost = postures_within_limits(robot, task, inverse, places)
-    found.status[solved] = _JOINT_LIMITS
-    found.status[lost] = _NOT_FOLLOWED
+    result.status[solved] = _JOINT_LIMITS
+    result.status[lost] = _NOT_FOLLOWED
     if not len(joints):
-        return found
+        return result
     home = np.zeros(robot.n) if task.near is None else task.near
     size = far = np.abs(joints - home).max(axis=1, initial=0.0)
     if task.near is None:
@@ -108,8 +108,8 @@ def map_places(
     best = order[np.unique(place[order], return_index=True)[1]]  # one posture of each place
     loaded = map_postures(model, error, task, orientation[best], joints[best])
     for name, column in vars(loaded).items():
-        getattr(found, name)[place[best]] = column
-    return found
+        getattr(result, name)[place[best]] = column
+    return result
 
 
 def map_postures(
@@ -128,21 +128,21 @@ def map_postures(
         orientation: (P,) index of the fan.
         joints: (P, n) controller's angles [rad].
     """
-    found = DeflectionMap.empty(len(joints), model.robot.n)
-    found.orientation[:], found.joints[:] = orientation, joints
+    result = DeflectionMap.empty(len(joints), model.robot.n)
+    result.orientation[:], result.joints[:] = orientation, joints
     cases = task.cases(orientation, joints)
     unloaded = model.unloaded(cases)
     overloaded = model.overloaded(cases, unloaded)
     if overloaded.any():
-        found.status[overloaded] = _OVERLOADED
+        result.status[overloaded] = _OVERLOADED
         orientation, joints = orientation[~overloaded], joints[~overloaded]
         if not len(joints):
-            return found
+            return result
         cases = task.cases(orientation, joints)
         unloaded = model.unloaded(cases)
     bent = model.deflect(cases, unloaded)
     unseen, direction = bent.unseen.any(axis=1), task.fan.direction[orientation]
-    found.status[~overloaded] = np.where(unseen, _UNSEEN, _REACHED)
+    result.status[~overloaded] = np.where(unseen, _UNSEEN, _REACHED)
     translation = bent.compliance.translation
     known_along, known_across = bent.compliance_known(direction)
     along = np.einsum("bi,bij,bj->b", direction, translation, direction)
@@ -158,17 +158,17 @@ def map_postures(
         with_model_error[:, 1] = np.fmax(length + half, held[:, 1])
         extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
         extrapolation = np.where(np.isfinite(extrapolation), extrapolation, np.inf)
-    reached = found.reached
+    reached = result.reached
     for column, value in (
-        (found.displacement, bent.displacement),
-        (found.along, np.where(known_along, along, np.nan)),
-        (found.across, np.where(known_across, _greatest_across(translation, direction), np.nan)),
-        (found.readings, readings),
-        (found.with_model_error, with_model_error),
-        (found.extrapolation, extrapolation),
+        (result.displacement, bent.displacement),
+        (result.along, np.where(known_along, along, np.nan)),
+        (result.across, np.where(known_across, _greatest_across(translation, direction), np.nan)),
+        (result.readings, readings),
+        (result.with_model_error, with_model_error),
+        (result.extrapolation, extrapolation),
     ):
         column[reached] = value[~unseen]
-    return found
+    return result
 
 
 def _greatest_across(translation: FloatArray, direction: FloatArray) -> FloatArray:

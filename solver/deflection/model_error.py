@@ -158,9 +158,9 @@ def leave_postures_out(
     squares = np.square(blocks.deflection[:, loaded[read]] - predicted).sum(axis=0)
     variance = np.square(half[read]).sum(axis=(1, 2))
     noise = _reading_variance(measurements)[loaded[read]] + variance / (postures - 1)
-    found = _with_scores(summary, size[read], posture[read], squares, noise)
+    error = _with_scores(summary, size[read], posture[read], squares, noise)
     greatest = float((greatest_deviation(half) / size).max())
-    return replace(found, leverage=greatest, left_out=LeftOut(fits, postures))
+    return replace(error, leverage=greatest, left_out=LeftOut(fits, postures))
 
 
 def leave_folds_out(
@@ -193,8 +193,8 @@ def leave_folds_out(
     share = lacked[np.argsort(np.concatenate(parts))][observation]
     noise = _reading_variance(measurements)[order] + share * variance
     size = load[observation]
-    found = _with_scores(summary, size, posture.reshape(-1)[observation], squares, noise)
-    return replace(found, leverage=float((greatest_deviation(half) / size).max()))
+    error = _with_scores(summary, size, posture.reshape(-1)[observation], squares, noise)
+    return replace(error, leverage=float((greatest_deviation(half) / size).max()))
 
 
 def _reading_variance(measurements: Measurements) -> FloatArray:

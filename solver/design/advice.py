@@ -225,12 +225,12 @@ class _Search:
         total /= np.multiply.outer(scale, scale)[..., None, None]
         easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
         easy[:, 0] = True
-        found = list[Advice | None]()
+        best = list[Advice | None]()
         for joint in joints.tolist():
             scores = precision(total, joint) * np.where(easy, EASIER**2, 1.0)
             m, d = np.unravel_index(int(np.argmax(scores)), scores.shape)
-            found.append(self._advice(joint, postures, int(m), forces[m, d]))
-        return found
+            best.append(self._advice(joint, postures, int(m), forces[m, d]))
+        return best
 
     def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
         """Put a candidate into numbers, by a decomposition of all readings with it; or return None."""

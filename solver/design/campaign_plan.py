@@ -207,17 +207,17 @@ def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, 
     free = np.ones(len(pool.candidates), dtype=np.bool_)
     for i in chosen:
         free &= ~distinct.near(pool.joints[i], slice(None))
-    found: list[int] = []
+    validation: list[int] = []
     for i in random.permutation(len(free)):
-        if len(found) == count:
+        if len(validation) == count:
             break
         if free[i]:
-            found.append(int(i))
+            validation.append(int(i))
             free &= ~distinct.near(pool.joints[i], slice(None))
-    if len(found) < count:
+    if len(validation) < count:
         raise RequestError(
-            f"{len(found)} of {count} readings for validation are in postures distinct from the others",
+            f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
             where="distinct_angle",
             remedy="ask for fewer readings, a smaller angle, or more candidates",
         )
-    return pool.candidates.under(np.array(found, dtype=np.intp), drawn_directions(random, count))
+    return pool.candidates.under(np.array(validation, dtype=np.intp), drawn_directions(random, count))

@@ -97,16 +97,16 @@ class _Search:
 
     def rounded(self, kept: list[Atoms]) -> list[Atoms]:
         """Complete a list, the reading of the best price after the other."""
-        found = list(kept)
-        M = self._base + sum((self._scaled(each) for each in found), np.zeros(self._base.shape))
-        taken = self._conflicts(found)
-        while len(found) < self._readings:
-            G = self._criterion.support(M + (self._readings - len(found)) * self._expected)
-            new = self._cheapest(G, taken, found)
-            found.append(new)
+        atoms = list(kept)
+        M = self._base + sum((self._scaled(each) for each in atoms), np.zeros(self._base.shape))
+        taken = self._conflicts(atoms)
+        while len(atoms) < self._readings:
+            G = self._criterion.support(M + (self._readings - len(atoms)) * self._expected)
+            new = self._cheapest(G, taken, atoms)
+            atoms.append(new)
             M = M + self._scaled(new)
             taken = taken + self._conflicts([new])
-        return found
+        return atoms
 
     def improved(self, atoms: list[Atoms]) -> list[Atoms]:
         """Exchange one reading at a time while φ grows."""

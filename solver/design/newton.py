@@ -80,7 +80,7 @@ def worst_place_weights(
         served = float(shares @ variances)
         return -float(np.log(served)), -variances / served
 
-    found = minimize(
+    solution = minimize(
         negative,
         np.full(count, 1.0 / count),
         jac=True,
@@ -89,8 +89,8 @@ def worst_place_weights(
         constraints=LinearConstraint(np.ones((1, count)), 1.0, 1.0),
         options={"ftol": 1e-7, "maxiter": 60},
     )
-    negative(found.x)
-    return best, found.x
+    negative(solution.x)
+    return best, solution.x
 
 
 def _line_search(

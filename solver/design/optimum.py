@@ -167,7 +167,7 @@ def _greedy(problem: DesignProblem) -> Atoms:
     sample = problem.candidates[::step]
     M = problem.base + 0.01 * problem.readings / len(sample) * sample.total()
     M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))
-    found: list[Atoms] = []
+    atoms: list[Atoms] = []
     share = problem.readings / count
     free = np.ones(len(sample), dtype=np.bool_)
     for _ in range(min(count, len(sample))):
@@ -176,8 +176,8 @@ def _greedy(problem: DesignProblem) -> Atoms:
         free[best] = False
         atom = sample.atoms(best, G)
         M = M + share * atom.information[0]
-        found.append(Atoms(step * atom.index, atom.force, atom.information))
-    return Atoms.of(found)
+        atoms.append(Atoms(step * atom.index, atom.force, atom.information))
+    return Atoms.of(atoms)
 
 
 def _entering(problem: DesignProblem, prices: FloatArray, held: IndexArray) -> IndexArray:

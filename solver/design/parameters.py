@@ -32,8 +32,8 @@ class Parameters:
 
     def rows(self, rows: FloatArray) -> FloatArray:
         """Return rows (..., P) of compliances as rows (..., p) of the parameters."""
-        found: FloatArray = rows @ self.basis
-        return found
+        transformed: FloatArray = rows @ self.basis
+        return transformed
 
 
 def parameters_of(

@@ -63,11 +63,11 @@ def common_errors(
     responses = np.zeros((robot.n, 0))
     balanced = last.fit.compliance if complementary_stiffness else None
     for block in last.blocks(robot, measurements, balanced):
-        found = list(_errors(block, uncertainty, last.fit.compliance))
-        found += _axis_errors(block, pairs, last.fit.compliance, complementary_stiffness)
-        sources = tuple(source for source, _ in found)
-        if found:
-            added = last.method.responses([other for _, other in found], joints, prior)
+        errors = list(_errors(block, uncertainty, last.fit.compliance))
+        errors += _axis_errors(block, pairs, last.fit.compliance, complementary_stiffness)
+        sources = tuple(source for source, _ in errors)
+        if errors:
+            added = last.method.responses([other for _, other in errors], joints, prior)
             responses = responses + added if responses.size else added
     return CommonErrors(sources, responses)
 

@@ -132,8 +132,8 @@ class DecoupledPartialPose:
         if first:
             known, free = first.solution.compliance, first.unconstrained
         by_arm, by_wrist = R[:, WRIST_JOINTS + arm], R[:, wrist - self._arm_joints]
-        told = constraints.given(arm, known, wrist)
-        second = fit_stage(by_wrist, z - by_arm @ known, wrist, told, prior, n)
+        remaining = constraints.given(arm, known, wrist)
+        second = fit_stage(by_wrist, z - by_arm @ known, wrist, remaining, prior, n)
         centre = np.zeros(n)
         centre[arm] = free
         if second:

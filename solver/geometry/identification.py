@@ -149,9 +149,9 @@ def identify_from_sweeps(
     identified = widened(chosen, resting_angles(free, controller))
     wrist_joints = resting_angles(free, controller, first=sweeps.joint_map.n - WRIST_JOINTS)
     wrist = _wrist_of_sweeps(widened(chosen, wrist_joints))  # where the arm had it, whatever its angles
-    found = geometry_findings(alone, together or alone) + agreement_findings(agreement)
+    findings = geometry_findings(alone, together or alone) + agreement_findings(agreement)
     frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
-    return _identified_geometry(identified, frame, wrist, found, base_targets, evidence)
+    return _identified_geometry(identified, frame, wrist, findings, base_targets, evidence)
 
 
 def identify_from_poses(
@@ -200,13 +200,13 @@ def _identified_geometry(
     model = identify_model(identified, base, flange, nominal=nominal, name=frame.name)
     middle = identified.targets.mean(axis=0)
     drift = None if base_targets is None else base_targets.drift(identified.sigma, middle)
-    found = [*findings]
-    found += wrist.findings() if isinstance(wrist, WristCentre) else ()
-    found += drift.findings() if drift else ()
+    all_findings = [*findings]
+    all_findings += wrist.findings() if isinstance(wrist, WristCentre) else ()
+    all_findings += drift.findings() if drift else ()
     tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
-    found += tables[0].findings()
+    all_findings += tables[0].findings()
     links = () if nominal is None else link_table(identified, base, flange, nominal)
-    found += link_findings(links)
+    all_findings += link_findings(links)
     return IdentifiedGeometry(
         identified=identified,
         sigma_stated=frame.stated,
@@ -218,7 +218,7 @@ def _identified_geometry(
         wrist=wrist,
         tables=tables,
         drift=drift,
-        findings=tuple(found),
+        findings=tuple(all_findings),
     )
 
 

@@ -182,7 +182,7 @@ def _loads(n: int, targets: int) -> Iterator[Alternative]:
 @lru_cache
 def _joint_maps(n: int) -> tuple[Alternative, ...]:
     """Return joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
-    unit, found = np.eye(n), []
+    unit, maps = np.eye(n), []
     for sign in (0.0, 1.0, -1.0):
         coupling = unit + sign * np.outer(unit[2], unit[1])
         for signs in product((1.0, -1.0), repeat=n):
@@ -190,8 +190,8 @@ def _joint_maps(n: int) -> tuple[Alternative, ...]:
             if len(reversed_joints) + abs(sign) > 1:
                 concerned = {*reversed_joints.tolist(), *((1, 2) if sign else ())}
                 matrix = np.diag(signs) @ coupling
-                found.append(Alternative("joint_map", tuple(sorted(concerned)), matrix, np.zeros(n)))
-    return tuple(found)
+                maps.append(Alternative("joint_map", tuple(sorted(concerned)), matrix, np.zeros(n)))
+    return tuple(maps)
 
 
 def _chosen(measurements: Measurements, most: int) -> IndexArray:

@@ -94,7 +94,7 @@ def assess(
             better = None
         else:
             screening = None
-    found = chain(
+    reasons = chain(
         () if better is None else [alternative_reason(robot, measurements, better)],
         () if screening is None else load_mistake_reasons(screening, estimate),
         load_reasons(robot, measurements),
@@ -102,7 +102,7 @@ def assess(
         noise_reasons(measurements),
         fit_reasons(measurements, estimate, prediction, screening, explained=better is not None),
     )
-    return replace(assessed(estimate.joints, found), notes=tuple(_notes(measurements, estimate)))
+    return replace(assessed(estimate.joints, reasons), notes=tuple(_notes(measurements, estimate)))
 
 
 def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) -> BetterAlternative | None:
@@ -140,10 +140,10 @@ def _least(verdicts: Iterator[Usability]) -> Usability:
 
 def _joint(joint: JointCompliance, reasons: tuple[Reason, ...]) -> Usability:
     """Return the verdict on a joint by its status, capped by the reasons that concern it."""
-    own: Usability = "do_not_use"
+    verdict: Usability = "do_not_use"
     if joint.status == "identified":
-        own = "use"
+        verdict = "use"
     elif joint.status in {"at_bound", "uncertain"}:
-        own = "use_with_care"
+        verdict = "use_with_care"
     others = (r.weight for r in reasons if r.where is None or r.where.joint in {None, joint.name})
-    return _least(iter([own, *others]))
+    return _least(iter([verdict, *others]))

@@ -72,14 +72,14 @@ def _identified(estimate: Estimate) -> Iterator[Reason]:
     if any(joint.status == "identified" for joint in estimate.joints):
         return
     counts = Counter(joint.status.replace("_", " ") for joint in estimate.joints)
-    found = ", ".join(f"{count} {status}" for status, count in counts.items())
+    statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
     seen = [joint.status for joint in estimate.joints if joint.status != "not_observable"]
     opposed = bool(seen) and all(status == "at_bound" for status in seen)
     yield Reason(
         "no_joint_identified",
         "do_not_use",
         None,
-        f"the readings identify no joint: {found}",
+        f"the readings identify no joint: {statuses}",
         "check signs, frame and units of forces and deflections, and the joint map: the targets do not move "
         "as these loads would move them"
         if opposed

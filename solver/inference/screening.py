@@ -207,8 +207,8 @@ class _Columns:
         joints, load, d = self._joint_columns, self._load_columns(kind), self.triangle[:, -1]
         known = _basis(joints)
         U, s, Vt = np.linalg.svd(load - known @ (known.T @ load), full_matrices=False)
-        told = s > _TOLD_APART
-        step = Vt[told].T @ ((U[:, told].T @ d) / s[told])
+        distinct = s > _TOLD_APART
+        step = Vt[distinct].T @ ((U[:, distinct].T @ d) / s[distinct])
         compliance = np.zeros(len(self.joints))
         compliance[self.joints] = np.linalg.lstsq(joints, d - load @ step, rcond=_INDEPENDENT)[0]
         at = len(compliance) + 3 * _KINDS.index(kind)

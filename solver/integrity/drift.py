@@ -43,10 +43,10 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     time = (rows - rows.mean()) / np.ptp(rows)
     motion = time[:, None, None] * np.eye(3)
     without, _ = _least_squares(nuisance, off)
-    left, found = _least_squares(np.concatenate([nuisance, motion], axis=2), off)
+    left, motions = _least_squares(np.concatenate([nuisance, motion], axis=2), off)
     ratio = (without - left) / 3.0 / max(left / freedom, _EXACT) / MODEL_ALLOWANCE**2
     chance = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
-    drift, size = found[-3:], float(np.linalg.norm(found[-3:]))
+    drift, size = motions[-3:], float(np.linalg.norm(motions[-3:]))
     if chance < FALSE_ALARM and size > SMALLEST_DRIFT:
         yield Finding(
             "drift_in_time",

@@ -52,19 +52,19 @@ def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...
         rows: (M,) which of its rows are asked for.
         names: of the controller's joints.
     """
-    asked, every = joints[rows], np.arange(len(rows))
+    angles, every = joints[rows], np.arange(len(rows))
     for j, name in enumerate(names):
         sign = np.ones(len(names))
         sign[j] = -1.0
         yield Hypothesis(
             "joint_sign_suspect",
-            asked * sign,
+            angles * sign,
             1.0,
             f"the angle of {name} with the other sign",
             f"change the sign of {name} in every observation, or in the joint map",
             every,
         )
-    yield from _exchanges(asked, every, names)
+    yield from _exchanges(angles, every, names)
     for shift, neighbour in ((-1, "before"), (1, "after")):
         inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
         if len(inside):

@@ -75,21 +75,21 @@ def inspect_places(view: View) -> Places:
     hypotheses = [*unit_hypotheses(view.measurements.joints[sample])]
     hypotheses += angle_hypotheses(view.measurements.joints, sample, view.robot.joint_names)
     judged = [(h, _consensus(_places_under(view, sample, h))) for h in hypotheses]
-    best, found = max(judged, key=lambda pair: (pair[1].count, -median(pair[1].apart)))
+    best, places = max(judged, key=lambda pair: (pair[1].count, -median(pair[1].apart)))
     posted_share = as_posted.count / len(rows)
-    if found.count >= EXPLAINED * len(sample) and found.count / len(sample) > posted_share + 0.1:
+    if places.count >= EXPLAINED * len(sample) and places.count / len(sample) > posted_share + 0.1:
         mistake = Finding(
             best.code,
             None,
             f"as posted, the targets keep one position on the flange in {as_posted.count} of {len(rows)} "
-            f"observations; with {best.figure}, in {found.count} of {len(found.agree)}, within "
-            f"{length_text(float(found.apart[found.agree].max()))}",
+            f"observations; with {best.figure}, in {places.count} of {len(places.agree)}, within "
+            f"{length_text(float(places.apart[places.agree].max()))}",
             best.remedy,
             "error",
         )
         return Places((mistake,), np.zeros(len(view.measured), bool), sound=False)
-    if best.code == "observations_out_of_order" and found.count / len(sample) > posted_share:
-        as_posted = _against(seen, found.place)
+    if best.code == "observations_out_of_order" and places.count / len(sample) > posted_share:
+        as_posted = _against(seen, places.place)
     return _row_by_row(view, rows, seen, as_posted)
 
 

@@ -173,8 +173,8 @@ def _shift(model: SpringModel, springs: Springs) -> Shift | None:
     half = len(model.A) // 2
     fits = [model.fit(slice(None, half))]
     fits += [model.fit(slice(half, None), shift) for shift in (-1, 1)]
-    found = [shift for fit in fits if (shift := find_shift(model.deflection, fit)) is not None]
-    return max(found, key=lambda shift: len(shift.rows), default=None)
+    shifts = [shift for fit in fits if (shift := find_shift(model.deflection, fit)) is not None]
+    return max(shifts, key=lambda shift: len(shift.rows), default=None)
 
 
 def _shifted(rows: IndexArray, shifted: Shift) -> Finding:

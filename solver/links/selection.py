@@ -53,8 +53,8 @@ class Selection:
 
 
 def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
-    found = [each for each in models if each.model == name and each.loss in losses]
-    return min(found, key=lambda each: each.error)
+    scores = [each for each in models if each.model == name and each.loss in losses]
+    return min(scores, key=lambda each: each.error)
 
 
 def select_model(

@@ -122,14 +122,14 @@ def _combination(
     null = vectors[:, values > 0.5].T
     # As many independent columns as `null` (k, m) has rows: the last ones that serve, rather than the
     # largest, so that rounding does not choose between equals
-    rest, found = null, list[int]()
+    rest, pivots = null, list[int]()
     for _ in range(len(null)):
         norms = np.linalg.norm(rest, axis=0)
         last = int(np.flatnonzero(norms > _MATTERS * norms.max())[-1])
         along = rest[:, last] / norms[last]
         rest = rest - np.outer(along, along @ rest)
-        found.append(last)
-    free = sorted(found)
+        pivots.append(last)
+    free = sorted(pivots)
     bound = np.setdiff1d(np.arange(len(group)), free)
     null = null / (scale[group] / scale[group].max())  # of the compliances themselves
     seen = np.zeros((len(bound), len(group)))

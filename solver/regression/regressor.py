@@ -118,14 +118,14 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
         return unloaded_block(Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
     unloaded = unloaded_configurations(robot, part)
     try:
-        found = balance(robot, compliance, part, None, unloaded, unloaded)
+        equilibrium = balance(robot, compliance, part, None, unloaded, unloaded)
     except RequestError:
         raise SolverError(
             "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
             where="complementary_stiffness",
             remedy="neglect the complementary stiffness, or check the units of force and length",
         ) from None
-    torque = found.torque + (found.stiffness @ found.step[..., None])[..., 0]
+    torque = equilibrium.torque + (equilibrium.stiffness @ equilibrium.step[..., None])[..., 0]
     halfway = Configurations(robot, unloaded.q + 0.5 * compliance * torque)
     in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
     in_flange = np.where(part.in_flange[..., None], part.position, in_flange)

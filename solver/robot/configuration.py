@@ -48,10 +48,10 @@ class Configurations:
     def _kinematics(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         jacobian, rotation, translation = _forward(self._robot, self.q)
         placement = self._robot.flange_placement
-        found = jacobian, rotation @ placement.rotation, translation + rotation @ placement.translation
-        for array in found:
+        kinematics = jacobian, rotation @ placement.rotation, translation + rotation @ placement.translation
+        for array in kinematics:
             array.setflags(write=False)
-        return found
+        return kinematics
 
     @property
     def jacobian(self) -> FloatArray:

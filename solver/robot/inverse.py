@@ -99,11 +99,11 @@ class InverseKinematics:
         """Return the solver's solutions (m, 8, 6) [rad], filled up with NaN, and whether all are exact."""
         angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
         solutions = [self._solver.calculate_IK(pose) for pose in poses]
-        found = [solution.Q for solution in solutions]
-        counts = np.array([len(each) for each in found])
+        branches = [solution.Q for solution in solutions]
+        counts = np.array([len(each) for each in branches])
         if not counts.any():
             return angles, np.full(len(poses), self._exact)
-        pose, rows = np.repeat(np.arange(len(poses)), counts), np.concatenate([q for q in found if len(q)])
+        pose, rows = np.repeat(np.arange(len(poses)), counts), np.concatenate([q for q in branches if len(q)])
         least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
         complete = counts <= BRANCHES
         if self._exact:  # least squares where the pose is out of reach; near it, Newton's method decides
@@ -178,8 +178,8 @@ class InverseKinematics:
         left = np.arange(len(poses))
         while len(left):
             share = np.minimum(done[left] + step[left], 1.0)
-            found, sure = self.continued(_between(begin[left], poses[left], share), q[left])
-            q[left[sure]] = found[sure]
+            angles, sure = self.continued(_between(begin[left], poses[left], share), q[left])
+            q[left[sure]] = angles[sure]
             done[left[sure]] = share[sure]
             step[left] *= np.where(sure, 2.0, 0.5)
             left = left[(done[left] < 1.0) & (step[left] >= _LEAST_STEP)]
@@ -244,12 +244,12 @@ def _between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArra
 
 def _twice(angles: FloatArray) -> BoolArray:
     """Return where two of the solutions (m, 8, 6) [rad] are one."""
-    found = np.zeros(len(angles), dtype=np.bool_)
+    twice = np.zeros(len(angles), dtype=np.bool_)
     for i in range(1, BRANCHES):
         apart = angles[:, i:] - angles[:, :-i]
         apart = np.abs(apart - 2.0 * np.pi * np.round(apart / (2.0 * np.pi))).max(axis=2)
-        found |= (np.nan_to_num(apart, nan=np.inf) < _ONE).any(axis=1)
-    return found
+        twice |= (np.nan_to_num(apart, nan=np.inf) < _ONE).any(axis=1)
+    return twice
 
 
 def _twist(here: Configurations, poses: FloatArray) -> FloatArray:

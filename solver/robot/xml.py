@@ -53,11 +53,13 @@ class XmlElement:
         Raises:
             RobotError: there are several, of which other readers silently take the first.
         """
-        found = self.named(tag)
-        if len(found) > 1:
+        children = self.named(tag)
+        if len(children) > 1:
             where = f"{place} <{tag}>"
-            raise RobotError(f"<{tag}> is given {len(found)} times", remedy="keep one of them", where=where)
-        return found[0] if found else None
+            raise RobotError(
+                f"<{tag}> is given {len(children)} times", remedy="keep one of them", where=where
+            )
+        return children[0] if children else None
 
     def walk(self) -> Iterator[XmlElement]:
         """Yield this element and all within it; the depth is limited, so recursion is safe."""

@@ -134,8 +134,8 @@ class Chart:
     def smoothed_change(self, campaign: int) -> Change:
         """Return the change of the EWMA at one campaign after the baseline (index into the series)."""
         t = campaign - self.size
-        found = self.monitored
-        return Change(float(found.deviation[t]), float(found.standard_uncertainty[t]))
+        monitored = self.monitored
+        return Change(float(monitored.deviation[t]), float(monitored.standard_uncertainty[t]))
 
 
 def charts_of(series: Sequence[Series], size: int) -> list[Chart | None]:
@@ -213,7 +213,7 @@ def _sized(change: Change) -> str:
 def alarms_of(chart: Chart) -> list[Alarm]:
     """Return the alarms of a chart, oldest first."""
     signs = np.where(chart.monitored.exceeded, np.sign(chart.monitored.deviation), 0.0)
-    found: list[Alarm] = []
+    alarms: list[Alarm] = []
     start = 0
     for t, sign in enumerate(signs):
         if t and sign != signs[t - 1]:
@@ -222,5 +222,5 @@ def alarms_of(chart: Chart) -> list[Alarm]:
         if sign and ends:
             first, last = start + chart.size, t + chart.size
             change, limit = chart.smoothed_change(last), float(chart.limits[t])
-            found.append(Alarm(first, last, t + 1 == signs.size, change, chart.change(last), limit))
-    return found
+            alarms.append(Alarm(first, last, t + 1 == signs.size, change, chart.change(last), limit))
+    return alarms

@@ -98,7 +98,7 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
         rise: of the loss that chance allows at the level of the intervals.
     """
     problem = fit.reduced
-    found = ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
+    intervals = ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
     first = problem.cones.first
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, first]), axis=1)
     joints = []
@@ -110,7 +110,7 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
         )
         joints.append(WeightedJoint(JointCompliance(name, "not_observable", reason=reason)))
     for k, j in enumerate(problem.seen.tolist()):
-        name, unit, (low, high) = robot.joint_names[j], problem.unit[k], found.ends[k]
+        name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals.ends[k]
         if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "

@@ -165,9 +165,9 @@ def _fits_table(entries: Sequence[ComparedFit]) -> Table:
 def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
     if resampling is None:
         return "", ""
-    found = resampling.compensation
-    spread = "" if found.deviation is None else f" & {100 * found.deviation:.2g}"
-    return percent(found.mean) + spread, percent(resampling.share_any_negative)
+    compensation = resampling.compensation
+    spread = "" if compensation.deviation is None else f" & {100 * compensation.deviation:.2g}"
+    return percent(compensation.mean) + spread, percent(resampling.share_any_negative)
 
 
 def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Line:

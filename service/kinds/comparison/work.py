@@ -145,8 +145,8 @@ class ComparisonWork(SteppedWork[Part]):
 
 def _assessment(outcomes: Sequence[RunResult | Problem]) -> Assessment:
     """Return the worst verdict of the fits; without one there is nothing to use."""
-    found = [each.assessment for each in outcomes if isinstance(each, RunResult)]
-    return combined(found) if found else Assessment(verdict="do_not_use", reasons=[_NO_FIT])
+    assessments = [each.assessment for each in outcomes if isinstance(each, RunResult)]
+    return combined(assessments) if assessments else Assessment(verdict="do_not_use", reasons=[_NO_FIT])
 
 
 _NO_FIT: Final = Reason(

@@ -213,11 +213,11 @@ def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCase
 
 def to_directions(request: messages.DeflectionOptions, cases: LoadCases) -> FloatArray:
     """Return unit vectors (B, 3) along which stiffness is asked for; NaN where there are none."""
-    asked = np.array(
+    directions = np.array(
         [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
     )
-    size = np.linalg.norm(asked, axis=1, keepdims=True)
-    return np.where(size > 0.0, asked / np.where(size > 0.0, size, 1.0), np.nan)
+    size = np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
 
 
 def to_own_weight(

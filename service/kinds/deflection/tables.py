@@ -71,8 +71,8 @@ def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> De
 
 
 def _column(header: str, joint_names: Sequence[str]) -> _Column:
-    found = _HEADER.fullmatch(header)
-    name, unit = (found[1] or "", found[2] or "") if found else (header, "")
+    match = _HEADER.fullmatch(header)
+    name, unit = (match[1] or "", match[2] or "") if match else (header, "")
     if name.lower() == "label":
         return "label", 0, 1.0
     joint = re.fullmatch(r"J(\d+)", name)

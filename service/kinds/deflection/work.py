@@ -39,13 +39,13 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     """
     model, error = forward_model(robot, run, to_own_weight(request, robot, run))
     cases = to_load_cases(request, robot)
-    found = model.deflect(cases)
-    bound = None if error is None else error.bound(cases, found.leverage, request.confidence)
+    prediction = model.deflect(cases)
+    bound = None if error is None else error.bound(cases, prediction.leverage, request.confidence)
     labels = [case.label or str(i + 1) for i, case in enumerate(request.cases)]
     budgets: Sequence[DeflectionBudget | None] = [None] * len(labels)
     budget = None if run.result is None else run.result.budget
     if budget is not None:
-        contributions = found.length_uncertainties(to_covariances(budget, robot.joint_names))
+        contributions = prediction.length_uncertainties(to_covariances(budget, robot.joint_names))
         radius = None if bound is None else bound.radius
         budgets = to_deflection_budgets(budget, contributions, radius, model.quantile(request.confidence))
     return DeflectionResult(
@@ -58,7 +58,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
             *remarks_of(run, model, error, request.confidence),
         ],
         cases=to_case_results(
-            found, bound, request.confidence, to_directions(request, cases), labels, budgets
+            prediction, bound, request.confidence, to_directions(request, cases), labels, budgets
         ),
     )
 

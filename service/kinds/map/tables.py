@@ -63,24 +63,24 @@ def _extremes(places: tuple[MapPlace, MapPlace], confidence: float) -> Table:
 
 def places_sheet(work: MapWork) -> Sheet:
     """Return all places: status, place, posture, deflection, intervals, compliance; NaN for no number."""
-    found, request = work.table, work.request
-    direction, turn = np.divmod(found.orientation, request.turns)
-    posed = ~np.isnan(found.joints[:, 0])
-    columns = {"status": np.array(STATUSES)[found.status]}
+    table, request = work.table, work.request
+    direction, turn = np.divmod(table.orientation, request.turns)
+    posed = ~np.isnan(table.joints[:, 0])
+    columns = {"status": np.array(STATUSES)[table.status]}
     columns |= {f"{axis} [m]": work.places[:, i] for i, axis in enumerate("xyz")}
     columns["direction"] = np.where(posed, direction, np.nan)
     columns["turn"] = np.where(posed, turn, np.nan)
-    columns |= {f"{name} [rad]": found.joints[:, j] for j, name in enumerate(work.robot.joint_names)}
-    columns |= {f"d{axis} [m]": found.displacement[:, i] for i, axis in enumerate("xyz")}
+    columns |= {f"{name} [rad]": table.joints[:, j] for j, name in enumerate(work.robot.joint_names)}
+    columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
     columns |= {
-        "deflection [m]": found.length,
-        "readings only low [m]": found.readings[:, 0],
-        "readings only high [m]": found.readings[:, 1],
-        "with model error low [m]": found.with_model_error[:, 0],
-        "with model error high [m]": found.with_model_error[:, 1],
-        "compliance along [m/N]": found.along,
-        "compliance across [m/N]": found.across,
-        "extrapolation [1]": np.where(np.isinf(found.extrapolation), np.nan, found.extrapolation),
+        "deflection [m]": table.length,
+        "readings only low [m]": table.readings[:, 0],
+        "readings only high [m]": table.readings[:, 1],
+        "with model error low [m]": table.with_model_error[:, 0],
+        "with model error high [m]": table.with_model_error[:, 1],
+        "compliance along [m/N]": table.along,
+        "compliance across [m/N]": table.across,
+        "extrapolation [1]": np.where(np.isinf(table.extrapolation), np.nan, table.extrapolation),
     }
     return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
 

@@ -81,13 +81,13 @@ class MapWork(SteppedWork[DeflectionMap]):
         Raises:
             JointstiffError: as `compute` does.
         """
-        found = DeflectionMap.joined(list(parts)) if parts else self.table
+        table = DeflectionMap.joined(list(parts)) if parts else self.table
         error, run = self._error, self._run
         return to_map_result(
             self.request,
             self._task,
             self.places,
-            found,
+            table,
             model_error_postures=0 if error is None else error.postures,
             assessment=assessment_of(run),
             remarks=remarks_of(run, self._model, error, self.request.confidence),
@@ -112,5 +112,5 @@ def work(inputs: Inputs, request: MapRequest) -> MapWork:
     Raises:
         RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
     """
-    found = accepted_run(inputs, request)
-    return MapWork(found.prepared.robot, found.prepared.robot_id, found.run, request)
+    run = accepted_run(inputs, request)
+    return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)

@@ -98,17 +98,19 @@ class Side:
             estimate.compliance,
             complementary_stiffness=campaign.settings.complementary_stiffness,
         )
-        found = to_warnings(judge(estimate, prediction), self.prepared.readings)
+        warnings = to_warnings(judge(estimate, prediction), self.prepared.readings)
         assessment = self.prepared.assess(campaign.settings, estimate, prediction)
         budget = UncertaintyBudget.of(estimate, campaign.settings.confidence)
-        stated = to_assessment(assessment, self.prepared.readings)
+        judgement = to_assessment(assessment, self.prepared.readings)
         return AssessedSide(
-            assessment=stated.model_copy(update={"reasons": [self._placed(each) for each in stated.reasons]}),
+            assessment=judgement.model_copy(
+                update={"reasons": [self._placed(each) for each in judgement.reasons]}
+            ),
             joints=to_joints(
                 estimate.joints, assessment.joints, to_joint_budgets(budget, len(estimate.joints))
             ),
             compensation=assessment.supported(prediction).compensation,
-            warnings=[self._placed(warning) for warning in [*self.prepared.warnings, *found]],
+            warnings=[self._placed(warning) for warning in [*self.prepared.warnings, *warnings]],
         )
 
     def _placed(self, said: Placed) -> Placed:

@@ -94,8 +94,8 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
             complementary_stiffness=settings.complementary_stiffness,
         )
         screening = screen_estimate(robot, prepared.measurements, estimate)
-        found = prepared.assess(settings, estimate, prediction, screening)
-        assessment = to_assessment(found, prepared.readings)
+        judgement = prepared.assess(settings, estimate, prediction, screening)
+        assessment = to_assessment(judgement, prepared.readings)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,

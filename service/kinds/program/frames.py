@@ -87,7 +87,7 @@ class ProgramFrames:
     def numbers(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
         """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
         poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
-        found = np.full((len(indices), NUMBERS), np.nan)
+        numbers = np.full((len(indices), NUMBERS), np.nan)
         for notation, rows in program.targets.by_notation(indices):
             near = program.targets.values[indices[rows], : 3 + notation.count]
             if notation.is_joints:
@@ -99,8 +99,8 @@ class ProgramFrames:
                 new[:, :3] = poses[rows, :3, 3] / notation.length
                 size = np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
                 new[:, 3:] = -size * poses[rows, :3, 2][:, : notation.count]
-            found[rows, : new.shape[1]] = new
-        return found
+            numbers[rows, : new.shape[1]] = new
+        return numbers
 
     def _about_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
         """Return poses whose z axis points from spindle to tip, and whose x axis is nearest to `x_axis`."""

@@ -73,9 +73,9 @@ def _segment_of(segments: Sequence[LoadSegment], lines: IndexArray) -> IndexArra
             where=f"segments[{order[overlap[0] + 1]}]",
             remedy="let segments end before the next ones begin",
         )
-    found = np.searchsorted(first, lines, side="right") - 1
-    inside = (found >= 0) & (lines <= last[found])
-    return np.where(inside, np.array(order)[found] + 1, 0)
+    segment = np.searchsorted(first, lines, side="right") - 1
+    inside = (segment >= 0) & (lines <= last[segment])
+    return np.where(inside, np.array(order)[segment] + 1, 0)
 
 
 def _from_table(content: bytes, points: IndexArray) -> Loads:
@@ -109,17 +109,17 @@ def _from_table(content: bytes, points: IndexArray) -> Loads:
 
 def _columns(header: Sequence[str]) -> list[tuple[int, float]]:
     """Return the place of each column behind the first among force and moment, and its factor to SI units."""
-    found = []
+    columns = []
     for cell in header[1:]:
         column = _COLUMN.fullmatch(cell)
         units = {} if column is None else FORCE if column[1] == "F" else MOMENT
         if column is None or column[3] not in units:
             raise _fault(1, f"the header {cell[:40]!r} is not known", _REMEDY)
-        found.append((3 * (column[1] == "M") + "xyz".index(column[2]), units[column[3]]))
-    places = [place for place, _ in found]
+        columns.append((3 * (column[1] == "M") + "xyz".index(column[2]), units[column[3]]))
+    places = [place for place, _ in columns]
     if header[:1] != ["point"] or len(set(places)) < len(places) or not {0, 1, 2} <= set(places):
         raise _fault(1, "a column is missing, or occurs twice", _REMEDY)
-    return found
+    return columns
 
 
 def _row(line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]) -> tuple[int, FloatArray]:

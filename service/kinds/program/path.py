@@ -125,11 +125,11 @@ def program_path(
 
 def _in_order(visits: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Return the targets (m,) in the order of their first visits, and each visit's place among them."""
-    found, first, place = np.unique(visits, return_index=True, return_inverse=True)
+    unique, first, place = np.unique(visits, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return found[order], rank[place]
+    return unique[order], rank[place]
 
 
 def _first(number: IndexArray, count: int) -> IndexArray:
@@ -185,7 +185,7 @@ def _postures(
     ranges = stated.ranges(visits)
     says = np.isfinite(ranges).any(axis=(1, 2))
     with as_request_errors("robot"):
-        found = choose_postures(
+        choice = choose_postures(
             inverse,
             poses,
             given,
@@ -194,12 +194,12 @@ def _postures(
             _start(options, robot),
         )
     faults = [
-        _fault(program, int(visits[row]), *_REASONS[Unreached(found.unreached[row])])
-        for row in np.flatnonzero(found.unreached)
+        _fault(program, int(visits[row]), *_REASONS[Unreached(choice.unreached[row])])
+        for row in np.flatnonzero(choice.unreached)
     ]
     if faults:
         raise ProgramError(faults)
-    return found.joints
+    return choice.joints
 
 
 def _start(options: ProgramOptions, robot: Robot) -> FloatArray | None:

@@ -79,11 +79,11 @@ class WrittenPoints:
     @cached_property
     def _intervals(self) -> FloatArray:
         """(2, k, 2) of the deflection, from the readings and with model error [m]; NaN where unknown."""
-        found = self.corrections
-        half = np.stack([self.quantile * found.uncertainty, found.model_error])
+        corrections = self.corrections
+        half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
         half = np.where(np.isfinite(half), half, np.nan)
         half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
-        deflection = _size(found.uncorrected[:, :3])
+        deflection = _size(corrections.uncorrected[:, :3])
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
 
     def worst(self) -> list[ProgramPoint]:
@@ -92,9 +92,9 @@ class WrittenPoints:
         return [self._point(int(k)) for k in order]
 
     def _point(self, k: int) -> ProgramPoint:
-        found, point = self.corrections, int(self.corrections.points[k])
+        corrections, point = self.corrections, int(self.corrections.points[k])
         targets, target = self.path.program.targets, int(self.path.targets[point])
-        u = float(found.uncertainty[k])
+        u = float(corrections.uncertainty[k])
         readings, with_error = (
             (low, high) if np.isfinite(high) else None for low, high in self._intervals[:, k].tolist()
         )
@@ -103,24 +103,24 @@ class WrittenPoints:
             name="".join(each if each.isprintable() else "?" for each in targets.names[target]),
             line=int(targets.line[target]),
             place=tuple(self.place[point].tolist()),
-            deflection=float(_size(found.uncorrected[k, :3])),
-            deflection_rotation=float(_size(found.uncorrected[k, 3:])),
-            correction=float(_size(found.correction[k, :3])),
-            correction_rotation=float(_size(found.correction[k, 3:])),
+            deflection=float(_size(corrections.uncorrected[k, :3])),
+            deflection_rotation=float(_size(corrections.uncorrected[k, 3:])),
+            correction=float(_size(corrections.correction[k, :3])),
+            correction_rotation=float(_size(corrections.correction[k, 3:])),
             standard_uncertainty=u if np.isfinite(u) else None,
             interval=readings,
             interval_with_model_error=with_error,
             residual=float(_size(self.residual[k, :3])),
             residual_rotation=float(_size(self.residual[k, 3:])),
             rounding=float(self.rounding[k]),
-            share=float(found.share[k]),
-            capped=bool(found.capped[k]),
+            share=float(corrections.share[k]),
+            capped=bool(corrections.capped[k]),
         )
 
     def _columns(self, block: slice) -> FloatArray:
         """Return the columns `_LOADED` of some points."""
-        found = self.corrections
-        uncorrected, correction = found.uncorrected[block], found.correction[block]
+        corrections = self.corrections
+        uncorrected, correction = corrections.uncorrected[block], corrections.correction[block]
         residual = self.residual[block]
         return np.column_stack(
             [
@@ -130,28 +130,28 @@ class WrittenPoints:
                 _MM * correction[:, :3],
                 _MM * _size(correction[:, :3]),
                 _MRAD * _size(correction[:, 3:]),
-                _MM * found.uncertainty[block],
+                _MM * corrections.uncertainty[block],
                 *(_MM * interval for interval in self._intervals[:, block]),
                 _MM * residual[:, :3],
                 _MM * _size(residual[:, :3]),
                 _MRAD * _size(residual[:, 3:]),
                 _MM * self.rounding[block],
-                found.share[block],
+                corrections.share[block],
             ]
         )
 
     def table(self) -> bytes:
         """Return all points in the order of the path, as `points_sheet` reads them."""
-        found, path = self.corrections, self.path
+        corrections, path = self.corrections, self.path
         numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
         numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(path.cases.joints).T
-        for start in range(0, len(found.points), BLOCK):
+        for start in range(0, len(corrections.points), BLOCK):
             block = slice(start, start + BLOCK)
-            numbers[len(_POSTURE) :, found.points[block]] = self._columns(block).T
+            numbers[len(_POSTURE) :, corrections.points[block]] = self._columns(block).T
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
-        remark[found.points] = _REMARKS.index("")
-        remark[found.points[found.capped]] = _REMARKS.index("capped")
-        remark[found.points[found.uncertain]] = _REMARKS.index("uncertain: left alone")
+        remark[corrections.points] = _REMARKS.index("")
+        remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
+        remark[corrections.points[corrections.uncertain]] = _REMARKS.index("uncertain: left alone")
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         files = np.array([source.name for source in path.program.sources])

@@ -123,7 +123,7 @@ class ProgramWork(SteppedWork[Corrections]):
             return _NONE
         try:
             cases = path.cases[points]
-            found = compensate(self._model, cases, self._limits(), self._ramp[points])
+            compensation = compensate(self._model, cases, self._limits(), self._ramp[points])
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
                 raise
@@ -131,8 +131,8 @@ class ProgramWork(SteppedWork[Corrections]):
             raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
         bound = None
         if self._error is not None:
-            bound = self._error.bound(cases, found.leverage, self._request.confidence)
-        return Corrections.of(points, found, bound)
+            bound = self._error.bound(cases, compensation.leverage, self._request.confidence)
+        return Corrections.of(points, compensation, bound)
 
     def encode(self, part: Corrections) -> str:
         """Return corrections as text."""
@@ -149,10 +149,10 @@ class ProgramWork(SteppedWork[Corrections]):
             RequestError: as `compute` does.
             ProgramError: a corrected target is not reached.
         """
-        found = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
+        corrections = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
         del parts  # as large again
         quantile = self._model.quantile(self._request.confidence)
-        contents, points = rewritten(self._path, found, self._model, self._inverse, quantile)
+        contents, points = rewritten(self._path, corrections, self._model, self._inverse, quantile)
         program, verdict = self._program, self._assessment.verdict
         if (self._request.mark or verdict == "do_not_use") and points.changed.any():
             today = datetime.now(UTC).date()
@@ -169,16 +169,16 @@ class ProgramWork(SteppedWork[Corrections]):
         )
 
     def _result(self, points: WrittenPoints, files: list[ProgramFile]) -> ProgramResult:
-        found, program = points.corrections, self._program
+        corrections, program = points.corrections, self._program
         left: dict[LeftAlone, int] = {
             "no_load": int((~points.path.loaded).sum()),
-            "uncertain": int(found.uncertain.sum()),
+            "uncertain": int(corrections.uncertain.sum()),
             "not_used": len(program.targets) - len(points.path.targets),
         }
         kind: ProgramFormat = program.format  # type: ignore[assignment]
         deflection, correction, residual = (
             points.spread(np.linalg.norm(vectors[:, :3], axis=1))
-            for vectors in (found.uncorrected, found.correction, points.residual)
+            for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
             assessment=self._assessment,
@@ -186,7 +186,7 @@ class ProgramWork(SteppedWork[Corrections]):
             points=len(program.targets),
             moves=len(program.moves),
             corrected=int(points.changed.sum()),
-            capped=int(found.capped.sum()),
+            capped=int(corrections.capped.sum()),
             left_alone={reason: count for reason, count in left.items() if count},
             deflection=deflection,
             correction=correction,
@@ -194,7 +194,7 @@ class ProgramWork(SteppedWork[Corrections]):
             rounding=points.spread(points.rounding),
             confidence=self._request.confidence,
             worst=points.worst(),
-            remarks=self._remarks(found),
+            remarks=self._remarks(corrections),
             files=files,
             table=packed("points", points.table()),
         )
@@ -203,7 +203,7 @@ class ProgramWork(SteppedWork[Corrections]):
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
-        left = [f"{_shown(numbers)}: {said}" for said, numbers in lines.items()]
+        left = [f"{_shown(numbers)}: {reason}" for reason, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
         remarks = remarks_of(self._run, self._model, self._error, self._request.confidence)
         beyond = int((found.extrapolation > 1.0).sum())
@@ -266,13 +266,13 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
     Raises:
         RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
     """
-    found = accepted_run(inputs, request)
+    run = accepted_run(inputs, request)
     sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
-    for summary in inputs.listed(Program, found.prepared.robot_id):
+    for summary in inputs.listed(Program, run.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(
                 f"a file is the output of the compensated program '{summary['id']}'",
                 where="files",
                 remedy="send the original program",
             )
-    return ProgramWork(found.prepared.robot, found.prepared.robot_id, found.run, request)
+    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)

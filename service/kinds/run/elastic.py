@@ -155,10 +155,12 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             for number, model in enumerate(self._models)
         }
         options = self._options
-        asked = None if options.elasticity == "automatic" else options.elasticity
-        screened = asked is None  # `work` compares models only where the screening speaks
-        selection = select_model(robot, measurements, self._folds, fits, self._plan, asked, screened=screened)
-        chosen = selection.of(asked or selection.simplest)
+        elasticity = None if options.elasticity == "automatic" else options.elasticity
+        screened = elasticity is None  # `work` compares models only where the screening speaks
+        selection = select_model(
+            robot, measurements, self._folds, fits, self._plan, elasticity, screened=screened
+        )
+        chosen = selection.of(elasticity or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
         plan, model = self._plan, self._model_of(chosen)
@@ -184,7 +186,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             selection,
             chosen,
             screening,
-            given=asked is not None,
+            given=elasticity is not None,
             plain=None if same else plain.conclude_with(screening),
         )
         if chosen.model == "joints":

@@ -32,14 +32,14 @@ def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
 
 def to_plan(options: RunOptions) -> Plan:
     """Return how to cross-validate; a weight that is given is the only one."""
-    asked = options.cross_validation
+    validation = options.cross_validation
     given = options.link_penalty
     return Plan(
-        folds=asked.folds,
-        draws=asked.draws if given is None else 1,
-        seed=asked.seed,
+        folds=validation.folds,
+        draws=validation.draws if given is None else 1,
+        seed=validation.seed,
         weights=WEIGHTS if given is None else (given,),
-        rule=asked.rule,
+        rule=validation.rule,
     )
 
 

@@ -144,13 +144,13 @@ def _summary(result: RunResult) -> Line:
 
 def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
     """Yield the next measurement of each joint that needs one, with details every one."""
-    said = set()
+    advised = set()
     joints = {joint.name: joint for joint in result.joints}
     for advice in result.identifiability.advice:
         if details:
             yield f"{advice.joint}: {advice.message}"
-        elif advice.joint not in said:
-            said.add(advice.joint)
+        elif advice.joint not in advised:
+            advised.add(advice.joint)
             yield f"{advice.joint}: {_reading(advice)}{_gain(run, advice, joints[advice.joint])}"
 
 

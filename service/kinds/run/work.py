@@ -75,8 +75,8 @@ class RunWork(SteppedWork[Resamples]):
     @cached_property
     def screening(self) -> Screening:
         """Return what joints alone leave unexplained; raises as `identified` does."""
-        found = screen_estimate(self._prepared.robot, self._prepared.measurements, self.identified[1])
-        return replace(found, comparable=self._excluded is None)
+        screening = screen_estimate(self._prepared.robot, self._prepared.measurements, self.identified[1])
+        return replace(screening, comparable=self._excluded is None)
 
     def steps(self) -> Sequence[Span]:
         """Return the draws, cut into steps."""

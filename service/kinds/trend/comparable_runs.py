@@ -63,14 +63,14 @@ class Candidate:
     @property
     def selection(self) -> messages.TrendSelection:
         """Common ground that it must share with the others of a trend."""
-        asked = self.run.request
+        request = self.run.request
         return messages.TrendSelection(
             serial_number=self.measured.serial_number,
-            method=asked.method,
-            weighting=asked.weighting,
-            positive=asked.positive,
+            method=request.method,
+            weighting=request.weighting,
+            positive=request.positive,
             encoders="secondary" if self.measured.encoders == "secondary" else "motor",
-            complementary_stiffness=asked.complementary_stiffness,
+            complementary_stiffness=request.complementary_stiffness,
         )
 
 
@@ -78,12 +78,12 @@ def selection_of(
     runs: Iterable[Sequence[Candidate]], query: messages.TrendQuery
 ) -> messages.TrendSelection | None:
     """Return what was asked for, completed by the newest campaign that has it."""
-    asked = query.model_dump(exclude_none=True)
+    filters = query.model_dump(exclude_none=True)
     fitting = [
         one
         for candidates in runs
         for one in candidates
-        if _unfit(one) is None and asked.items() <= one.selection.model_dump().items()
+        if _unfit(one) is None and filters.items() <= one.selection.model_dump().items()
     ]
     newest = max(fitting, key=lambda one: (one.at, one.entry.created_at), default=None)
     return None if newest is None else newest.selection
@@ -95,25 +95,25 @@ def selections_of(runs: Iterable[Sequence[Candidate]], least: int) -> list[messa
     for candidates in runs:
         for selection, one in {one.selection: one for one in candidates if _unfit(one) is None}.items():
             newest.setdefault(selection, []).append((one.at, one.entry.created_at))
-    found = [selection for selection, times in newest.items() if len(times) >= least]
-    return sorted(found, key=lambda selection: max(newest[selection]), reverse=True)
+    selections = [selection for selection, times in newest.items() if len(times) >= least]
+    return sorted(selections, key=lambda selection: max(newest[selection]), reverse=True)
 
 
 def _unfit(candidate: Candidate) -> str | None:
     """Return why a run enters no trend at all; None if it may."""
-    asked, result = candidate.run.request, candidate.run.result
+    request, result = candidate.run.request, candidate.run.result
     verdict = result.assessment
     if verdict.verdict == "do_not_use":
         why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
         return f"its assessment is: do not use{why}"
     if result.links is not None:
         return "it has elastic links or coupling, so its joint stiffnesses are effective values"
-    for name, stated in (
-        ("priors", asked.priors),
-        ("bounds of the stiffness", asked.stiffness_bounds),
-        ("an order of the joints", asked.stiffness_order),
+    for name, value in (
+        ("priors", request.priors),
+        ("bounds of the stiffness", request.stiffness_bounds),
+        ("an order of the joints", request.stiffness_order),
     ):
-        if stated:
+        if value:
             return f"it was identified with {name}, which shift the stiffnesses"
     return None
 
@@ -191,22 +191,22 @@ def baselines_of(
 ) -> list[messages.TrendBaseline]:
     """Return the baselines of a serial number by time; of two from the same campaign on, the later one."""
     times = {one.id: one.measured_at or one.created_at for one in sets}
-    found: dict[datetime, messages.TrendBaseline] = {}
+    baselines: dict[datetime, messages.TrendBaseline] = {}
     for note in notes:
-        stated = json.loads(note.document)
-        if note.kind != "baseline" or stated["serial_number"] != selection.serial_number:
+        document = json.loads(note.document)
+        if note.kind != "baseline" or document["serial_number"] != selection.serial_number:
             continue
-        gone = stated["measurement_set_id"] not in times
-        at = times.get(stated["measurement_set_id"]) or datetime.fromisoformat(stated["starts_at"])
-        found[at] = messages.TrendBaseline(
-            run_id=None if gone else stated["run_id"],
+        gone = document["measurement_set_id"] not in times
+        at = times.get(document["measurement_set_id"]) or datetime.fromisoformat(document["starts_at"])
+        baselines[at] = messages.TrendBaseline(
+            run_id=None if gone else document["run_id"],
             starts_at=at,
-            campaigns=stated["campaigns"],
-            reason=stated["reason"],
+            campaigns=document["campaigns"],
+            reason=document["reason"],
             set_by=_by(note),
             set_at=note.noted_at,
         )
-    return [found[at] for at in sorted(found)]
+    return [baselines[at] for at in sorted(baselines)]
 
 
 def acknowledgements_of(
@@ -216,13 +216,15 @@ def acknowledgements_of(
 
     That of the same joint by another method, weighting or constraint is another alarm.
     """
-    found = {}
+    acknowledgements = {}
     for note in notes:
         if note.kind == "acknowledgement":
-            stated = json.loads(note.document)
-            if stated["selection"] != selection.model_dump():
+            document = json.loads(note.document)
+            if document["selection"] != selection.model_dump():
                 continue
-            found[stated["measurement_set_id"], str(stated["joint"])] = messages.Acknowledgement(
-                note=stated["note"], acknowledged_by=_by(note), acknowledged_at=note.noted_at
+            acknowledgements[document["measurement_set_id"], str(document["joint"])] = (
+                messages.Acknowledgement(
+                    note=document["note"], acknowledged_by=_by(note), acknowledged_at=note.noted_at
+                )
             )
-    return found
+    return acknowledgements

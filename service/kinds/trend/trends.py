@@ -55,13 +55,13 @@ class _Ground:
 
     def by_serial_number(self) -> Iterator[tuple[str, _Ground]]:
         """Yield each serial number with its sets and runs alone: a robot may stand for thousands of arms."""
-        found: dict[str, list[MeasurementSetEntry]] = {}
+        entries: dict[str, list[MeasurementSetEntry]] = {}
         for one in self.sets:
             if one.serial_number is not None:
-                found.setdefault(one.serial_number, []).append(one)
-        for number in sorted(found):
-            runs = {one.id: self.runs[one.id] for one in found[number] if one.id in self.runs}
-            yield number, replace(self, archived=[], sets=found[number], runs=runs)
+                entries.setdefault(one.serial_number, []).append(one)
+        for number in sorted(entries):
+            runs = {one.id: self.runs[one.id] for one in entries[number] if one.id in self.runs}
+            yield number, replace(self, archived=[], sets=entries[number], runs=runs)
 
 
 class Trends:
@@ -131,17 +131,17 @@ class Trends:
             NotFoundError: there is no such robot.
             RequestError: it has no such run, or the run has no numbers.
         """
-        found = self._run(robot_id, request.run_id)
+        candidate = self._run(robot_id, request.run_id)
         now = datetime.now(UTC)
         document = request.model_dump() | {
-            "measurement_set_id": found.measured.id,
-            "serial_number": found.measured.serial_number,
-            "starts_at": found.at.isoformat(),
+            "measurement_set_id": candidate.measured.id,
+            "serial_number": candidate.measured.serial_number,
+            "starts_at": candidate.at.isoformat(),
         }
         self._store.trend_notes.add(note_of(robot_id, "baseline", document, by, now))
         return messages.TrendBaseline(
             run_id=request.run_id,
-            starts_at=found.at,
+            starts_at=candidate.at,
             campaigns=request.campaigns,
             reason=request.reason,
             set_by=by,
@@ -157,9 +157,9 @@ class Trends:
             NotFoundError: there is no such robot.
             RequestError: it has no such run, or no alarm of that joint begins with it.
         """
-        found = self._run(robot_id, request.run_id)
-        asked = found.selection.model_dump(exclude={"complementary_stiffness"})
-        trend = self.trend(robot_id, messages.TrendQuery(**asked))
+        candidate = self._run(robot_id, request.run_id)
+        filters = candidate.selection.model_dump(exclude={"complementary_stiffness"})
+        trend = self.trend(robot_id, messages.TrendQuery(**filters))
         alarms = (one for joint in trend.joints if joint.name == request.joint for one in joint.alarms)
         if all(alarm.run_id != request.run_id for alarm in alarms):
             raise RequestError(
@@ -169,8 +169,8 @@ class Trends:
             )
         now = datetime.now(UTC)
         document = request.model_dump() | {
-            "measurement_set_id": found.measured.id,
-            "selection": found.selection.model_dump(),
+            "measurement_set_id": candidate.measured.id,
+            "selection": candidate.selection.model_dump(),
         }
         self._store.trend_notes.add(note_of(robot_id, "acknowledgement", document, by, now))
         return messages.Acknowledgement(note=request.note, acknowledged_by=by, acknowledged_at=now)
@@ -191,7 +191,7 @@ class Trends:
         """Return the alarms of all trends of a robot; of a joint in several of them that of the newest."""
         ground = self._ground(robot_id)
         arms = dict(ground.by_serial_number())
-        found: dict[tuple[str | None, str], OpenAlarm] = {}
+        alarms: dict[tuple[str | None, str], OpenAlarm] = {}
         for selection in selections_of(ground.runs.values(), messages.LEAST_BASELINE + 1):
             trend = self._trend(robot_id, arms.get(selection.serial_number or "", ground), selection)
             sets = {campaign.run_id: campaign.measurement_set_id for campaign in trend.campaigns}
@@ -207,8 +207,8 @@ class Trends:
                         measurement_set_id=sets[alarm.run_id],
                         message=alarm.message,
                     )
-                    found.setdefault((selection.serial_number, joint.name), shown)
-        return list(found.values())
+                    alarms.setdefault((selection.serial_number, joint.name), shown)
+        return list(alarms.values())
 
     def fleet(self) -> messages.Fleet:
         """Return a row for each robot and serial number, those in alarm first."""
@@ -238,12 +238,12 @@ class Trends:
     def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Candidate]]:
         """Return the runs with numbers, newest first, by their sets."""
         known = {one.id: one for one in sets}
-        found: dict[str, list[Candidate]] = {}
+        candidates: dict[str, list[Candidate]] = {}
         for entry in self._entries(robot_id):
             set_id = str(entry.summary["measurement_set_id"])
             if set_id in known and (run := self._read(entry.id)) is not None:
-                found.setdefault(set_id, []).append(Candidate(entry, run, known[set_id]))
-        return found
+                candidates.setdefault(set_id, []).append(Candidate(entry, run, known[set_id]))
+        return candidates
 
     def _entries(self, robot_id: str) -> Iterator[JobEntry]:
         filters, cursor = {"robot_id": robot_id, "state": "succeeded"}, None

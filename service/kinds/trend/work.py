@@ -155,9 +155,9 @@ def _series(given: TrendInput, name: str, inside: Sequence[int]) -> tuple[list[i
     # A load point of which no campaign states anything is that of the same hook in all of them.
     hook = all(budget.assumed_load_point > 0.0 for budget in budgets)
     numbers = ((i, _number(joint, same_load_cell=same, same_hook=hook)) for i, joint in joints.items())
-    found = [(i, number) for i, number in numbers if number is not None]
-    values, uncertainties = np.array([number for _, number in found]).reshape(-1, 2).T
-    return [i for i, _ in found], Series(values, uncertainties)
+    charted = [(i, number) for i, number in numbers if number is not None]
+    values, uncertainties = np.array([number for _, number in charted]).reshape(-1, 2).T
+    return [i for i, _ in charted], Series(values, uncertainties)
 
 
 def _number(
@@ -251,8 +251,8 @@ def _chart(baseline: int, chart: Chart) -> messages.TrendChart:
 
 
 def _alarms(given: TrendInput, name: str, part: _Part) -> list[messages.TrendAlarm]:
-    found = [] if part.chart is None else alarms_of(part.chart)
-    return [_alarm(given, name, part, alarm) for alarm in found]
+    alarms = [] if part.chart is None else alarms_of(part.chart)
+    return [_alarm(given, name, part, alarm) for alarm in alarms]
 
 
 def _alarm(given: TrendInput, name: str, part: _Part, alarm: Alarm) -> messages.TrendAlarm:

@@ -59,10 +59,10 @@ def has_tables(connection: Connection) -> bool:
     Raises:
         StoreError: It has those of another version.
     """
-    found = revision_of(connection)
-    if found is not None:
-        refuse_other_layout(found)
-    return found is not None
+    revision = revision_of(connection)
+    if revision is not None:
+        refuse_other_layout(revision)
+    return revision is not None
 
 
 def refuse_other_layout(found: str) -> None:

@@ -33,9 +33,9 @@ def entries(size: int) -> tuple[IndexArray, IndexArray]:
 def weights(size: int) -> FloatArray:
     """1 for diagonal entries and √2 for the others, so that vectors have the matrices' inner product."""
     rows, columns = entries(size)
-    found: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
-    found.setflags(write=False)
-    return found
+    weights: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
+    weights.setflags(write=False)
+    return weights
 
 
 def diagonal(size: int) -> IndexArray:

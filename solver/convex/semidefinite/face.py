@@ -88,8 +88,8 @@ class Face:
         """(p, d) tangent vectors: the free scalars', then those of the blocks."""
         columns = np.zeros((len(self.x), len(self.free) + sum(b.basis.shape[1] for b in self.blocks)))
         columns[self.free, np.arange(len(self.free))] = 1.0
-        for block, own in zip(self.blocks, self._places, strict=True):
-            columns[block.place, own] = block.basis
+        for block, place in zip(self.blocks, self._places, strict=True):
+            columns[block.place, place] = block.basis
         return columns
 
     @cached_property
@@ -103,8 +103,8 @@ class Face:
     def hessian(self) -> FloatArray:
         """(d, d) of the objective on the face."""
         hessian = self.information.copy()
-        for block, own in zip(self.blocks, self._places, strict=True):
-            hessian[own, own] += block.curvature
+        for block, place in zip(self.blocks, self._places, strict=True):
+            hessian[place, place] += block.curvature
         hessian[np.diag_indices_from(hessian)] += _RIDGE * hessian.diagonal().max(initial=0.0)
         return hessian
 
@@ -118,8 +118,8 @@ class Face:
         """(p,) numbers of the tangent coordinates (d,), each block's sum at its first parameter."""
         out = np.zeros(len(self.x))
         out[self.free] = coordinates[: len(self.free)]
-        for block, own in zip(self.blocks, self._places, strict=True):
-            out[block.place.start] = coordinates[own].sum()
+        for block, place in zip(self.blocks, self._places, strict=True):
+            out[block.place.start] = coordinates[place].sum()
         return out
 
     def step(self) -> FloatArray | None:
@@ -131,8 +131,8 @@ class Face:
             return None
         out = np.zeros(len(self.x))
         out[self.free] = self.x[self.free] + step[: len(self.free)]
-        for block, own in zip(self.blocks, self._places, strict=True):
-            moved = block.moved(step[own])
+        for block, place in zip(self.blocks, self._places, strict=True):
+            moved = block.moved(step[place])
             if moved is None:
                 return None
             out[block.place] = moved

@@ -76,12 +76,12 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     best: ConeSolution | None = None
     data = {"p": program.penalty, "root": np.array([np.sqrt(program.threshold)])}
     for tolerance in _LADDER:
-        found = program.loss.program.solve_with_duals(data, tolerance)
-        if found is None:
+        solution = program.loss.program.solve_with_duals(data, tolerance)
+        if solution is None:
             continue
-        x = program.loss.cone.project(found[0])
+        x = program.loss.cone.project(solution[0])
         # Each cone's multipliers are (weight, −ν).
-        dual = -found[1].reshape(-1, 4)[:, 1:]
+        dual = -solution[1].reshape(-1, 4)[:, 1:]
         certificate = certify_robust(program, x, dual)
         if certificate.primal == 0.0 and (best is None or certificate.gap < best.certificate.gap):
             best = ConeSolution(x, certificate, tolerance)

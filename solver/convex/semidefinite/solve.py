@@ -70,11 +70,11 @@ def refuse_gap(best: ConeSolution | None, limit: float) -> ConeSolution:
         SolverError: there is none.
     """
     if best is None or not best.certificate.gap <= limit:
-        found = "the solver did not converge"
+        reason = "the solver did not converge"
         if best is not None:
-            found = f"its gap is {best.certificate.gap:.1e}, above {limit:.1e}"
+            reason = f"its gap is {best.certificate.gap:.1e}, above {limit:.1e}"
         raise SolverError(
-            f"the semidefinite program is not solved: {found}",
+            f"the semidefinite program is not solved: {reason}",
             remedy="give a larger penalty, choose fewer links, or report this with the data",
         )
     return best

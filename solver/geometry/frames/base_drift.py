@@ -43,12 +43,12 @@ class BaseDrift:
 
     def findings(self) -> tuple[GeometryFinding, ...]:
         """Return what a user should know."""
-        found = []
+        findings = []
         size = float(np.linalg.norm(self.displacement))
         if self.significant:
             direction = self.displacement / max(size, 1e-300)
             spread = float(np.sqrt(direction @ self.displacement_covariance @ direction))
-            found.append(
+            findings.append(
                 GeometryFinding(
                     "base_drifted",
                     "base_targets",
@@ -62,7 +62,7 @@ class BaseDrift:
             )
         for target in self.moved_targets:
             left = float(np.linalg.norm(self.residuals[self.names.index(target)]))
-            found.append(
+            findings.append(
                 GeometryFinding(
                     "base_target_moved",
                     f"base_targets.after.{target}",
@@ -72,7 +72,7 @@ class BaseDrift:
                     "omit it, and attach it more firmly",
                 )
             )
-        return tuple(found)
+        return tuple(findings)
 
 
 def find_drift(

@@ -84,11 +84,11 @@ def nearest_to_axes(
         middle = _nearest(wrist, np.eye(2 * WRIST_JOINTS))
         return np.array([np.linalg.norm(axis.at(axis.foot(middle)) - middle) for axis in wrist])
 
-    found = distances(identified.axes, identified.targets)
-    farthest = int(np.argmax(found))
+    point = distances(identified.axes, identified.targets)
+    farthest = int(np.argmax(point))
     left = _offsets(reference, centre, reference)
     miss = WristMiss(
-        float(found[farthest]),
+        float(point[farthest]),
         float(np.sqrt(np.trace(V) / len(V))),
         float(stats.chi2.sf(left @ weight @ left, 2 * WRIST_JOINTS - 3)),
     )
@@ -218,9 +218,9 @@ def find_wrist_centre(identified: SweptAxes) -> WristCentre:
     sphere = fit_spheres(identified, at_rest)  # by the sweeps that leave the arm where the last one has it
     if sphere is not None:
         ways.append(("sphere", sphere.centre, sphere.influence[:3]))
-        found = _by_trilateration(identified, sphere, by_axes[0])
-        if found is not None:
-            ways.append(("trilateration", *found))
+        trilaterated = _by_trilateration(identified, sphere, by_axes[0])
+        if trilaterated is not None:
+            ways.append(("trilateration", *trilaterated))
     covariances = [identified.sigma**2 * influence @ influence.T for _, _, influence in ways]
     informations = [np.linalg.inv(covariance) for covariance in covariances]
     mean = np.linalg.inv(np.sum(informations, axis=0))

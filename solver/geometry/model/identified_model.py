@@ -212,13 +212,13 @@ def link_table(
         placed = RigidTransform(T.rotation, T.translation).after(flange.place(moved, points))
         return _numbers(in_base, placed, parallel, signs)
 
-    found = measured(identified.axes, identified.targets)
-    J = identified.jacobian_of(lambda moved, points: _wrapped(measured(moved, points) - found))
+    values = measured(identified.axes, identified.targets)
+    J = identified.jacobian_of(lambda moved, points: _wrapped(measured(moved, points) - values))
     spread = identified.standard_uncertainties(J)
     expected = _numbers(axes, nominal_flange, parallel, signs)
     rows = []
     for (quantity, joint), value, other, uncertainty in zip(
-        _labels(len(axes)), found, expected, spread, strict=True
+        _labels(len(axes)), values, expected, spread, strict=True
     ):
         if _is_convention(quantity, joint, parallel):
             continue

@@ -184,15 +184,15 @@ def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform |
     errors = []
     for fold in range(min(_FOLDS, count)):
         try:
-            found = calibrate(nominal, poses[part != fold], start=start, hold_out=False)
+            calibrated = calibrate(nominal, poses[part != fold], start=start, hold_out=False)
         except (MeasurementError, NotObservableError):
             return None
         left_out = poses[part == fold]
         for angles, points, present in zip(
             left_out.joint_map.model_angles(left_out.angles), left_out.points, left_out.present, strict=True
         ):
-            _, rotation, shift = posed(found.axes, angles)
-            errors.append((points - found.targets @ rotation.T - shift)[present])
+            _, rotation, shift = posed(calibrated.axes, angles)
+            errors.append((points - calibrated.targets @ rotation.T - shift)[present])
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 

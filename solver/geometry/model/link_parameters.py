@@ -80,21 +80,21 @@ def link_geometry(
         signs: sense of each perpendicular beside z_i × z_{i+1}, or between parallel axes beside the
             direction from one to the other.
     """
-    found = _perpendiculars(axes, signs, parallel)
+    perpendiculars = _perpendiculars(axes, signs, parallel)
     z = [axis.direction for axis in axes]
     # x_n and the origin of frame n on the last axis: as near to the flange frame as they can be
     last_x = _across(flange.rotation[:, 0], z[-1], flange.rotation[:, 1])
     last_foot = axes[-1].at(axes[-1].foot(flange.translation))
-    x, starts = [*found.x[:-1], last_x], [*found.starts, last_foot]
+    x, starts = [*perpendiculars.x[:-1], last_x], [*perpendiculars.starts, last_foot]
     angles = [_angle(z[i], z[i + 1], x[i + 1]) for i in range(len(axes) - 1)]
     tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
     frame_n = RigidTransform(np.column_stack([last_x, np.cross(z[-1], last_x), z[-1]]), last_foot)
-    frame_0 = RigidTransform(np.column_stack([x[0], np.cross(z[0], x[0]), z[0]]), found.ends[0])
+    frame_0 = RigidTransform(np.column_stack([x[0], np.cross(z[0], x[0]), z[0]]), perpendiculars.ends[0])
     return LinkGeometry(
-        a=np.array(found.lengths),
+        a=np.array(perpendiculars.lengths),
         alpha=np.array(angles),
         beta=np.arcsin(np.clip(tilts, -1.0, 1.0)),
-        d=np.array([(starts[i] - found.ends[i]) @ z[i] for i in range(len(axes))]),
+        d=np.array([(starts[i] - perpendiculars.ends[i]) @ z[i] for i in range(len(axes))]),
         theta=np.array([_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
         base=frame_0,
         tool=frame_n.inverse().after(RigidTransform(flange.rotation, flange.translation)),

@@ -116,8 +116,8 @@ def find_anomalies(linear: LinearFit, sweep: Sweep, typical: float = 0.0) -> tup
             _Hypothesis("reading", k, int(t), present & (position == k) & (target == t))
             for t in np.flatnonzero(present[k])
         )
-    found: list[Anomaly] = []
-    while hypotheses and len(found) < MOST_ANOMALIES:
+    anomalies: list[Anomaly] = []
+    while hypotheses and len(anomalies) < MOST_ANOMALIES:
         tests = [_test(h, fit, weight, points, typical) for h in hypotheses]
         best = min(range(len(tests)), key=lambda index: tests[index].log_probability)
         log_probability = tests[best].log_probability + np.log(len(tests))
@@ -125,13 +125,13 @@ def find_anomalies(linear: LinearFit, sweep: Sweep, typical: float = 0.0) -> tup
             break
         h = hypotheses.pop(best)
         displacement = tests[best].displacement
-        found.append(Anomaly(h.kind, h.position, h.target, displacement, float(np.exp(log_probability))))
+        anomalies.append(Anomaly(h.kind, h.position, h.target, displacement, float(np.exp(log_probability))))
         # orthonormal columns (K, T, 3, rank) of the hypothesis, normal to the fit's basis
         test = tests[best]
         raw = np.zeros((*points.shape, test.directions.shape[1]))
         raw[h.readings] = _columns(h, weight, points) @ test.directions
         fit = fit.with_columns(raw - fit.basis @ np.einsum("ktip,ktiq->pq", fit.basis, raw))
-    return tuple(found)
+    return tuple(anomalies)
 
 
 def _columns(h: _Hypothesis, weight: FloatArray, points: FloatArray) -> FloatArray:

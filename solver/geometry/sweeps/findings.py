@@ -52,14 +52,14 @@ def sweep_findings(
         least: displacement [m] below which a bump is none.
     """
     anomalies = find_anomalies(fit.linear, fit.sweep, typical)
-    found = [
+    findings = [
         _anomaly(fit, anomaly, names)
         for anomaly in anomalies
         if anomaly.kind != "bump" or float(np.linalg.norm(anomaly.displacement)) >= least
     ]
     if fit.arc < SHORT_ARC:
         spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
-        found.append(
+        findings.append(
             GeometryFinding(
                 "short_arc",
                 fit.sweep.where,
@@ -69,9 +69,9 @@ def sweep_findings(
                 "sweep at least 90°",
             )
         )
-    found += _variance(fit)
+    findings += _variance(fit)
     if abs(fit.angle_scale - 1.0) > _SCALE_ALARM:
-        found.append(
+        findings.append(
             GeometryFinding(
                 "angle_scale_suspect",
                 fit.sweep.where,
@@ -82,7 +82,7 @@ def sweep_findings(
                 "check the joint map, the unit of the angles, and the order of the rows",
             )
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
@@ -169,7 +169,7 @@ def _variance(fit: AxisFit) -> list[GeometryFinding]:
     if not fit.sigma_stated:
         return []
     rms = length_text(float(np.sqrt(fit.rss / fit.dof)))
-    stated = length_text(fit.sigma)
+    sigma = length_text(fit.sigma)
     if stats.chi2.sf(fit.rss / fit.sigma**2, fit.dof) < _CHI_SQUARE_ALARM:
         return [
             GeometryFinding(
@@ -177,7 +177,7 @@ def _variance(fit: AxisFit) -> list[GeometryFinding]:
                 fit.sweep.where,
                 fit.variance_factor,
                 "",
-                f"the residuals give sigma = {rms}, but {stated} was stated: the uncertainties are too small",
+                f"the residuals give sigma = {rms}, but {sigma} was stated: the uncertainties are too small",
                 "correct or omit sigma; poor repeatability of the robot has the same effect",
             )
         ]
@@ -188,7 +188,7 @@ def _variance(fit: AxisFit) -> list[GeometryFinding]:
                 fit.sweep.where,
                 fit.variance_factor,
                 "",
-                f"the residuals give sigma = {rms}, but {stated} was stated: the uncertainties are too large",
+                f"the residuals give sigma = {rms}, but {sigma} was stated: the uncertainties are too large",
                 "check the unit of sigma",
             )
         ]

@@ -160,15 +160,15 @@ def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
 
 def _sweep_of_joint(sweeps: SweepSet) -> list[int]:
     """Index of the sweep that tells the axis of each model joint: of coupled ones, the first."""
-    told = {min(sweeps.turning(sweep)): index for index, sweep in enumerate(sweeps.sweeps)}
-    missing = [joint + 1 for joint in range(sweeps.joint_map.n) if joint not in told]
+    sweep_of = {min(sweeps.turning(sweep)): index for index, sweep in enumerate(sweeps.sweeps)}
+    missing = [joint + 1 for joint in range(sweeps.joint_map.n) if joint not in sweep_of]
     if missing:
         raise MeasurementError(
             f"no sweep determines the axis of model joint {', '.join(map(str, missing))}",
             where="sweeps",
             remedy="turn each joint alone in a sweep of its own",
         )
-    return [told[joint] for joint in range(sweeps.joint_map.n)]
+    return [sweep_of[joint] for joint in range(sweeps.joint_map.n)]
 
 
 def _fit_all(sweeps: SweepSet, order: Sequence[int], angles: AngleUse) -> tuple[AxisFit, ...]:
