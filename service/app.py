@@ -99,9 +99,6 @@ def create_app(
         keyring: keys that open the service, where the posture demands one; those of the store without it.
         laboratory: that issues reports; without it they name none.
 
-    Returns:
-        The ASGI application.
-
     Raises:
         UndeclaredRoleError: a route does not say which role it needs.
     """

@@ -40,9 +40,6 @@ from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
     """Identify the joint compliances.
 
-    Returns:
-        The estimate, with a certificate of optimality.
-
     Raises:
         UnsupportedMethodError: the readings or the robot cannot support the method or weighting.
         NotObservableError: the readings determine no joint.

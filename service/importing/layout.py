@@ -84,11 +84,6 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
 
     A table without any is a list of points: `name x y z`, with `group` or `collection group` before it.
 
-    Args:
-        grid: the file.
-        options: of the caller.
-        faults: where to tell of rows and columns that are not understood.
-
     Raises:
         ImportFileError: there is none and it is no such list.
     """

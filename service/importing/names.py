@@ -95,11 +95,6 @@ def names_of(layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
     The column `target` of a tracker's own table is its reflector: names of points say the target if they
     do, or that of the file if it says target and state.
 
-    Args:
-        layout: the file.
-        options: of the caller.
-        notes: where to tell what the file's name was taken for.
-
     Raises:
         ImportFileError: a template is faulty, or the file's name does not fit it.
     """
@@ -289,10 +284,6 @@ def is_whole(layout: Layout) -> bool:
 
 def labels_in_order(layouts: Sequence[Layout], faults: Faults) -> list[str]:
     """Return the labels of observations by row, for files without names.
-
-    Args:
-        layouts: all files.
-        faults: where to tell of rows that cannot be matched.
 
     Returns:
         Those of the table that has a row for each observation; numbers from 1 if there is none.

@@ -83,14 +83,7 @@ class Sheet:
     def __init__(
         self, archive: Archive, part: str, texts: Sequence[str], kinds: Mapping[str, CellKind]
     ) -> None:
-        """Prepare to read.
-
-        Args:
-            archive: that it is in.
-            part: name of the part.
-            texts: that cells refer to by number.
-            kinds: what numbers are, by the number of their format.
-        """
+        """Prepare to read."""
         self._archive, self._part, self._texts, self._kinds = archive, part, texts, kinds
         self._begin()
 

@@ -171,9 +171,6 @@ class Jobs:
     def restore(self, job_id: str) -> str:
         """Bring a deleted job back; to do so again changes nothing.
 
-        Returns:
-            The job as JSON.
-
         Raises:
             NotFoundError: there is no such job, or it has been removed for good.
         """

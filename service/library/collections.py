@@ -48,12 +48,7 @@ class Collection(Generic[Resource, Summary]):
         self._send, self._path, self._kind, self._summary = send, f"/v1/{name}", kind, summary
 
     def create(self, document: Document, *, key: str | None = None) -> Resource:
-        """Post a document; return the resource that it became.
-
-        Args:
-            document: to post.
-            key: idempotency key; one of its own if absent.
-        """
+        """Post a document; return the resource that it became."""
         answer = self._send("POST", self._path, self._posted_with, document, key=key)
         return self._in(answer)
 

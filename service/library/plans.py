@@ -19,9 +19,6 @@ from jointstiff.solver.errors import RequestError
 def read_planned(text: str) -> RobotDocument | Campaign:
     """Read a robot, or a campaign.
 
-    Args:
-        text: path of a file, or name of an arm of the catalogue.
-
     Raises:
         CampaignError: the file is too large, or neither; there is no such file, and no such arm.
     """
@@ -79,9 +76,6 @@ def _unread(planned: PlannedReading) -> dict[str, Any]:
 
 def read_robot(text: str) -> RobotDocument:
     """Return the robot of a file that has one, or of a campaign; else the nominal arm of that name.
-
-    Args:
-        text: path of a file, or name of an arm of the catalogue.
 
     Raises:
         CampaignError: the file is neither; or there is no such file, and no such arm.

@@ -29,15 +29,7 @@ _UNSIGNED: Final = State("unsigned", "For information: reports of this kind are 
 def job_document(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
-    """Return the report of a job that has succeeded.
-
-    Args:
-        kind: its kind.
-        job: that has succeeded.
-        document: JSON of the job, which is attached.
-        settings: of the laboratory.
-        about: names of what the request has identifiers of.
-    """
+    """Return the report of a job that has succeeded."""
     title, provenance = kind.title, job.provenance
     parts = job_parts(kind, job, View(details=True))
     notes = [line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines()]

@@ -31,10 +31,6 @@ def resolve_frame(
 ) -> tuple[ResolvedFrame | None, list[QualityWarning]]:
     """The transform from tracker to R0 that a set's frame stands for, and what was noticed.
 
-    Args:
-        store: where geometries and robots are.
-        request: a set of a robot that is there.
-
     Returns:
         None if the set is in R0; and warnings about a drift that is removed.
 

@@ -74,12 +74,6 @@ class Engine:
     def __init__(self, store: Store, jobs: Mapping[str, Jobs], database: str, executor: str) -> None:
         """Prepare to work, as a context manager does.
 
-        Args:
-            store: of the jobs.
-            jobs: of that store, by the name of their kind.
-            database: its URL.
-            executor: name of this worker.
-
         Raises:
             StoreError: the engine's tables cannot be made or used.
         """

@@ -38,10 +38,6 @@ class JobQueue:
     def __init__(self, store: Store, database: str) -> None:
         """Connect to the engine's tables, making them if need be.
 
-        Args:
-            store: of the jobs.
-            database: its URL; the engine keeps its tables beside the store's.
-
         Raises:
             StoreError: the engine's tables cannot be made or used.
         """

@@ -79,9 +79,6 @@ class Constraints:
             compliance: (q,) theirs [rad/(N·m)].
             others: (p,) ascending.
 
-        Returns:
-            Constraints on the others.
-
         Raises:
             RequestError: if the known joints leave another no room.
         """

@@ -113,9 +113,6 @@ class CampaignPlan:
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     """Plan a campaign.
 
-    Returns:
-        The plan with its certificate.
-
     Raises:
         RequestError: no reading is feasible, nothing excites a joint, there are too few readings or distinct
             postures.

@@ -52,9 +52,6 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
         distinct: which postures go together; with `problem.once` a candidate never comes twice.
         seed: of the restarts.
 
-    Returns:
-        The list with its certificate.
-
     Raises:
         RequestError: there are not as many distinct postures.
     """

@@ -69,9 +69,6 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
         problem: the choice.
         tolerance: gap at which the search ends; `GAP` or `LOOSE_GAP` if None.
 
-    Returns:
-        The design with its certificate.
-
     Raises:
         RequestError: the candidates do not determine the parameters.
         SolverError: the gap does not close.

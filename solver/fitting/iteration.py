@@ -150,9 +150,6 @@ def fit_once(
         new_method: method and weighting.
         before: an earlier pass, by whose compliances the load bends the robot; None neglects K_c.
 
-    Returns:
-        The outcome.
-
     Raises:
         JointstiffError: as `jointstiff.solver.identification.identify`.
     """
@@ -252,12 +249,6 @@ def neglected_shift(
     are. Of a set beyond `SHIFT_OBSERVATIONS` as many stand for the whole, evenly spread. Where loads of all
     directions make the observations' shares cancel, that overstates it: by the root of the set's size over
     theirs.
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        neglected: the fit without K_c.
-        prior: as in that fit.
 
     Returns:
         (n,) change [rad/(N·m)], zero for joints at a bound.

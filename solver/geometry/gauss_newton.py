@@ -176,9 +176,6 @@ def minimise(
         by_own: derivative (G, m / G) of each group of readings by its own unknown, if there are such.
         size: norm of the whitened readings, whose rounding no fit explains.
 
-    Returns:
-        The minimum and the linear fit there.
-
     Raises:
         MeasurementError: no convergence.
     """

@@ -76,9 +76,6 @@ def assess(
         prediction: by that estimate, of the same measurements.
         findings: of the integrity checks of the same measurements.
         screening: of an identification of joints alone; None to make it here.
-
-    Returns:
-        The verdict with its reasons.
     """
     better = gross_mistake(robot, measurements, estimate)
     if better is not None:

@@ -141,9 +141,6 @@ def assemble(
         inflation: of the variance of the estimate, where the loss is not squared.
         sigma_given: false if a sigma is passed that comes from the readings themselves.
         common: return the effect of errors that all observations share, given sigma; None without them.
-
-    Returns:
-        The estimate.
     """
     scale = scale_of(fit if fit.alone is None else fit.alone, whitened, sigma)
     if fit.alone is not None:

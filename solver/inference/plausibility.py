@@ -23,11 +23,7 @@ LARGEST_SHIFT: Final = 0.5
 
 
 def judge(estimate: Estimate, prediction: Prediction) -> list[Finding]:
-    """Look at a fit with the eyes of someone who has seen many robots.
-
-    Returns:
-        The findings, none of them bound to an observation.
-    """
+    """Look at a fit with the eyes of someone who has seen many robots."""
     return [
         *_sigma(estimate),
         *_priors(estimate),

@@ -85,9 +85,6 @@ def predict(
             compliances: the deflections are then those of the exact balance, to third order.
         estimated: (n,) joints with an estimate; all if None. The others contribute nothing by name.
 
-    Returns:
-        The prediction beside the measurements.
-
     Raises:
         SolverError: the load finds no balance with joints of that compliance.
     """

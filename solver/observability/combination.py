@@ -70,9 +70,6 @@ def combinations(null_space: FloatArray, scale: FloatArray, columns: JointIndice
         null_space: (k, p) orthonormal directions that the equilibrated regressor does not see.
         scale: (p,) norms of the regressor's columns, by which it was equilibrated.
         columns: (p,) the joint of each column.
-
-    Returns:
-        The groups.
     """
     return tuple(_combination(null_space, scale, group, columns) for group in _groups(null_space))
 

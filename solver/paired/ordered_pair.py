@@ -128,9 +128,6 @@ def fit_ordered(first: WhitenedCampaign, second: WhitenedCampaign) -> OrderedFit
         first: the softer campaign, such as with the motors' encoders in the loop.
         second: the stiffer one, of the same joints, by the same method.
 
-    Returns:
-        The optimum, with a certificate for each stage.
-
     Raises:
         UnsupportedMethodError: the campaigns are identified by different methods.
         SolverError: optimality could not be certified.

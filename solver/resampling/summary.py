@@ -69,9 +69,6 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
         resamples: K repetitions, at least one.
         confidence: share of the repetitions within the percentile intervals.
 
-    Returns:
-        The statistics.
-
     Raises:
         RequestError: if there is no repetition, or the confidence is not between 0 and 1.
     """

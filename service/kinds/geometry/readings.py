@@ -73,10 +73,6 @@ class _Readings:
 def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
     """Return the sweeps of a request.
 
-    Args:
-        request: with sweeps.
-        robot: the nominal one, if there is one.
-
     Raises:
         MeasurementError: with the place and the remedy.
         RobotError: the joint map does not fit.

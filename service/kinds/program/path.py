@@ -76,11 +76,6 @@ class Visits:
     def of(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
         """Collect the visits of a program.
 
-        Args:
-            program: the program.
-            options: that state the loads.
-            table: CSV of the load at each point, if there is one.
-
         Raises:
             RequestError: no move is under load, or a load does not fit the program.
             ProgramError: there is no move, or a target has two loads.

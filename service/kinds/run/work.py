@@ -189,11 +189,6 @@ def run_identification(
 
     It takes a refit a posture only where joints alone do not fit: their intervals hold what that says.
 
-    Args:
-        prepared: the readings.
-        options: how to identify.
-        parts: the fits of the draws, in order, if it resamples.
-
     Raises:
         RequestError: the options do not fit the robot or the set.
         UnsupportedMethodError: the readings cannot support the method.
