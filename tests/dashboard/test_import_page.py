@@ -141,7 +141,7 @@ def test_words_that_may_be_states_are_one_question(visit, stored):
     visited.go("#/")
     page.locator("input[type=file]").set_input_files(table("day 5.csv", text))
     expect(page.get_by_text("may be states, but are not known")).to_have_count(1)
-    expect(page.get_by_text("1 fault first")).to_be_visible()
+    expect(page.get_by_text("1 fault must be corrected first")).to_be_visible()
     page.get_by_role("group", name="Word for columns without load").get_by_role("radio", name="pre").tap()
     expect(page.get_by_text("may be states, but are not known")).to_have_count(0)
     expect(page.get_by_role("columnheader").filter(has_text="post").first).to_be_visible()
