@@ -1,4 +1,4 @@
-"""From measurements to joint stiffnesses with their evidence: the whole path of method.md §2-§6."""
+"""Identification of joint stiffnesses from measurements, with their evidence (method.md §2-§6)."""
 
 from __future__ import annotations
 

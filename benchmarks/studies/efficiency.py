@@ -1,4 +1,4 @@
-"""Is more to be had from the readings? Spread of the estimates beside the Cramér-Rao bound, and as reported.
+"""Efficiency: spread of the estimates compared with the Cramér-Rao bound and with the reported one.
 
 By name only: it takes a minute or two.
 """

@@ -74,7 +74,7 @@ def prepared(path: Path) -> tuple[Robot, Measurements]:
 def _summaries(
     blocks: GramBlocks, plan: ResamplingPlan, n: int
 ) -> tuple[ResamplingSummary, ResamplingSummary]:
-    """Without and with constraints."""
+    """Compare fits without and with constraints."""
     free, positive = Bounds.unconstrained(n), Bounds.positive(n)
     return summarise(resample(blocks, plan, free)), summarise(resample(blocks, plan, positive))
 

@@ -87,7 +87,7 @@ def _square(error: FloatArray, covariance: FloatArray) -> float:
 
 
 def _coverage(sets: int) -> Section:
-    """Which share of 95 % regions holds the truth, by quantity and way."""
+    """Return the share of 95 % regions that contain the truth, by quantity and way."""
     cell = TrackedArm()
     inside: dict[tuple[str, str], list[bool]] = defaultdict(list)
     errors: dict[tuple[str, str], list[float]] = defaultdict(list)

@@ -218,7 +218,7 @@ def _noise_floor(*, quick: bool) -> Section:
 
 
 def _rigid(*, quick: bool) -> Section:
-    """Which model is named where the links are rigid?"""
+    """Return which model is named if the links are rigid."""
     campaigns = 3 if quick else 100
     named: Counter[str] = Counter()
     for seed in range(campaigns):

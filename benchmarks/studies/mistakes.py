@@ -139,7 +139,7 @@ def _swapped_joints(m: Measurements, generator: Generator) -> Posted:
 
 
 def _shifted_rows(m: Measurements, generator: Generator) -> Posted:
-    """From some row on, or throughout, the readings are those of the row before."""
+    """Shift readings to the next row, from some row on or throughout."""
     count = len(m)
     first = 0 if generator.random() < 0.3 else int(generator.integers(count - 2))
     order = np.arange(count)
@@ -148,7 +148,7 @@ def _shifted_rows(m: Measurements, generator: Generator) -> Posted:
 
 
 def _bumped_target(m: Measurements, generator: Generator) -> Posted:
-    """From some reading on, unloaded or loaded, one target sits elsewhere on the flange."""
+    """Move one target on the flange, from some reading on, unloaded or loaded."""
     count, targets = m.present.shape
     direction = generator.standard_normal(3)
     shift = generator.uniform(*BUMPS) * direction / np.linalg.norm(direction)

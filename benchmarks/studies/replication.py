@@ -141,7 +141,7 @@ def _many_cells(many: Many) -> Iterator[str]:
 
 
 def _ranking_cells(many: Many) -> tuple[str, str]:
-    """On how many arms each half of the paper's ranking is found."""
+    """Count the arms on which each half of the paper's ranking is found."""
     of = {way.name: share for way, share in zip(WAYS, many.compensation.T, strict=True)}
     halves = (of["CP, best L"] < of["PP"], of["PP"] <= of["DPP"])
     below, not_above = (f"{int(half.sum())} of {len(half)}" for half in halves)

@@ -1,4 +1,4 @@
-"""Who may do what: each route declares a role, and a request has to bring a key of that role.
+"""Access by role: each route declares a role, and a request needs a key of that role.
 
 The guard finds out who asks, before anything of the body is read; the route that was found decides whether
 the role is enough. What no route answers needs a key as well, but for the files of the page.

@@ -86,7 +86,7 @@ class _NowAndThen:
 
 
 class Followers:
-    """Those who follow jobs. They belong to one event loop."""
+    """Followers of jobs. They belong to one event loop."""
 
     ALLOWED_SECONDS: ClassVar[float] = 5.0  # between two questions whether one may go on following
 

@@ -63,7 +63,7 @@ class _Threads(ThreadingMixIn, WSGIServer):
             self._room.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
-        """Say nothing of clients that fell silent or left."""
+        """Report nothing about clients that disconnected."""
 
 
 def metrics_server(

@@ -1,4 +1,4 @@
-"""Who is answered: requests for this service's own names, and changes that no other site's page asks for."""
+"""Acceptance of requests: only for the service's own names, and no changes by pages of other sites."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 @dataclass(frozen=True)
 class Posture:
-    """Whom the service trusts."""
+    """Names and callers that the service accepts."""
 
     # `loopback`: programs of this machine; `keys`: who has a key; `none`: whoever reaches the address
     access: Access = "loopback"

@@ -150,7 +150,7 @@ class LoadChoice(StrEnum):
 
 
 class EncoderChoice(StrEnum):
-    """Which encoders close the position loop."""
+    """Encoders that close the position loop."""
 
     MOTOR = "motor"
     SECONDARY = "secondary"

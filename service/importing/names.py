@@ -1,4 +1,4 @@
-"""Which observation, target and state a row stands for: by columns, names of points, of files, or order.
+"""Observation, target and state of each row: by columns, names of points, of files, or order.
 
 A template such as `{label}_{target}_{state}` is what people can write safely: no field may contain a
 character that begins a literal text between fields, so a name fits in one way or in none.
@@ -172,7 +172,7 @@ class Names:
         return naming
 
     def _default_point(self, name: str) -> Naming:
-        """Without a template: parts between `::`, else `_`; a word for a state anywhere, label before target.
+        """Split a name without a template: by `::`, else by `_`; a state word anywhere, label before target.
 
         Raises:
             Fault: the parts are more than is needed, or not clear.

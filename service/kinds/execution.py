@@ -1,4 +1,4 @@
-"""From a request to the message of a finished job, with its provenance. No store."""
+"""Execution of a request to the message of a finished job, with its provenance. No store."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ class AccessKey:
 
     id: str
     name: str
-    """Who or what holds it, for people."""
+    """Holder of the key, for people."""
     role: str
     """`viewer`, `operator` or `admin`."""
     key_hash: str

@@ -154,7 +154,7 @@ def schema_of(store: Store) -> str:
 
 @contextmanager
 def as_store_errors() -> Iterator[None]:
-    """Say in the store's words what is wrong with the engine's tables."""
+    """Turn a fault of the engine's tables into an error of the store."""
     try:
         yield
     except SQLAlchemyError as error:

@@ -201,7 +201,7 @@ class _Search:
         self._same_method = _has_least_uncertainty(estimate, self._regressor)
 
     def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Advice | None]:
-        """For each of the joints, the candidate of least uncertainty; None if none determines it."""
+        """Return for each joint the candidate of least uncertainty; None if none determines it."""
         if not len(postures):
             return [None] * len(joints)
         # (M, D, 3) candidate forces [N]: the set's own, those of a cube, and those across each axis
@@ -280,7 +280,7 @@ def _deviation(spectrum: Spectrum, joint: int) -> float | None:
 
 
 def _worth_saying(measured: Advice | None, new: Advice | None, *, weights: bool) -> list[Advice]:
-    """Those of the two that gain something, the better first."""
+    """Return the advice worth giving, the better first."""
     found = [a for a in (measured, new) if a is not None]
     useful = [a for a in found if a.uncertainty_ratio is None or a.uncertainty_ratio <= 1 - LEAST_GAIN]
     if len(useful) < 2 or measured is None or new is None:

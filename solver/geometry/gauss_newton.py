@@ -108,7 +108,7 @@ class LinearFit:
 
     @property
     def determined(self) -> BoolArray:
-        """Which unknowns (p,) the readings determine one by one."""
+        """Return which unknowns (p,) the readings determine one by one."""
         share = np.linalg.norm(self.unseen, axis=1) if self.unseen.size else np.zeros(len(self.scale))
         return np.asarray(share < _UNDETERMINED)
 

@@ -113,7 +113,7 @@ def _stiffness(estimate: Estimate) -> Iterator[Finding]:
 
 
 def _implausible_remedy(estimate: Estimate, joint: JointCompliance) -> str:
-    """Say what to check: a unit scales all joints alike, a wrong column or map bends one out of line."""
+    """Return the checks: a wrong unit scales all joints, a wrong column or map changes single joints."""
     if (joint.compliance or 0.0) < 0.0:
         return "set non_negative; check the joint map, the order of the angles and the signs of the forces"
     sizes = [abs(j.compliance) for j in estimate.joints if j.status == "identified" and j.compliance]

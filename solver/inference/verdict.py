@@ -177,7 +177,7 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
 
 
 def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
-    """Which constraint holds joint j, or None."""
+    """Return the active constraint of joint j in words, or None."""
     value, active = float(evidence.fit.compliance[j]), int(evidence.fit.active[j])
     if active and value == 0.0:
         rigid = "these readings cannot distinguish it from a rigid joint"
@@ -191,7 +191,7 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
 
 
 def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
-    """Say that a joint's number is no more than a bound, or return None where it is more."""
+    """Return why a joint has only a bound, or None."""
     value, uncertainty = float(evidence.fit.compliance[j]), evidence.uncertainty(j)
     if ends is None or uncertainty is None or not ends[0, 0] <= 0.0 <= ends[0, 1]:
         return None
@@ -223,7 +223,7 @@ def _stiffer_than(evidence: Evidence, ends: FloatArray | None) -> str:
 
 
 def _hidden(evidence: Evidence, j: int) -> str | None:
-    """Why joint j has no number, or None if it has one."""
+    """Return why joint j has no stiffness, or None if it has one."""
     observability, name = evidence.observability, evidence.names[j]
     if observability.null[j]:
         if np.isnan(evidence.prior_to_data[j]):

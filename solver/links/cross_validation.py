@@ -117,7 +117,7 @@ class Folds:
         """How many folds share out the configurations once."""
         self.sigma = measurements.sigma
         self.few = int(measurements.present.sum()) <= MOST_TARGETS
-        """Are there few enough targets for robust losses?"""
+        """Return whether there are few enough targets for robust losses."""
         self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
         self._fits: dict[tuple[int | None, ModelName], TargetFits] = {}
 

@@ -1,4 +1,4 @@
-"""Which model and loss the held-out readings call for, and the simplest model that is good enough."""
+"""Choice of model and loss by the held-out readings, and of the simplest model that is good enough."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Combination:
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Why these joints have no numbers, and the remedy."""
+        """Return why these joints have no stiffness, with the remedy."""
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -54,7 +54,7 @@ class WeakDirection:
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Which joints are hard to tell apart, and in which proportion."""
+        """Return which joints are hard to distinguish, and in which ratio."""
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (

@@ -30,7 +30,7 @@ Nahvi & Hollerbach 1996)."""
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """Which joints leave a trace in the readings at all."""
+    """Joints that the readings depend on."""
 
     null: BoolArray  #: (n,) joints whose columns hold no information: exact zeros up to rounding
     #: (n,) compliance with which the joint alone, at its full lever, would explain all deflection
@@ -173,7 +173,7 @@ class Spectrum:
 
 
 def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identifiability:
-    """Say what a spectrum means for the joints.
+    """Return the observability of the joints from a spectrum.
 
     Args:
         spectrum: of the regressor of p joints.
@@ -199,7 +199,7 @@ def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identif
 
 
 def noise_reason(joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float) -> str:
-    """Why a joint that the readings see has no number: the noise hides it.
+    """Return why noise hides a joint that the readings depend on.
 
     Args:
         joint: its index.

@@ -299,7 +299,7 @@ def ordered_intervals(
 
 
 def ordered_constraints(settings: tuple[Settings, Settings]) -> Constraints:
-    """On the 2 n compliances of the first campaign and the second.
+    """Return the constraints on the 2 n compliances of both campaigns.
 
     Raises:
         RequestError: they contradict each other.

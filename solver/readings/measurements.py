@@ -48,7 +48,7 @@ class EncoderReadings:
             array.setflags(write=False)
 
     def __getitem__(self, rows: slice | IndexArray) -> EncoderReadings:
-        """Those of some of the observations, in the given order."""
+        """Select observations, in the given order."""
         return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
 
     def lever(self, sigma: float) -> float:

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-REFUSED = ("What", "Of", "Whether", "That", "Where", "How")
+REFUSED = (
+    *("What", "Of", "Whether", "That", "Where", "How", "Why", "Which", "Who", "Whom", "Whose", "Those"),
+    *("To", "As", "From", "On", "With", "Without", "Under", "Are", "Is", "Say", "Likewise"),
+)
 REFUSED_IN_FIELDS = {
     *REFUSED,
     "In",

@@ -63,7 +63,7 @@ def _joints_table(pair: Pair, result: PairResult, unit: StiffnessUnit) -> Table:
 
 
 def _title(pair: Pair) -> str:
-    """With the method, if both sides are sets; runs have their own."""
+    """Return the title, with the method if both sides are sets."""
     request = pair.request
     if request.first.run_id is not None or request.second.run_id is not None:
         return "Two sides"
@@ -71,7 +71,7 @@ def _title(pair: Pair) -> str:
 
 
 def _number(ratio: float, joint: PairedJoint) -> str:
-    """To two digits of the interval's half width."""
+    """Format a ratio to two digits of its interval's half width."""
     low, high = joint.ratio_interval or (None, None)
     return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
 

@@ -66,7 +66,7 @@ _NEAR_LEAST_SQUARES: Final = 1e-6
 
 @dataclass(frozen=True)
 class Cone:
-    """Which parameters are what."""
+    """Layout of the parameters."""
 
     nonnegative: int  #: how many of the first are zero or positive
     sizes: tuple[int, ...] = ()  #: sizes of the blocks that follow, each a symmetric matrix as a vector

@@ -47,7 +47,7 @@ def common_feet(first: Axis, second: Axis) -> tuple[float, float]:
 
 
 def perpendicular_frame(main: Axis, other: Axis) -> RigidTransform:
-    """From the perpendicular frame of two axes to the frame in which they are given.
+    """Return the transform from the perpendicular frame of two axes to the frame of the axes.
 
     Raises:
         MeasurementError: the axes are nearly parallel.

@@ -70,7 +70,7 @@ class RigidTransform:
         return np.concatenate([eye, -skew(moved)], axis=-1)
 
     def inverse(self) -> RigidTransform:
-        """From y to x; its uncertainty is a motion in the frame of x."""
+        """Return the transform from y to x; its uncertainty is a motion in the frame of x."""
         back = self.rotation.T
         translation = -back @ self.translation
         S = np.zeros((6, 6))

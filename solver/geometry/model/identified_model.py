@@ -44,7 +44,7 @@ class FlangeConvention:
 
     @classmethod
     def of_chain(cls, chain: KinematicChain) -> FlangeConvention:
-        """As a nominal model has it, from its last two axes.
+        """Return the convention of a nominal model, from its last two axes.
 
         Raises:
             MeasurementError: there are fewer than two axes, or they are nearly parallel.
@@ -64,7 +64,7 @@ class FlangeConvention:
         return cls("targets", RigidTransform.identity(), targets)
 
     def place(self, axes: Sequence[Axis], targets: FloatArray) -> RigidTransform:
-        """From the flange frame at angle zero to the frame of axes and targets.
+        """Return the transform from the flange frame at angle zero to the frame of axes and targets.
 
         Raises:
             MeasurementError: the axes are nearly parallel, or the targets lie on a line.

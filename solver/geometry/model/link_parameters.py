@@ -48,7 +48,7 @@ class LinkGeometry:
 
 
 def near_parallel(axes: Sequence[Axis]) -> tuple[bool, ...]:
-    """Which neighbours (n - 1) count as meant to be parallel."""
+    """Return which neighbours (n - 1) are nominally parallel."""
     return tuple(
         bool(np.linalg.norm(np.cross(first.direction, second.direction)) < LEAST_SINE)
         for first, second in pairwise(axes)
