@@ -27,7 +27,7 @@ _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 class Posture:
     """Names and callers that the service accepts."""
 
-    # `loopback`: programs of this machine; `keys`: who has a key; `none`: whoever reaches the address
+    # `loopback`: programs of this machine; `keys`: holders of a key; `none`: everyone who reaches the address
     access: Access = "loopback"
     # names in the Host header that are answered, without port; None answers all
     hosts: frozenset[str] | None = LOOPBACK_NAMES
@@ -40,7 +40,7 @@ class Posture:
 
         Args:
             address: that it listens on.
-            allowed: further names that it has; `*` stands for any, where others reach it.
+            allowed: additional names of the service; `*` for any name.
             access_control: whether the service itself controls who is answered.
             require_key: demand a key on a loopback address, too.
 

@@ -1,4 +1,4 @@
-"""Sessions of browsers: a key is entered once, and a cookie stands for it from then on."""
+"""Sessions of browsers: after sign-in with a key, a cookie replaces the key."""
 
 from __future__ import annotations
 

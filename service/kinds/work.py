@@ -44,11 +44,11 @@ class SteppedWork(ABC, Generic[Part]):
 
     @abstractmethod
     def steps(self) -> Sequence[Span]:
-        """Return all units in order, cut into steps of a fraction of a second; the same whoever asks."""
+        """Return all units in order, cut into steps of a fraction of a second; the same for every caller."""
 
     @abstractmethod
     def compute(self, span: Span) -> Part:
-        """Carry out a step; the same numbers whoever does.
+        """Carry out a step; its numbers do not depend on the worker.
 
         Raises:
             JointstiffError: the job fails.

@@ -59,7 +59,7 @@ class Constraints:
         return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
 
     def select(self, columns: JointIndices) -> Constraints:
-        """Return what they say of some joints while the others are anything they allow.
+        """Return the constraints on some joints while the others are free.
 
         Args:
             columns: (p,) ascending.
@@ -72,11 +72,11 @@ class Constraints:
         return Constraints(bounds, tuple((int(i), int(j)) for i, j in np.argwhere(below)))
 
     def given(self, joints: JointIndices, compliance: FloatArray, others: JointIndices) -> Constraints:
-        """Return what they say of other joints once some are known: the order becomes a bound.
+        """Return the constraints on other joints once some are known: the order becomes a bound.
 
         Args:
             joints: (q,) that are known.
-            compliance: (q,) theirs [rad/(N·m)].
+            compliance: (q,) of these joints [rad/(N·m)].
             others: (p,) ascending.
 
         Raises:

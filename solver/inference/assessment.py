@@ -73,8 +73,8 @@ def assess(
         measurements: N observations.
         settings: how it was identified.
         estimate: of the joints.
-        prediction: by that estimate, of the same measurements.
-        findings: of the integrity checks of the same measurements.
+        prediction: of these measurements by the estimate.
+        findings: of the integrity checks of these measurements.
         screening: of an identification of joints alone; None to make it here.
     """
     better = gross_mistake(robot, measurements, estimate)

@@ -47,10 +47,10 @@ def fit_reasons(
 
     Args:
         measurements: N observations.
-        estimate: of the same.
+        estimate: from these measurements.
         prediction: by that estimate.
-        screening: of the same; None where it was not made.
-        explained: whether another reason says already what leaves the deflections unexplained.
+        screening: of these measurements; None without one.
+        explained: whether another reason already explains the deflections.
     """
     yield from _identified(estimate)
     yield from _freedom(measurements, estimate)

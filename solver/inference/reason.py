@@ -1,4 +1,4 @@
-"""Reasons not to use an identification as it stands, as data."""
+"""Reasons not to use an identification, or to use it with care, as data."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ class Evidence:
 
     names: tuple[str, ...]  #: names of the n joints
     fit: Fit  #: outcome of the method
-    observability: Observability  #: observability of the same observations
+    observability: Observability  #: observability in these readings
     scale: Scale  #: sigma
     constraints: Constraints  #: on the compliances
     confidence: float  #: level of the intervals

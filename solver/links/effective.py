@@ -84,5 +84,5 @@ class EffectiveIntervals:
         return cls(ends, 0.5 * (ends[:, 1] - ends[:, 0]) / quantile)
 
     def without_ends(self) -> EffectiveIntervals:
-        """Return the uncertainties alone, for a penalty of which nobody says that it predicts best."""
+        """Return the uncertainties alone, for a penalty that was given, not chosen by prediction."""
         return EffectiveIntervals(np.full_like(self.ends, np.nan), self.uncertainty)

@@ -79,7 +79,7 @@ def estimate_elastic(
     Args:
         robot: n joints.
         measurements: N observations.
-        folds: of the same, for its compressed rows.
+        folds: of the measurements, for their compressed rows.
         model: what bends besides the joints; not joints alone, which need no penalty.
         weight: λ > 0 of the penalty.
 
@@ -173,7 +173,7 @@ def _residuals(
 def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> float:
     """Return the unit of gaps [m]: sigma, or the residuals where they are greater.
 
-    The residual scale of joints alone, whose model error stands for noise, replaces an unknown sigma.
+    The residual scale of joints alone, with its model error as noise, replaces an unknown sigma.
     The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
     needed more exactly than that.
     """

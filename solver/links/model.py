@@ -50,7 +50,7 @@ _NO_COLUMN: Final = 1e-9
 class ElasticModel:
     """Set of the elements that deflect."""
 
-    #: which elements take part besides the joints, each of which is zero or positive: `coupled_joints` a
+    #: elastic elements besides the joints, whose compliances are zero or positive: `coupled_joints` a
     #: full positive semidefinite joint compliance, `diagonal_links` six compliances a link,
     #: `joints_and_links` a full positive semidefinite 6 × 6 compliance a link
     name: ModelName

@@ -108,7 +108,7 @@ class ElasticTargets:
     """Rows of targets one by one, which a robust loss needs: nothing of them is compressed."""
 
     A: FloatArray  #: (K, 3, P) of K targets that were read, whitened in units of sigma
-    d: FloatArray  #: (K, 3) their deflections, whitened likewise [m]
+    d: FloatArray  #: (K, 3) whitened deflections [m]
 
     @classmethod
     def merged(cls, parts: Sequence[ElasticTargets]) -> ElasticTargets:

@@ -67,7 +67,7 @@ def select_model(
     *,
     screened: bool = False,
 ) -> Selection:
-    """Choose the weight of each model and loss, and compare them at theirs.
+    """Choose the weight of each model and loss, and compare them at these weights.
 
     Args:
         robot: n joints.

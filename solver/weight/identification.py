@@ -58,7 +58,7 @@ class WeightedJoint:
 
 
 def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None) -> Iterator[Reason]:
-    """Yield what speaks against the result: residuals beyond sigma, and masses that the readings contradict.
+    """Yield the reasons against the result: residuals beyond sigma, and masses that the readings contradict.
 
     Both sums are χ² where the model holds: that of all that no compliance, weight or geometry explains, and
     that by which the bounds of the masses raise it.
@@ -93,7 +93,7 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
 
     Args:
         robot: n joints.
-        fit: of the same.
+        fit: of the robot and its weight.
         sigma: of a residual, in the fit's unit.
         rise: of the loss that chance allows at the level of the intervals.
     """
@@ -144,7 +144,7 @@ class WeightEstimate:
 
     joints: tuple[WeightedJoint, ...]  #: one for each joint
     fit: WeightFit  #: geometry, sag, and the last convex problem
-    reasons: tuple[Reason, ...]  #: against using it as it stands; none where all is well
+    reasons: tuple[Reason, ...]  #: reasons against its use, if any
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
     chi_square: float  #: of all residuals, under the stated sigma; the degrees of freedom if none is stated
     degrees_of_freedom: int  #: number of readings less all that they determine

@@ -28,7 +28,7 @@ def identified_weight(
 
     Args:
         burden: bodies that hang on in all observations.
-        fit: of the same.
+        fit: of the robot and its weight.
         sigma: of a residual, in the fit's unit.
         uncertainty: (n,) of the compliances; zero where there is none.
     """

@@ -64,7 +64,7 @@ class ResamplingWork:
         )
 
     def compute(self, span: Span, bounds: Bounds | None = None) -> Resamples:
-        """Fit some of the draws; the same numbers whoever computes them, however they are cut.
+        """Fit some of the draws; their numbers do not depend on worker or division.
 
         Args:
             span: first repetition, and one past the last.

@@ -65,7 +65,7 @@ class _BlockFace:
         return out
 
     def moved(self, step: FloatArray) -> FloatArray | None:
-        """The block after a step (d,), of the same rank; None if that leaves the cone."""
+        """Return the block after a step (d,), with the same rank; None if that leaves the cone."""
         tangent = to_matrix(self.basis @ step, len(self.U))
         core = self.core + self.U.T @ tangent @ self.U
         if self.rank and np.linalg.eigvalsh(core).min() <= 0.0:

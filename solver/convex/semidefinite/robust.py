@@ -39,7 +39,7 @@ class NormSum:
 
     @cached_property
     def program(self) -> programs.Program:
-        """Return the program, stated once for all penalties and thresholds."""
+        """Return the program for all penalties and thresholds."""
         return programs.sum_of_norms(self.A, self.d, self.cone.nonnegative, self.cone.sizes)
 
     def residuals(self, x: FloatArray) -> FloatArray:
