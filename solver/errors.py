@@ -62,3 +62,12 @@ class NotObservableError(JointstiffError):
 
 class SolverError(JointstiffError):
     """The convex solver or its certificate failed on data that passed every check."""
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        remedy: str = "please report this problem, with the data",
+        where: str | None = None,
+    ) -> None:
+        super().__init__(reason, remedy=remedy, where=where)

@@ -87,12 +87,7 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
         RequestError: a configuration that does not have as many angles as the robot has joints.
     """
     for number, angles in enumerate(joints):
-        if len(angles) != robot.n:
-            raise RequestError(
-                f"there are {len(angles)} joint angles, but the robot has {robot.n} joints",
-                where=f"joints[{number}]",
-                remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
-            )
+        refuse_other_angles(robot, angles, f"joints[{number}]")
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
     q = robot.joint_map.model_angles(controller)
     configurations, (_, origins) = Configurations(robot, q), joint_frames(robot, q)
@@ -104,3 +99,17 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
         flange_axes=configurations.flange_rotation.transpose(0, 2, 1),
     )
     return Kinematics(joints=list(robot.joint_names), postures=postures)
+
+
+def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> None:
+    """Refuse a posture that does not have one angle for each joint.
+
+    Raises:
+        RequestError: it has more or fewer.
+    """
+    if len(angles) != robot.n:
+        raise RequestError(
+            f"there are {len(angles)} joint angles, but the robot has {robot.n} joints",
+            where=where,
+            remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+        )

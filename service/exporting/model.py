@@ -9,10 +9,10 @@ import numpy as np
 
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.service.kinds.deflection.work import result_of
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.service.tables.verdict import VERDICTS
-from jointstiff.solver.errors import RequestError
 from jointstiff.solver.finding import rounded_down
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
@@ -42,13 +42,7 @@ class ExportedModel:
         Raises:
             RequestError: the run has no result.
         """
-        if run.result is None:
-            raise RequestError(
-                f"run '{run.id}' has {run.state} and has no model",
-                where="run_id",
-                remedy="give the id of a succeeded run",
-            )
-        return cls(run, run.result, robot, name, geometry_id)
+        return cls(run, result_of(run), robot, name, geometry_id)
 
     @property
     def chain(self) -> KinematicChain:

@@ -61,8 +61,7 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     with path.open("rb") as file:  # which may be a pipe, of no size
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
-        limit = f"{MAX_SET_BYTES // 1024**2} MiB"
-        raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
+        raise too_large()
     return parse_content(message, content.removeprefix(BOM_UTF8), section)
 
 
@@ -251,3 +250,9 @@ def as_campaign_error(section: str) -> Iterator[None]:
         problem = problem_of(error)
         where = ".".join(part for part in (section, problem.where) if part)
         raise CampaignError(problem.model_copy(update={"where": where or None})) from error
+
+
+def too_large() -> CampaignError:
+    """Return the refusal of a file that no set may be as large as."""
+    limit = f"{MAX_SET_BYTES // 1024**2} MiB"
+    return CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))

@@ -16,10 +16,10 @@ from jointstiff.schemas.robot import Robot
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.library.campaigns import as_campaign_error, parse_content
+from jointstiff.service.library.campaigns import as_campaign_error, parse_content, too_large
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import CampaignError, RefusedError
-from jointstiff.service.library.folder import TABLES, FinishedFile, too_large
+from jointstiff.service.library.folder import TABLES, FinishedFile
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.resources.imports import import_files

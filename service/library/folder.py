@@ -19,7 +19,6 @@ from typing import Final, Literal, NamedTuple, Protocol
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.library.errors import AwayError, CampaignError, RefusedError
-from jointstiff.service.problems.table import http_problem
 
 TABLES: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"})
 _OF_THE_FILE: Final = frozenset({409, 413, 415, 422})
@@ -223,9 +222,3 @@ def _fitting(folder: Path, name: str, end: str) -> Path:
 def _digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def too_large() -> CampaignError:
-    """Return the refusal of a file that no set may be as large as."""
-    limit = f"{MAX_SET_BYTES // 1024**2} MiB"
-    return CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))

@@ -108,10 +108,7 @@ def _solve(problem: cp.Problem) -> None:
             problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
         if problem.status == cp.OPTIMAL:
             return
-    raise SolverError(
-        f"Clarabel ended a design's program as {problem.status}",
-        remedy="please report this problem, with the request",
-    )
+    raise SolverError(f"Clarabel ended a design's program as {problem.status}")
 
 
 def _weights(w: cp.Variable, limit: float) -> FloatArray:

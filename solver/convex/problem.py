@@ -61,10 +61,7 @@ class Inequalities:
     def __post_init__(self) -> None:
         rows_hold = np.isfinite(self.matrix).all() and np.isfinite(self.least).all()
         if not rows_hold or not self.matrix.any(axis=1).all():
-            raise SolverError(
-                "an inequality constraint has only zero coefficients",
-                remedy="please report this problem, with the data",
-            )
+            raise SolverError("an inequality constraint has only zero coefficients")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,17 +80,14 @@ class IdentificationProblem:
     def __post_init__(self) -> None:
         shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}
         if len(shapes) != 1 or self.R.shape[:1] != self.z.shape:
-            raise SolverError("shapes disagree", remedy="please report this problem, with the data")
+            raise SolverError("shapes disagree")
         if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
             raise SolverError(
                 "the regressor contains numbers that are too large",
                 remedy="check the units and the magnitudes of the readings",
             )
         if not (self.column_norms > 0).all():
-            raise SolverError(
-                "a parameter has no effect on the readings",
-                remedy="please report this problem, with the data",
-            )
+            raise SolverError("a parameter has no effect on the readings")
 
     @property
     def column_norms(self) -> FloatArray:

@@ -145,8 +145,7 @@ def _first_certified(
                 return Solution(np.clip(compliance, bounds.lower, bounds.upper), active, certificate, tight)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
-        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
-        remedy="please report this problem, with the data",
+        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})"
     )
 
 

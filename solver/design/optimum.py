@@ -98,10 +98,7 @@ def _generated(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatAr
             return best
         new = problem.candidates.atoms(_entering(problem, bound.prices, held.index), bound.support)
         held, weights = held.joined(new), np.concatenate([weights, np.zeros(len(new))])
-    raise SolverError(
-        f"the design did not converge: its gap is {1.0 - efficiency:.1e}",
-        remedy="please report this problem, with the request",
-    )
+    raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
 def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]:

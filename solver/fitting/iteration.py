@@ -166,7 +166,7 @@ def fit_once(
         largest.add(block)
         first_block = first_block or block
     if first_block is None:  # measurements hold at least one observation
-        raise SolverError("there are no observations", remedy="please report this problem, with the data")
+        raise SolverError("there are no observations")
     observability = require_observable(excitation) if before is None else before.observability
     fit = fit_with_prior(
         method, observability, settings, measurements.sigma if robust is None else robust.sigma

@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.plausibility import WORTH_A_WARNING, judge
+from jointstiff.solver.inference.plausibility import CHECK_ALL, CHECK_NOISE, WORTH_A_WARNING, judge
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.inference.screening import HeldOutGain, Screening
@@ -161,8 +161,7 @@ def _residuals(estimate: Estimate, *, joints_alone: bool) -> Iterator[Reason]:
             None,
             f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the "
             "uncertainties are too small by the same factor",
-            "check frames, joint map, units and noise; if all are correct, something besides the joints "
-            "deflects: omit `noise` so that sigma is estimated from the residuals",
+            CHECK_NOISE,
             Action("omit_noise"),
         )
 
@@ -179,7 +178,7 @@ def _unexplained(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]
         None,
         f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
         "robots explain about 80 %",
-        "check the robot's model, the joint map, the frame and signs of the forces, and the units",
+        CHECK_ALL,
         Action("show_posture", (int(norm.argmax()),)),
     )
 

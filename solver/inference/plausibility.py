@@ -12,6 +12,11 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.verdict import JointCompliance
 
+CHECK_NOISE: Final = (
+    "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
+    "omit `noise` so that sigma is estimated from the residuals"
+)
+CHECK_ALL: Final = "check the robot's model, the joint map, the frame and signs of the forces, and the units"
 WORTH_A_WARNING: Final = 0.1
 """Relative error of sigma that changes no conclusion; in large sets the test detects even less."""
 LEAST_COMPENSATION: Final = 0.5
@@ -55,8 +60,7 @@ def _sigma(estimate: Estimate) -> Iterator[Finding]:
             None,
             f"the residuals are {ratio:.3g} times as large as sigma predicts (chi-square test, "
             f"{_p_value(test.p_value)}), so the uncertainties are too small by the same factor",
-            "check frames, joint map, units and noise; if all are correct, something besides the joints "
-            "deflects: omit `noise` so that sigma is estimated from the residuals",
+            CHECK_NOISE,
         )
 
 
@@ -92,7 +96,7 @@ def _compensation(prediction: Prediction) -> Iterator[Finding]:
             "low_compensation",
             None,
             f"the joints explain only {100 * share:.3g} % of the mean deflection",
-            "check the robot's model, the joint map, the frame and signs of the forces, and the units",
+            CHECK_ALL,
         )
 
 

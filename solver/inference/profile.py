@@ -210,10 +210,7 @@ def _march(ball: _Ball, objective: FloatArray, radius2: FloatArray) -> tuple[Flo
 
 
 def _not_certified() -> SolverError:
-    return SolverError(
-        "an end of a confidence interval could not be certified",
-        remedy="please report this problem, with the data",
-    )
+    return SolverError("an end of a confidence interval could not be certified")
 
 
 def _next(

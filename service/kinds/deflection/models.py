@@ -16,6 +16,7 @@ from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.message import finite, message, rows
+from jointstiff.service.conversion.robots import refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
@@ -187,12 +188,7 @@ def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCase
         )
     units, length = request.units, LENGTH[request.units.length]
     for i, case in enumerate(request.cases):
-        if len(case.joints) != robot.n:
-            raise RequestError(
-                f"{len(case.joints)} joint angles for a robot with {robot.n} joints",
-                where=f"cases[{i}].joints",
-                remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
-            )
+        refuse_other_angles(robot, case.joints, f"cases[{i}].joints")
     points = [case.load_point or request.load_point for case in request.cases]
     if None in points:
         raise RequestError(

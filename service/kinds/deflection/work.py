@@ -94,7 +94,7 @@ def forward_model(
 
 def assessment_of(run: Run) -> Assessment:
     """Return the assessment of a run that predicts; raises as `model_of` does."""
-    return _result_of(run).assessment
+    return result_of(run).assessment
 
 
 def model_of(run: Run) -> IdentifiedModel:
@@ -103,13 +103,18 @@ def model_of(run: Run) -> IdentifiedModel:
     Raises:
         RequestError: the run has none.
     """
-    model = _result_of(run).model
+    model = result_of(run).model
     if model is None:
         raise RequestError(f"run '{run.id}' has no model", where="run_id", remedy="identify the set again")
     return model
 
 
-def _result_of(run: Run) -> RunResult:
+def result_of(run: Run) -> RunResult:
+    """Return the result of a run.
+
+    Raises:
+        RequestError: it has none.
+    """
     if run.result is None:
         raise RequestError(
             f"run '{run.id}' has {run.state} and has no model",

@@ -10,6 +10,7 @@ import numpy as np
 from jointstiff.schemas import map as messages
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.service.conversion.message import finite
+from jointstiff.service.conversion.robots import refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
@@ -153,12 +154,7 @@ def _limits(request: messages.MapOptions, robot: Robot) -> FloatArray:
 def _near(request: messages.MapOptions, robot: Robot) -> FloatArray | None:
     if request.near is None:
         return None
-    if len(request.near) != robot.n:
-        raise RequestError(
-            f"{len(request.near)} angles for a robot with {robot.n} joints",
-            where="near",
-            remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
-        )
+    refuse_other_angles(robot, request.near, "near")
     return np.array(request.near)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.service.conversion.message import finite
+from jointstiff.service.conversion.robots import refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.campaign_plan import CampaignPlan
@@ -282,10 +283,5 @@ def _postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
     if not request.postures:
         return None
     for i, posture in enumerate(request.postures):
-        if len(posture) != robot.n:
-            raise RequestError(
-                f"{len(posture)} angles for a robot with {robot.n} joints",
-                where=f"postures[{i}]",
-                remedy=f"give the controller's angles of {', '.join(robot.joint_names)}, in radians",
-            )
+        refuse_other_angles(robot, posture, f"postures[{i}]")
     return np.array(request.postures)

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import ProgramOptions
+from jointstiff.service.conversion.robots import refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.frames import ProgramFrames
@@ -200,12 +201,7 @@ def _postures(
 def _start(options: ProgramOptions, robot: Robot) -> FloatArray | None:
     if options.start is None:
         return None
-    if len(options.start) != robot.n:
-        raise RequestError(
-            f"{len(options.start)} angles for a robot with {robot.n} joints",
-            where="start",
-            remedy=f"give the controller's angles of {', '.join(robot.joint_names)}",
-        )
+    refuse_other_angles(robot, options.start, "start")
     return ANGLE[options.units.angle] * np.array(options.start)
 
 

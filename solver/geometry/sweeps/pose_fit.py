@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
-from jointstiff.solver.geometry.sweeps.sweep import refuse_other_unit
+from jointstiff.solver.geometry.sweeps.sweep import refuse_other_sigma, refuse_other_unit
 from jointstiff.solver.robot.joint_map import JointMap
 
 
@@ -183,12 +183,7 @@ class Poses:
             raise MeasurementError(
                 "an angle or a coordinate is not finite", where="poses", remedy="omit or repeat the reading"
             )
-        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
-            raise MeasurementError(
-                f"sigma must be positive, but is {self.sigma}",
-                where="noise.sigma",
-                remedy="give a positive length",
-            )
+        refuse_other_sigma(self.sigma)
         refuse_other_unit(self._span)
         for array in (self.angles, self.points, self.present, self.covariance):
             array.setflags(write=False)

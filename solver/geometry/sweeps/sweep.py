@@ -166,6 +166,18 @@ def refuse_other_unit(reach: float) -> None:
     )
 
 
+def refuse_other_sigma(sigma: float | None) -> None:
+    """Refuse a standard uncertainty that is not positive and finite.
+
+    Raises:
+        MeasurementError: it is not.
+    """
+    if sigma is not None and not (np.isfinite(sigma) and sigma > 0.0):
+        raise MeasurementError(
+            f"sigma must be positive, but is {sigma}", where="noise.sigma", remedy="give a positive length"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class SweepSet:
     """Sweeps of one robot by one tracker that stood still, with the same targets.
@@ -181,12 +193,7 @@ class SweepSet:
     sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
 
     def __post_init__(self) -> None:
-        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
-            raise MeasurementError(
-                f"sigma must be positive, but is {self.sigma}",
-                where="noise.sigma",
-                remedy="give a positive length",
-            )
+        refuse_other_sigma(self.sigma)
         if not self.sweeps:
             raise MeasurementError("no sweep", where="sweeps", remedy="give one sweep of each joint")
         refuse_other_unit(max(sweep.largest_motion for sweep in self.sweeps))
