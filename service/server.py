@@ -255,11 +255,7 @@ def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool, r
 
 
 def _keyring(store: Store, file: Path | None, database: str, posture: Posture) -> Keyring:
-    """Return the keys that open the service.
-
-    Raises:
-        ServerError: it demands a key, and there is none.
-    """
+    """Return the keys that open the service."""
     keyring = Keyring(store, file)
     if posture.access != "keys":
         return keyring

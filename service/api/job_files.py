@@ -116,11 +116,7 @@ def _add(
 
 
 def _succeeded(jobs: Jobs, job_id: str) -> Job:
-    """Return a job with its result.
-
-    Raises:
-        HTTPException: it has none.
-    """
+    """Return a job with its result."""
     job = jobs.current(job_id)
     if job.result is None:
         raise HTTPException(409, f"there is no result: the {job.kind}'s state is {job.state}")

@@ -146,11 +146,7 @@ def _common(kind: AnyKind, extra: Extra) -> dict[str, tuple[Any, Any]]:
 
 
 def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dict[str, Any]) -> Job:
-    """Carry the work out, as `import jointstiff` does.
-
-    Raises:
-        CampaignError: it is refused.
-    """
+    """Carry the work out, as `import jointstiff` does."""
     from jointstiff.schemas.run.run import Run
     from jointstiff.service.library.campaigns import read_campaign, read_document
     from jointstiff.service.library.errors import CampaignError

@@ -112,11 +112,7 @@ def _robot_of(text: str) -> "RobotDocument":
 def _understood(
     files: Sequence[Path], stated: Options, owner: "RobotDocument | None", *, asking: bool
 ) -> "ImportAnswer":
-    """Return what the files say, with what a person answers if there is one.
-
-    Raises:
-        CampaignError: what was chosen contradicts itself, or a file was not understood.
-    """
+    """Return what the files say, with what a person answers if there is one."""
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.problems.errors import FilesError
     from jointstiff.service.problems.table import problem_of
@@ -137,11 +133,7 @@ def _understood(
 
 
 def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer":
-    """Return the answer with the integrity findings for a robot that was named later, in words of options.
-
-    Raises:
-        CampaignError: the readings do not fit it.
-    """
+    """Return the answer with the integrity findings for a robot that was named later, in words of options."""
     from jointstiff.service.conversion.prepared import prepare_robot
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.problems.errors import FilesError

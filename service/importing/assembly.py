@@ -270,11 +270,7 @@ def along(target: str) -> tuple[str, int] | None:
 
 
 def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:
-    """Return what a reading lacks to be complete, or None.
-
-    Raises:
-        ImportFileError: positions and a deflection of the same target.
-    """
+    """Return what a reading lacks to be complete, or None."""
     if not states:
         return f"target {target} has no reading"
     present = {state for state, point in states.items() if point.vector is not None}

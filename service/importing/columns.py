@@ -227,9 +227,6 @@ def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
 
     What stands in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
     of a position `x_t` is no tonne, and the m of `x_m` no metre if the caller states a unit.
-
-    Raises:
-        Fault: the unit is none of ours, or not the stated one.
     """
     bracketed, dimension = split_unit(header)[1], DIMENSIONS[meaning.kind]
     tail = bracketed if bracketed is not None else header.replace("_", " ").split(" ")[-1]
@@ -397,11 +394,7 @@ def _report_bare(bare: Sequence[tuple[Meaning, HeaderCell]], faults: Faults) -> 
 
 
 def _unit(meaning: Meaning, given: ImportUnits | None, of_axes: str | None, place: Place) -> str | None:
-    """The unit of the header, else of the file's comment, else the caller's.
-
-    Raises:
-        ImportFileError: they contradict.
-    """
+    """The unit of the header, else of the file's comment, else the caller's."""
     known = None if given is None else getattr(given, DIMENSIONS[meaning.kind])
     sources = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
     given_by = [(where, unit) for where, unit in sources.items() if unit is not None]

@@ -308,11 +308,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def _headerless(grid: Grid, *, by_order: bool) -> tuple[str, ...]:
-    """The columns of a list of points.
-
-    Raises:
-        ImportFileError: it is none.
-    """
+    """The columns of a list of points."""
     width = _width(grid)
     headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
     if headers is None:

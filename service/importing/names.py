@@ -172,11 +172,7 @@ class Names:
         return naming
 
     def _default_point(self, name: str) -> Naming:
-        """Split a name without a template: by `::`, else by `_`; a state word anywhere, label before target.
-
-        Raises:
-            Fault: the parts are more than is needed, or not clear.
-        """
+        """Split a name without a template: by `::`, else by `_`; a state word anywhere, label before target."""
         if not self._needed:
             return Naming(label=name)
         most = 2 if "target" in self._needed else 1
@@ -193,11 +189,7 @@ class Names:
         )
 
     def _default_file(self, lacking: frozenset[str]) -> Naming:
-        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
-
-        Raises:
-            ImportFileError: the name does not say just that.
-        """
+        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`."""
         if lacking not in self.by_file:
             parts, state = _parts(self._grid.stem, self._words)
             naming = Naming(None, parts[0] if len(parts) == 1 else None, state)

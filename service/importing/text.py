@@ -191,9 +191,6 @@ def _decode(file: str, content: bytes) -> tuple[str, str]:
 
     UTF-8 and UTF-16 by their byte order marks; without one UTF-16 if every other byte is zero, UTF-8 if it
     is valid; else Latin-1, unless part of it is UTF-8: then it is damaged.
-
-    Raises:
-        ImportFileError: not text in any of them.
     """
     mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
     if not encoding and b"\0" in content[:4]:

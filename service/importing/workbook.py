@@ -56,11 +56,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
 
 
 def _only_filled(file: str, sheets: Mapping[str, Sheet]) -> str:
-    """Return the name of the only sheet with a row, or of the first if there is none.
-
-    Raises:
-        ImportFileError: there are several.
-    """
+    """Return the name of the only sheet with a row, or of the first if there is none."""
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
         raise ImportFileError(

@@ -93,11 +93,7 @@ def _read(path: Path, most: int) -> bytes:
 
 
 def _logo(folder: Path, name: str) -> Logo:
-    """Read a logo.
-
-    Raises:
-        SettingsError: the name has a folder, or it is no small PNG or JPEG.
-    """
+    """Read a logo."""
     if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
         raise SettingsError(
             f"logo: {name!r} is not the name of a file", "put it into the folder of the settings"
@@ -119,11 +115,7 @@ def _logo(folder: Path, name: str) -> Logo:
 
 
 def _shown(logo: Logo, name: str) -> Logo:
-    """Return a logo that Typst can show, where Typst is there to try.
-
-    Raises:
-        SettingsError: it is damaged.
-    """
+    """Return a logo that Typst can show, where Typst is there to try."""
     try:
         import typst
     except ImportError:

@@ -158,11 +158,7 @@ def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
 
 
 def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWarning]:
-    """Inspect a set; lengths that the request states have another remedy than those of the files.
-
-    Raises:
-        ImportFileError: it cannot be one of this robot.
-    """
+    """Inspect a set; lengths that the request states have another remedy than those of the files."""
     from jointstiff.service.conversion.prepared import check_set
 
     try:

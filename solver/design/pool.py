@@ -212,11 +212,7 @@ def _known(robot: Robot, request: PlanRequest, parameters: Parameters) -> FloatA
 
 
 def _inside(robot: Robot, request: PlanRequest, joints: FloatArray, kept: BoolArray) -> BoolArray:
-    """Return which candidates that are kept have their load point in the work area; none without one.
-
-    Raises:
-        RequestError: too few have.
-    """
+    """Return which candidates that are kept have their load point in the work area; none without one."""
     if request.work_area is None:
         return np.zeros(len(kept), dtype=np.bool_)
     at = request.equipment.load_place(robot, joints)

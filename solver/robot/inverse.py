@@ -292,11 +292,7 @@ def _decomposed(robot: Robot) -> tuple[Any, bool]:
 
 
 def _eaik() -> Any:  # noqa: ANN401  # it has no types
-    """Import EAIK where inverse kinematics is needed first.
-
-    Raises:
-        RobotError: there is none for this version of Python.
-    """
+    """Import EAIK where inverse kinematics is needed first."""
     try:
         from eaik.pybindings import EAIK
     except ImportError:
