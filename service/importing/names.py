@@ -172,7 +172,7 @@ class Names:
         return naming
 
     def _default_point(self, name: str) -> Naming:
-        """Split a name without a template: by `::`, else by `_`; a state word anywhere, label before target."""
+        """Split a name without a template by `::`, else by `_`; the label comes before the target."""
         if not self._needed:
             return Naming(label=name)
         most = 2 if "target" in self._needed else 1
