@@ -62,7 +62,7 @@ class Inspection:
         except StoreError as error:
             return [Fault("schema", "alembic_version", error.reason, error.remedy)]
         return [
-            Fault("schema", "alembic_version", "no tables of Jointstiff", "check the URL of the database")
+            Fault("schema", "alembic_version", "no Jointstiff tables here", "check the URL of the database")
         ]
 
     def file_faults(self) -> list[Fault]:
