@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from benchmarks.report import Figure, Part, Section
 from jointstiff.simulator import TARGETS, default_arm, deflections, random_configurations, robot_document
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.simulator.own_weight import default_bodies, sag
+from jointstiff.simulator.own_weight import Bodies, default_bodies, sag
 from jointstiff.solver import (
     Body,
     Burden,
@@ -31,9 +31,12 @@ from jointstiff.solver import (
 )
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import programs
+from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.perspective import Block, Cones
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.convex.weighed import GAP, least_squares
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -53,6 +56,7 @@ __all__ = [
 POSTURES, SIGMA, PAYLOAD = 40, 3e-5, 100.0
 CAMPAIGNS, EXACT_CAMPAIGNS, LOADED_CAMPAIGNS, PROGRAMS = 200, 1_000, 10, 1_000
 TIMES = 10
+SAG_CAMPAIGNS, UNMEASURED = 100, 60
 ARM, BODIES = default_arm(), default_bodies()
 LOAD_POINT = (-0.06, 0.02, 0.18)
 POINTS = np.array(list(TARGETS.values()))
@@ -85,7 +89,8 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     found = {way: estimates(way, part.of(max(int(share * count), 4))) for way, count in counts.items()}
     loaded = _loaded_widths(max(int(share * LOADED_CAMPAIGNS), 2))
     certificates = _certificate_section(part.of(int(share * PROGRAMS)))
-    return [_section(found, loaded), _wrong_section(found[WRONG]), certificates, _time_section()]
+    sags = _sag_section(found, part)
+    return [_section(found, loaded), sags, _wrong_section(found[WRONG]), certificates, _time_section()]
 
 
 def estimates(way: Way, seeds: range) -> list[WeightEstimate]:
@@ -121,9 +126,13 @@ def false_certificates(seeds: range) -> tuple[int, float]:
     return false, max(gaps)
 
 
+def _bodies(way: Way, draws: np.random.Generator) -> Bodies:
+    return replace(BODIES, masses=BODIES.masses * (1.0 + way.drawn * draws.uniform(-1.0, 1.0, 6)))
+
+
 def _readings(way: Way, seed: int) -> WeightReadings:
     draws = np.random.default_rng([seed, 41])
-    bodies = replace(BODIES, masses=BODIES.masses * (1.0 + way.drawn * draws.uniform(-1.0, 1.0, 6)))
+    bodies = _bodies(way, draws)
     arm = with_link_errors(ARM, length=1e-3, angle=1e-3, seed=seed) if way.misbuilt else ARM
     q = random_configurations(arm, POSTURES, seed)
     forces = [np.zeros(3), PAYLOAD * BODIES.gravity][: 2 if way.payload else 1]
@@ -259,6 +268,52 @@ def harmful(estimate: WeightEstimate) -> bool:
         if c is not None and u is not None and abs(c - truth) > max(5.0 * u, 0.2 * truth):
             return not estimate.reasons
     return False
+
+
+def sag_errors(way: Way, seed: int, estimate: WeightEstimate, force: FloatArray) -> FloatArray:
+    """Return whether intervals of the sag hold the true one (3,), and the median error and sag [m].
+
+    Of postures that were not measured, under a load; along the axes of R0.
+    """
+    q = random_configurations(ARM, UNMEASURED, 99_999)
+    many = np.tile(force, (UNMEASURED, 1))
+    point = np.tile(LOAD_POINT, (UNMEASURED, 1))
+    model = robot_document(ARM)["model"]
+    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    positive = Constraints(Bounds.positive(robot.n))
+    predicted = JointModel(robot, estimate.fit.compliance, None, positive, estimate.weight).deflect(
+        LoadCases(q, many, np.zeros_like(many), point, point)
+    )
+    bent = q + sag(
+        ARM, _bodies(way, np.random.default_rng([seed, 41])), q, force=force, load_point=LOAD_POINT
+    )
+    true = ARM.posture(bent).point_to_base(point) - ARM.posture(q).point_to_base(point)
+    interval = np.asarray(predicted.interval(0.95))[:, :3]
+    inside = ((interval[..., 0] <= true) & (true <= interval[..., 1])).mean(axis=0)
+    off, size = (np.median(np.linalg.norm(each, axis=1)) for each in (predicted.displacement - true, true))
+    return np.array([*inside, off, size])
+
+
+def _sag_section(found: dict[Way, list[WeightEstimate]], part: Part) -> Section:
+    rows, figures = [], []
+    for way in (KNOWN, WITHIN, BOTH):
+        seeds = part.of(len(found[way]) * part.count)
+        for load in (0.0, 1000.0):
+            force = np.array([0.0, 0.0, -load])
+            cases = zip(seeds, found[way][:SAG_CAMPAIGNS], strict=False)
+            numbers = np.mean([sag_errors(way, seed, each, force) for seed, each in cases], axis=0)
+            name = f"{way.name}, sag" + (f" and {load:g} N" if load else "")
+            shares = tuple(f"{100 * share:.1f}" for share in numbers[:3])
+            rows.append((name, *shares, f"{1e6 * numbers[3]:.0f} µm", f"{1e3 * numbers[4]:.2f} mm"))
+            figures.append(Figure(f"{name}: least share held", float(numbers[:3].min()), "at least", 0.9))
+    return Section(
+        title=f"Sag of {UNMEASURED} postures that were not measured, {SAG_CAMPAIGNS} campaigns at most",
+        columns=("masses", "x held, %", "y", "z", "median error", "median displacement"),
+        rows=tuple(rows),
+        figures=tuple(figures),
+        notes=(),
+        data={},
+    )
 
 
 def _wrong_section(found: list[WeightEstimate]) -> Section:
