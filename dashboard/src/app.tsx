@@ -6,7 +6,7 @@ import { Select } from "./components/fields";
 import { Boundary, lazy } from "./components/lazy";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
 import { type Route, useRoute } from "./state/router";
-import { type Standing, needsKey, signOut, useSession } from "./state/session";
+import { type Standing, Viewer, isViewer, needsKey, signOut, useSession } from "./state/session";
 import { type Settings, SettingsContext, type Theme, useStoredSettings } from "./state/settings";
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
@@ -68,6 +68,7 @@ export function App() {
         {text.app.skip}
       </a>
       <Header section={sectionOf(route)} settings={settings} session={session} />
+      {isViewer(session) && <p class="note viewer">{text.signIn.viewer}</p>}
       {typeof session === "object" && session.access === "none" && <p class="note warn">{text.app.noAccessControl}</p>}
       <main id="content" tabIndex={-1} ref={main}>
         <Boundary key={viewKey(route)}>
@@ -76,7 +77,9 @@ export function App() {
           ) : needsKey(session) || isLink ? (
             <SignInView link={isLink ? route.parts[1] : undefined} signedIn={setSession} />
           ) : (
-            <View route={route} />
+            <Viewer.Provider value={isViewer(session)}>
+              <View route={route} />
+            </Viewer.Provider>
           )}
         </Boundary>
       </main>

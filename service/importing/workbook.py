@@ -38,7 +38,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     name = _only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
         raise ImportFileError(
-            Place(file), f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}", "sheet"
+            Place(file), f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}", "sheet", tuple(sheets)
         )
     rows: list[Row] = []
     comments: list[Row] = []
@@ -60,7 +60,7 @@ def _only_filled(file: str, sheets: Mapping[str, Sheet]) -> str:
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
         raise ImportFileError(
-            Place(file), f"several sheets have data: {shown(', '.join(filled))}", "give `sheet`", "sheet"
+            Place(file), f"several sheets have data: {shown(', '.join(filled))}", "give `sheet`", "sheet", tuple(filled)
         )
     return (filled or list(sheets))[0]
 

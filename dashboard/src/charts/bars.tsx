@@ -42,7 +42,9 @@ export function ByName({
   children: (place: (index: number) => number, step: number, y: (value: number) => number) => ComponentChildren;
 } & Opening) {
   const [left, right, bottom] = [56, width - 8, height - 34];
-  const y = linear(Math.min(0, range[0]), Math.max(0, range[1]), bottom, 28);
+  const least = Math.min(0, range[0]);
+  // what is too small to be seen would take a step of the axis
+  const y = linear(-least < 0.01 * range[1] ? 0 : least, Math.max(0, range[1]), bottom, 28);
   const step = (right - left) / Math.max(1, names.length);
   const place = (i: number) => left + (i + 0.5) * step;
   return (

@@ -1,12 +1,14 @@
 /** The small parts all views are made of. */
 import type { ComponentChildren, ComponentProps } from "preact";
-import { useEffect, useId, useRef } from "preact/hooks";
+import { useContext, useEffect, useId, useRef, useState } from "preact/hooks";
 import type { Problem, QualityWarning, RunState } from "../api/types";
 import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
 import { hasNavigated, link } from "../state/router";
+import { Viewer } from "../state/session";
 import { entriesOf } from "../lib/json";
-import { placeName, sentence } from "../lib/said";
+import { roughTime } from "../lib/progress";
+import { inShownUnits, placeName, sentence } from "../lib/said";
 import { text } from "../i18n";
 
 /** A name that someone else chose: text, isolated from what is around it. */
@@ -23,7 +25,7 @@ export const NameLink = ({ to, children }: { to: string[]; children: string }) =
 
 /** Text of the service or of ours; what stands between backticks is code. */
 export function Prose({ text: prose }: { text: string }) {
-  return <>{prose.split(/`([^`]+)`/).map((part, i) => (i % 2 ? <code>{part}</code> : part))}</>;
+  return <>{prose.split(/`([^`]+)`/).map((part, i) => (i % 2 ? <code>{part}</code> : inShownUnits(part)))}</>;
 }
 
 /** The heading of a view; it takes the focus when one comes to the view, and names the browser's tab. */
@@ -57,6 +59,10 @@ export const Button = ({ look, ...rest }: Looks & ComponentProps<"button">) => (
   <button type="button" class={classOf(look)} {...rest} />
 );
 
+/** What a viewer may not do is disabled, and says why. */
+export const forbidden = (viewer: boolean): { disabled?: true; title?: string } =>
+  viewer ? { disabled: true, title: text.signIn.viewer } : {};
+
 /** The button of an action: it waits while the action goes on, below what went wrong the last time. */
 export const ActionButton = ({
   action,
@@ -67,11 +73,34 @@ export const ActionButton = ({
 }: Omit<ComponentProps<typeof Button>, "action"> & { action: Action<[]>; going?: string }) => (
   <>
     {action.problem && <ProblemNote problem={action.problem} />}
-    <Button disabled={action.busy || Boolean(disabled)} onClick={action.run} {...rest}>
+    <Button
+      disabled={action.busy || Boolean(disabled)}
+      onClick={action.run}
+      {...rest}
+      {...forbidden(useContext(Viewer))}
+    >
       {action.busy && going ? going : children}
     </Button>
+    {action.busy && <Waiting took={action.took ?? null} />}
   </>
 );
+
+/** How long an answer takes that comes without steps, by how long the last one took. */
+function Waiting({ took }: { took: number | null }) {
+  const [seconds, set] = useState(0);
+  useEffect(() => {
+    const timer = setInterval(() => set((before) => before + 1), 1000);
+    return () => clearInterval(timer);
+  }, []);
+  if (seconds < 2) return null;
+  const left = took === null ? null : took - seconds;
+  return (
+    <span class="progress" role="status">
+      <progress aria-label={text.run.progress} {...(left && left > 0 ? { value: seconds, max: took ?? 1 } : {})} />
+      <small>{left !== null && left > 0 ? text.run.left(roughTime(left)) : text.run.since(roughTime(seconds))}</small>
+    </span>
+  );
+}
 
 /** Fields of an action, which the Enter key begins, too. */
 export const Form = ({

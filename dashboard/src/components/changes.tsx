@@ -1,11 +1,13 @@
 /** Rename or archive a robot or a measurement set: nothing is computed from either. */
+import { useContext } from "preact/hooks";
+import { Viewer } from "../state/session";
 import { useAction } from "../state/action";
 import { useDeletion } from "../state/deletion";
 import { namesChanged } from "../state/names";
 import { storedChanged } from "../state/stored";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
-import { Button, ProblemNote } from "./basics";
+import { Button, forbidden, ProblemNote } from "./basics";
 
 export interface Change {
   name?: string;
@@ -24,6 +26,7 @@ export function Changes({
   changed: () => void;
 }) {
   const words = text.changes;
+  const viewer = forbidden(useContext(Viewer));
   const action = useAction(async (asked: Change) => {
     await change(asked);
     storedChanged();
@@ -37,10 +40,10 @@ export function Changes({
   };
   return (
     <>
-      <Button look="quiet" disabled={action.busy} onClick={rename}>
+      <Button look="quiet" disabled={action.busy} onClick={rename} {...viewer}>
         {words.rename}
       </Button>
-      <Button look="quiet" disabled={action.busy} onClick={() => action.run({ archived: !archived })}>
+      <Button look="quiet" disabled={action.busy} onClick={() => action.run({ archived: !archived })} {...viewer}>
         {archived ? words.unarchive : words.archive}
       </Button>
       {action.problem && <ProblemNote problem={action.problem} />}
@@ -65,6 +68,7 @@ export function DeleteButton({
     storedChanged();
     namesChanged();
   };
+  const viewer = forbidden(useContext(Viewer));
   const deletion = useDeletion({
     remove: () => changed(remove),
     restore: () => changed(restore),
@@ -73,7 +77,12 @@ export function DeleteButton({
   });
   return (
     <>
-      <Button look="quiet" disabled={deletion.busy} onClick={() => confirm(text.deletion.sure(name)) && deletion.run()}>
+      <Button
+        look="quiet"
+        disabled={deletion.busy}
+        onClick={() => confirm(text.deletion.sure(name)) && deletion.run()}
+        {...viewer}
+      >
         {text.run.delete}
       </Button>
       {deletion.problem && <ProblemNote problem={deletion.problem} />}

@@ -45,6 +45,13 @@ export function Going({ collection, job, ended }: { collection: Collection; job:
 /** The progress of something long. */
 export function Bar({ standing: { progress } }: { standing: Standing }) {
   if (!progress || progress.total <= 0) return <progress aria-label={text.run.progress} />;
+  if (progress.done >= progress.total)
+    return (
+      <span class="progress">
+        <progress aria-label={text.run.progress} />
+        <small>{text.run.finishing}</small>
+      </span>
+    );
   const label = text.run.progressOf(progress.done, progress.total, progress.unit);
   return (
     <span class="progress">
@@ -82,7 +89,7 @@ function useNoWorker(done: number): boolean {
 
 function Left({ standing: { progress } }: { standing: Standing }) {
   const first = useRef<Mark | null>(null);
-  if (!progress) return null;
+  if (!progress || progress.done >= progress.total) return null;
   const now = { done: progress.done, at: performance.now() };
   first.current ??= now;
   if (now.done < first.current.done) first.current = now; // it began anew

@@ -21,7 +21,6 @@ export const geometry = {
   pickNominal: "Choose one (needed for poses)",
   identify: "Identify the geometry",
   going: "Identifying…",
-  goingHint: "This takes a few seconds. The result is stored.",
   axesInScene: "Identified axes, model angle zero, R0",
   save: "Save as a robot",
   saving: "Saving…",

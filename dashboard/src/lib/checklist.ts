@@ -2,6 +2,7 @@
 import type { JointResult, MeasurementSet, PlanResult, PlanRequest, RunResult } from "../api/types";
 import type { Fields } from "./json";
 import { factors } from "./units";
+import { type Vector, norm, times } from "./vector";
 
 export type Planned = PlanResult["readings"][number];
 type Promised = PlanResult["joints"][number];
@@ -18,6 +19,24 @@ export interface Asked {
   floor: string;
   readings: string;
   joints: string[];
+}
+
+/** The equipment of a campaign, to begin another one with: its targets, its load point and its strongest load. */
+export function equipmentOf(set: MeasurementSet): Partial<Asked> {
+  const { length, force: unit } = factors(set.units);
+  const mm = (place: readonly number[]) => place.map((part) => Number((1e3 * length * part).toFixed(3))).join(" ");
+  const forces = set.observations.map(({ force }) => times(force as Vector, unit));
+  const strongest = forces.reduce<Vector>((best, force) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
+  const hangs = forces.every(([x, y, z]) => z <= 0 && Math.hypot(x, y) <= 1e-3 * norm(strongest));
+  const point = set.load_point ?? set.observations[0]?.load_point;
+  return {
+    targets: Object.entries(set.flange_targets ?? {})
+      .map(([name, place]) => `${name} ${mm(place)}`)
+      .join("\n"),
+    ...(point ? { loadPoint: mm(point) } : {}),
+    kind: hangs ? "dead_weight" : "any_direction",
+    force: norm(strongest) > 0 ? String(Math.round(norm(strongest))) : "",
+  };
 }
 
 /** Numbers of a line, in m; null if they are not three. */

@@ -22,11 +22,16 @@ export interface Action<Arguments extends unknown[]> {
   run: (...args: Arguments) => void;
   busy: boolean;
   problem: Problem | null;
+  /** Seconds that it took the last time; null where that is unknown. */
+  took?: number | null;
 }
+
+const tooks = new Map<string, number>();
 
 /** A second start while the first goes on does nothing: gloves tap twice. */
 export function useAction<Arguments extends unknown[]>(
   act: (...args: Arguments) => Promise<unknown>,
+  timed = "",
 ): Action<Arguments> {
   const [busy, setBusy] = useState(false);
   const [problem, setProblem] = useState<Problem | null>(null);
@@ -37,7 +42,9 @@ export function useAction<Arguments extends unknown[]>(
       going.current = true;
       setBusy(true);
       setProblem(null);
+      const begun = performance.now();
       act(...args)
+        .then(() => timed && tooks.set(timed, (performance.now() - begun) / 1e3))
         .catch((error: unknown) => setProblem(problemOf(error)))
         .finally(() => {
           going.current = false;
@@ -46,5 +53,5 @@ export function useAction<Arguments extends unknown[]>(
     },
     [act],
   );
-  return { run, busy, problem };
+  return { run, busy, problem, took: tooks.get(timed) ?? null };
 }

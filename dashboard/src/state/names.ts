@@ -27,7 +27,7 @@ export function useNames(): Loading<Names> {
 /** A robot or a set was added or changed. */
 export function namesChanged(): void {
   forget(KEY);
-  forget("alarms/");
+  forget("robot/");
 }
 
 /** Those of a robot's alarms that are of one arm. */
@@ -43,7 +43,7 @@ async function loadNames(): Promise<Names> {
     every(api.sets.list, away, 1000),
   ]);
   const robotNames = toldApart([...robots, ...oldRobots], [...sets, ...oldSets]);
-  const setNames = new Map([...sets, ...oldSets].map((set) => [set.id, set.name]));
+  const setNames = setsToldApart([...sets, ...oldSets]);
   const alarms = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.alarms]));
   const serials = new Map([...sets, ...oldSets].map((set) => [set.id, set.serial_number]));
   return {
@@ -54,6 +54,23 @@ async function loadNames(): Promise<Names> {
     set: (id) => setNames.get(id) ?? id.slice(0, 8),
     alarms: (robot, set) => ofArm(alarms.get(robot) ?? [], serials.get(set)),
   };
+}
+
+/** The name of each set; where several have it, with serial number and time. */
+export function setsToldApart(
+  sets: Pick<MeasurementSetSummary, "id" | "name" | "serial_number" | "measured_at" | "created_at">[],
+): Map<string, string> {
+  const several = new Set(
+    sets.flatMap(({ name }, i) => (sets.findIndex((one) => one.name === name) < i ? [name] : [])),
+  );
+  return new Map(
+    sets.map(({ id, name, serial_number: serial, measured_at: at, created_at: stored }) => [
+      id,
+      several.has(name)
+        ? [name, ...(serial ? [serial] : []), (at ?? stored).slice(0, 16).replace("T", " ")].join(" · ")
+        : name,
+    ]),
+  );
 }
 
 /** The name of each robot; where several have it, with what tells them apart. */

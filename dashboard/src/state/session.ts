@@ -1,10 +1,16 @@
 /** Who is signed in on this device. The key itself is in a cookie that no script can read. */
+import { createContext } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { api, onRefused } from "../api/client";
 import type { Session } from "../api/types";
 
 /** `unknown` until the service says; `away` if it does not: views say why. */
 export type Standing = Session | "unknown" | "away";
+
+/** Whether the key is a viewer's, who may look but not begin, change or delete anything. */
+export const Viewer = createContext(false);
+
+export const isViewer = (session: Standing): boolean => typeof session === "object" && session.role === "viewer";
 
 /** Whether a key has to be entered before anything can be seen. */
 export const needsKey = (session: Standing): boolean =>

@@ -115,7 +115,7 @@ function StartPair({ names }: { names: Names }) {
   const start = useAction(async () => {
     const pair = await api.pairs.add({ first: side(first), second: side(second), ordered }, freshKey("pair"));
     go(link(["compare", "pairs", pair.id]));
-  });
+  }, "pair");
   const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;
   return (
     <>

@@ -3,7 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { ActionButton, Busy, Facts, Title } from "../components/basics";
+import { ActionButton, Facts, Title } from "../components/basics";
 import { Select } from "../components/fields";
 import { DropZone } from "../components/drop";
 import { RobotTabs } from "../components/list";
@@ -102,7 +102,7 @@ function Start({ readings }: { readings: Readings }) {
     const request = { ...readings.request, ...source };
     const made = await api.geometries.add(request, contentKey("geometry", request));
     go(link(["geometries", made.id]));
-  });
+  }, "geometry");
   return (
     <section class="card" aria-labelledby="nominal">
       <h2 id="nominal">{words.nominal}</h2>
@@ -123,7 +123,6 @@ function Start({ readings }: { readings: Readings }) {
       <ActionButton look="primary big" action={start} disabled={needed && !source} going={words.going}>
         {words.identify}
       </ActionButton>
-      {start.busy && <Busy label={words.goingHint} />}
     </section>
   );
 }

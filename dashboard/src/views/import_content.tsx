@@ -5,7 +5,7 @@ import { Select, TextField } from "../components/fields";
 import { type ImportFault, meaningsFor } from "../lib/columns";
 import { widthOf } from "../lib/lines";
 import { text } from "../i18n";
-import { useMemo } from "preact/hooks";
+import { useMemo, useRef } from "preact/hooks";
 import { type Template, fits } from "../lib/template";
 import { keptTemplates } from "../state/templates";
 import { FaultList, ImportTable } from "./import_table";
@@ -91,6 +91,10 @@ function ImportReading({
   const headless = files.find((file) => faults.some((fault) => fault.option === "header" && fault.file === file.name));
   const stated = Object.keys(options.state_words ?? {});
   const asked = faults.find((fault) => fault.option === "state_words" && fault.words.length === 2)?.words;
+  const offered = faults.find((fault) => fault.option === "sheet")?.words;
+  const known = useRef<string[]>([]); // once one is chosen, no fault names them
+  if (offered && offered.length > 0) known.current = offered;
+  const sheets = known.current.length > 0 ? known.current : options.sheet ? [options.sheet] : [];
   const pair = asked ?? (stated.length === 2 ? stated : null);
   return (
     <div class="import-form">
@@ -144,7 +148,15 @@ function ImportReading({
           change={(by_order) => put({ by_order })}
         />
       )}
-      {(["sheet", "point_name", "file_name"] as const).filter(shown).map((option) => (
+      {shown("sheet") && (
+        <Select
+          label={readingWords.texts.sheet}
+          value={options.sheet ?? ""}
+          change={(sheet) => put({ sheet: sheet || null })}
+          options={["", ...sheets].map((name) => ({ value: name, label: name || readingWords.pickSheet }))}
+        />
+      )}
+      {(["point_name", "file_name"] as const).filter(shown).map((option) => (
         <TextField
           label={readingWords.texts[option]}
           help={readingWords.textsHelp[option]}

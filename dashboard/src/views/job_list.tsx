@@ -1,12 +1,12 @@
 /** Jobs of a kind: listed page by page, filtered, followed, deleted with undo, brought back. */
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useContext, useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import { type Collection, follow, goesOn, type Standing } from "../api/events";
 import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
 import { AlarmState } from "../components/alarm";
 import { Badge } from "../components/badge";
-import { Busy, Button, Empty, LinkButton, Name, ProblemNote, State } from "../components/basics";
+import { Busy, Button, Empty, forbidden, LinkButton, Name, ProblemNote, State } from "../components/basics";
 import { Select } from "../components/fields";
 import { Bar } from "../components/going";
 import { chosen, type Filter, FilterBar, type Row, Rows, useFilter } from "../components/list";
@@ -14,6 +14,7 @@ import { percent } from "../lib/format";
 import { whenSeen } from "../state/load";
 import type { Names } from "../state/names";
 import { link } from "../state/router";
+import { Viewer } from "../state/session";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 
@@ -202,7 +203,13 @@ function Nothing({
 }
 
 const DeleteIcon = ({ name, remove }: { name: string; remove: () => void }) => (
-  <Button look="quiet icon" aria-label={words.delete(name)} title={text.run.delete} onClick={remove}>
+  <Button
+    look="quiet icon"
+    aria-label={words.delete(name)}
+    title={text.run.delete}
+    onClick={remove}
+    {...forbidden(useContext(Viewer))}
+  >
     <svg viewBox="0 0 24 24" aria-hidden="true">
       <path d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
     </svg>

@@ -115,10 +115,12 @@ function One({
   );
 }
 
-function load(force: Vector): string {
-  const size = norm(force) || 1;
-  const along = force.map((f) => fixed(f / size, 2)).join(", ");
-  return `${fixed(size, 0)} ${text.units.newton} ${words.along(along)}`;
+const load = (force: Vector): string => `${fixed(norm(force), 0)} ${text.units.newton} ${alongText(force)}`;
+
+/** Where a force pulls, in words where it is a weight. */
+export function alongText(force: Vector): string {
+  const unit = force.map((part) => part / (norm(force) || 1));
+  return (unit[2] ?? 0) < -0.9999 ? words.down : words.along(unit.map((part) => fixed(part, 2)).join(", "));
 }
 
 /** Standard uncertainty relative to the compliance. */

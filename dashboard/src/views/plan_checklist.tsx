@@ -19,6 +19,7 @@ import { useCached } from "../state/cache";
 import { valueOf } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { alongText } from "./next_measurement";
 
 const words = text.plan;
 const MAX_BYTES = 8 * 1024 * 1024;
@@ -86,8 +87,7 @@ const angles = ({ joints }: Planned): string => joints.map((angle) => `${fixed(d
 
 function loadOf({ force, anchor }: Planned): string {
   const size = norm(force as Vector) || 1;
-  const along = force.map((part) => fixed(part / size, 2)).join(", ");
-  const how = anchor === null ? text.next.along(along) : words.anchor(anchor + 1);
+  const how = anchor === null ? alongText(force as Vector) : words.anchor(anchor + 1);
   return `${fixed(size, 0)} ${text.units.newton} ${how}`;
 }
 

@@ -1,15 +1,15 @@
 /** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { ActionButton, Show, Title, Toggle } from "../components/basics";
 import { TextField, Select } from "../components/fields";
-import { type Asked, optionsOf } from "../lib/checklist";
+import { type Asked, equipmentOf, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
 import { asking, useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { go, link } from "../state/router";
-import { storedRobot } from "../state/stored";
+import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { NoRobots } from "./robots";
 import { JobList } from "./job_list";
@@ -71,11 +71,16 @@ function Form({ names, given }: { names: Names; given: string }) {
       api.plans.add({ ...whose, ...(options as object), ...accepted }, freshKey("plan")),
     );
     go(link(["plans", plan.id]));
-  });
+  }, "plan");
   const pick = (value: string) => {
     setSubject(value);
     change({ joints: [], sigma: value.startsWith("set:") ? "" : START.sigma });
   };
+  const earlier = kind === "robot" ? names.sets.find((set) => set.robot_id === id)?.id : undefined;
+  const campaign = valueOf(useLoad(async () => (earlier ? await storedSet(earlier) : null), [earlier]));
+  useEffect(() => {
+    if (campaign) change(equipmentOf(campaign));
+  }, [campaign]);
   const equipment = <Equipment asked={asked} change={change} />;
   return (
     <section class="card form">
@@ -117,6 +122,7 @@ function Form({ names, given }: { names: Names; given: string }) {
         change={(joints) => change({ joints })}
       />
       {typeof options === "string" && <p class="note warn">{words.unread(options)}</p>}
+      {id && !ready && <p class="soft">{words.notReady}</p>}
       <ActionButton
         look="primary big"
         action={start}
@@ -141,7 +147,7 @@ function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Ask
     />
   );
   return (
-    <>
+    <div class="map-fields">
       <Select
         label={words.load}
         value={asked.kind}
@@ -155,7 +161,7 @@ function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Ask
       {field("sigma", "", { inputMode: "decimal" })}
       {field("station", "4000 0 1500")}
       {field("floor", "", { inputMode: "decimal" })}
-    </>
+    </div>
   );
 }
 

@@ -7,7 +7,6 @@ import { NameLink, ActionButton, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
-import { useCached } from "../state/cache";
 import { valueOf } from "../state/load";
 import { ofArm, useNames } from "../state/names";
 import { go, link } from "../state/router";
@@ -63,11 +62,7 @@ function Repeat({ run }: { run: Run }) {
     const again = await api.runs.add(run.request, freshKey("run"));
     go(link(["runs", again.id]));
   });
-  return (
-    <>
-      <ActionButton action={repeat}>{text.run.repeat}</ActionButton>
-    </>
-  );
+  return <ActionButton action={repeat}>{text.run.repeat}</ActionButton>;
 }
 
 function Earlier<Of extends "maps" | "programs">(of: Omit<ComponentProps<typeof JobList<Of>>, "names">) {
@@ -77,8 +72,6 @@ function Earlier<Of extends "maps" | "programs">(of: Omit<ComponentProps<typeof 
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
   const { result } = context.run;
   const { robot, set } = context;
-  // By itself: the names of all robots and sets would be most of what the first look at a result loads.
-  const now = valueOf(useCached(`alarms/${robot.id}`, () => api.robots.one(robot.id)));
   if (!result) return null;
   const views = text.run.views;
   const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
@@ -88,7 +81,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
   }));
   return (
     <>
-      <AlarmNote robot={robot.id} alarms={ofArm(now?.alarms ?? [], set.serial_number)} />
+      <AlarmNote robot={robot.id} alarms={ofArm(robot.alarms, set.serial_number)} />
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
       {part === "deflection" ? (
         <DeflectionPart context={context} result={result} at={query.get("at")} />

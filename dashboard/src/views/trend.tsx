@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Method, Robot, Trend as Found, TrendJoint } from "../api/types";
-import { Figure } from "../charts/figure";
+import { Figure, Legend } from "../charts/figure";
 import { Trend } from "../charts/trend";
 import { Badge } from "../components/badge";
 import { Choice, dayText, Empty, LinkButton, Name, Show, Title } from "../components/basics";
@@ -103,6 +103,16 @@ function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; re
       {trend.note !== null && <p class="note">{words.notYet(trend.note)}</p>}
       <Alarms trend={trend} reload={reload} />
       <p class="hint">{words.rate(trend.false_alarms)}</p>
+      <Legend
+        items={[
+          { label: words.campaign, mark: "method-1" },
+          { label: words.inBaseline, mark: "free" },
+          { label: words.smoothed, mark: "smoothed" },
+          { label: words.limits, mark: "limit" },
+          { label: words.band, mark: "band" },
+          { label: words.alarm, mark: "alarm" },
+        ]}
+      />
       <div class="multiples">
         {worstFirst(trend.joints).map((joint) => (
           <JointTrend key={joint.name} joint={joint} trend={trend} />
@@ -142,14 +152,6 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
     <Figure
       title={joint.name}
       note={noteOf(joint)}
-      legend={[
-        { label: words.campaign, mark: "method-1" },
-        { label: words.inBaseline, mark: "free" },
-        { label: words.smoothed, mark: "smoothed" },
-        { label: words.limits, mark: "limit" },
-        { label: words.band, mark: "band" },
-        ...(points.some((point) => point.alarm) ? [{ label: words.alarm, mark: "alarm" }] : []),
-      ]}
       table={{
         columns: [
           text.sets.kind,
