@@ -119,8 +119,12 @@ def test_a_campaign_goes_on(visit, stored):
 def test_a_weight_plans_what_it_twists_and_a_refusal_says_what_to_change(visit, stored):
     visited = visit("tablet")
     page = visited.page
-    visited.go(f"#/plans?robot={stored.robot}")
+    visited.go("#/plans")
     expect(page.get_by_role("button", name="Plan", exact=True)).to_be_disabled()
+    page.get_by_label("Robot or measurement set").select_option(f"robot:{stored.robot}")
+    expect(page.get_by_label("Force [N]")).to_have_value("1500")  # as in the robot's newest campaign
+    expect(page.get_by_label("Load point:")).to_have_value("-60 20 180")
+    page.get_by_label("Load point:").fill("")
     page.get_by_label("Targets:").fill("P1 100 0 50")
     page.get_by_label("Force [N]").fill("900")
     page.get_by_label("joint_2").uncheck()

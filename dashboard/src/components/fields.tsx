@@ -1,20 +1,50 @@
 /** Fields of a form: what is typed, its unit, one sentence of help, and the faults that the service found in it. */
-import type { ComponentChildren } from "preact";
-import { useId } from "preact/hooks";
+import { type ComponentChildren, createContext } from "preact";
+import { useContext, useId } from "preact/hooks";
+import type { Problem } from "../api/types";
+import type { Action } from "../state/action";
 import { numberIn, vectorIn } from "../lib/entered";
+import { faultsAt } from "../lib/faults";
 import { type Options, optionsOf, Prose } from "./basics";
 
 interface Hints {
   help?: string | undefined;
-  faults?: string[] | undefined;
+  /** Place of the field in the request: what the service says against it stands here. */
+  path?: string | undefined;
 }
+
+/** What the service said against a form. */
+export const FormProblem = createContext<Problem | null>(null);
+
+/** Fields of a request: each says what the service said against it. */
+export const Fields = ({
+  action,
+  look,
+  children,
+}: {
+  action: Action<never>;
+  look: string;
+  children: ComponentChildren;
+}) => (
+  <FormProblem.Provider value={action.problem}>
+    <div class={look}>{children}</div>
+  </FormProblem.Provider>
+);
+
+/** What it says against the field at a place. */
+function useFaults(path: string | undefined): string[] {
+  const problem = useContext(FormProblem);
+  return path === undefined ? [] : faultsAt(problem, path);
+}
+
+export const FaultsAt = ({ path }: { path: string }) => <Faults faults={useFaults(path)} />;
 
 /** A label with its unit over a control; help and faults beneath, said with the control. */
 export function Field({
   label,
   unit,
   help,
-  faults = [],
+  path,
   children,
 }: Hints & {
   label: string;
@@ -26,6 +56,7 @@ export function Field({
   }) => ComponentChildren;
 }) {
   const id = useId();
+  const faults = useFaults(path);
   const said = help !== undefined || faults.length > 0;
   return (
     <div class="field">
@@ -78,7 +109,7 @@ export function TextField({
   label,
   unit,
   help,
-  faults,
+  path,
   value,
   change,
   lines,
@@ -86,7 +117,7 @@ export function TextField({
   ...box
 }: Typed & Box & { lines?: number | undefined }) {
   return (
-    <Field {...{ label, unit, help, faults }}>
+    <Field {...{ label, unit, help, path }}>
       {(control) =>
         lines !== undefined ? (
           <textarea
@@ -114,9 +145,9 @@ export function TextField({
 }
 
 /** One of several, in a list that opens. */
-export function Select({ label, value, change, options, help, faults }: Typed & { options: Options<string> }) {
+export function Select({ label, value, change, options, help, path }: Typed & { options: Options<string> }) {
   return (
-    <Field {...{ label, help, faults }}>
+    <Field {...{ label, help, path }}>
       {(control) => (
         <select {...control} value={value} onChange={(event) => change(event.currentTarget.value)}>
           {optionsOf(options).map((option) => (

@@ -17,7 +17,7 @@ export function JobTables({
   id: string;
   /** The first one shown, and the first one not shown. */
   from?: number;
-  to?: number;
+  to?: number | undefined;
 }) {
   const unit = STIFFNESS_UNITS[useSettings().unit].name;
   const tables = useCached(

@@ -1,8 +1,8 @@
 /** All that a run can be told beside its readings, in one fold: its defaults are the best answer. */
-import { type Dispatch, type StateUpdater, useEffect, useRef, useState } from "preact/hooks";
-import type { Elasticity, Loss, Method, Problem, RunOptions, Weighting } from "../api/types";
+import { type Dispatch, type StateUpdater, useContext, useEffect, useRef, useState } from "preact/hooks";
+import type { Elasticity, Loss, Method, RunOptions, Weighting } from "../api/types";
 import { Choice, Toggle } from "../components/basics";
-import { Faults, NumberField, Select } from "../components/fields";
+import { FaultsAt, FormProblem, NumberField, Select } from "../components/fields";
 import type { Facts } from "../lib/campaign";
 import { entriesOf } from "../lib/json";
 import { faultsAt } from "../lib/faults";
@@ -63,14 +63,13 @@ export function Advanced({
   form,
   facts,
   joints,
-  problem,
 }: {
   form: RunForm;
   facts: Facts | null;
   /** Names of the robot's joints; empty while no robot is chosen. */
   joints: string[];
-  problem: Problem | null;
 }) {
+  const problem = useContext(FormProblem);
   const { options, setOptions, noise, setNoise } = form;
   const change = (part: Partial<Options>) => setOptions((before) => ({ ...before, ...part }));
   const [open, setOpen] = useState(false);
@@ -83,14 +82,7 @@ export function Advanced({
   const number = (name: keyof typeof NUMBERS) => {
     const [path, label, unit, help, placeholder] = NUMBERS[name];
     const set = (typed: string) => change({ [name]: typed });
-    return (
-      <NumberField
-        {...{ label, unit, help, placeholder }}
-        value={options[name]}
-        change={set}
-        faults={faultsAt(problem, path)}
-      />
-    );
+    return <NumberField {...{ label, unit, help, placeholder }} value={options[name]} change={set} path={path} />;
   };
   const few = facts !== null && facts.targets.length < 3;
   const elastic = options.elasticity !== "joints";
@@ -117,7 +109,7 @@ export function Advanced({
               label,
               disabled: few && value !== "partial_pose",
             }))}
-            faults={faultsAt(problem, "method")}
+            path="method"
           />
           <Select
             label={text.options.elasticity}
@@ -125,7 +117,7 @@ export function Advanced({
             value={options.elasticity}
             change={(elasticity) => change({ elasticity: elasticity as Elasticity })}
             options={text.elasticities}
-            faults={faultsAt(problem, "elasticity")}
+            path="elasticity"
           />
           <Select
             label={text.options.loss}
@@ -138,7 +130,7 @@ export function Advanced({
                 .filter(([value]) => lossesOf(options.elasticity).includes(value))
                 .map(([value, label]) => ({ value, label })),
             ]}
-            faults={faultsAt(problem, "loss")}
+            path="loss"
           />
           {options.loss === "huber" && number("huberThreshold")}
           <Select
@@ -147,7 +139,7 @@ export function Advanced({
             value={options.weighting}
             change={(weighting) => change({ weighting: weighting as Weighting })}
             options={text.weightings}
-            faults={faultsAt(problem, "weighting")}
+            path="weighting"
           />
           {options.weighting === "characteristic_length" && number("characteristicLength")}
           <Choice
@@ -179,7 +171,7 @@ export function Advanced({
       {elastic && (
         <fieldset>
           <legend>{words.elastic}</legend>
-          {hasLinks(options.elasticity) && <Links {...{ options, change, joints, problem }} />}
+          {hasLinks(options.elasticity) && <Links {...{ options, change, joints }} />}
           <div class="grid">
             {options.elasticity !== "automatic" && number("linkPenalty")}
             {number("folds")}
@@ -189,8 +181,8 @@ export function Advanced({
           </div>
         </fieldset>
       )}
-      <JointKnowledge {...{ options, change, joints, problem }} />
-      <NoiseForm noise={noise} change={setNoise} problem={problem} />
+      <JointKnowledge {...{ options, change, joints }} />
+      <NoiseForm noise={noise} change={setNoise} />
     </details>
   );
 }
@@ -199,10 +191,9 @@ export interface SettingsProps {
   options: Options;
   change: (part: Partial<Options>) => void;
   joints: string[];
-  problem: Problem | null;
 }
 
-function Links({ options, change, joints, problem }: SettingsProps) {
+function Links({ options, change, joints }: SettingsProps) {
   const toggled = (joint: string, on: boolean) =>
     change({ links: joints.filter((name) => (name === joint ? on : options.links.includes(name))) });
   return (
@@ -213,7 +204,7 @@ function Links({ options, change, joints, problem }: SettingsProps) {
           <Toggle label={joint} checked={options.links.includes(joint)} change={(on) => toggled(joint, on)} />
         ))}
       </div>
-      <Faults faults={faultsAt(problem, "links")} />
+      <FaultsAt path="links" />
     </>
   );
 }

@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { MeasurementSet, RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
 import { Busy, LinkButton, ProblemNote } from "../components/basics";
-import { Select } from "../components/fields";
+import { Fields, Select } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf } from "../lib/campaign";
 import { contentKey, freshKey } from "../lib/hash";
@@ -72,7 +72,7 @@ export function CampaignFlow({
   const lacking = campaign && !chosenRobot ? text.start.robotFirst : refused;
 
   return (
-    <div class="flow">
+    <Fields action={identify} look="flow">
       <section class="card" aria-labelledby="step-file">
         <h2 id="step-file">
           <span class="step">1</span>
@@ -137,12 +137,7 @@ export function CampaignFlow({
               <p class="stage blank">{text.start.armHere}</p>
             )}
           </section>
-          <Advanced
-            form={form}
-            facts={facts}
-            joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
-            problem={identify.problem}
-          />
+          <Advanced form={form} facts={facts} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
         </>
       )}
       <GoBar
@@ -150,7 +145,7 @@ export function CampaignFlow({
         ready={campaign ? chosenRobot !== "" : set !== null}
         why={stored.state === "loading" ? null : lacking}
       />
-    </div>
+    </Fields>
   );
 }
 

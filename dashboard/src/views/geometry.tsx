@@ -49,7 +49,8 @@ function Found({ geometry, result }: { geometry: Geometry; result: GeometryResul
         </section>
       </div>
       {result.links.length === 0 && <p class="soft">{words.noLinks}</p>}
-      <JobTables collection="geometries" id={geometry.id} />
+      {result.links.length > 0 && <JobTables collection="geometries" id={geometry.id} from={-1} />}
+      <JobTables collection="geometries" id={geometry.id} to={result.links.length > 0 ? -1 : undefined} />
       {notes.length > 0 && (
         <details>
           <summary>{words.notes}</summary>

@@ -3,7 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { ImportAnswer, ImportOptions, Problem, RobotSummary, Units } from "../api/types";
 import { Busy, Button, Choice, LinkButton, ProblemNote } from "../components/basics";
-import { Select } from "../components/fields";
+import { Fields, Select } from "../components/fields";
 import { text } from "../i18n";
 import { Arm } from "../components/arm";
 import { save } from "../components/download";
@@ -80,7 +80,7 @@ export function ImportFlow({
   };
 
   return (
-    <div class="flow">
+    <Fields action={identify} look="flow">
       <section class="card wide" aria-labelledby="step-file">
         <h2 id="step-file">
           <span class="step">1</span>
@@ -107,7 +107,7 @@ export function ImportFlow({
         )}
         <details open={frame.of !== ""}>
           <summary>{text.frame.title}</summary>
-          <FrameForm frame={frame} change={setFrame} robot={robot} length={length} problem={identify.problem} />
+          <FrameForm frame={frame} change={setFrame} robot={robot} length={length} />
         </details>
         <details>
           <summary>{text.metadata.title}</summary>
@@ -141,14 +141,13 @@ export function ImportFlow({
         form={form}
         facts={facts}
         joints={robots.find(({ id }) => id === robot)?.joints.map((joint) => joint.name) ?? []}
-        problem={identify.problem}
       />
       <GoBar
         action={identify}
         ready={set !== null && robot !== "" && framed !== undefined && !busy && problem === null}
         why={busy ? null : (lackOf(answer, robot) ?? (framed === undefined ? text.frame.incomplete : null))}
       />
-    </div>
+    </Fields>
   );
 }
 

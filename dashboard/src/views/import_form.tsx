@@ -1,9 +1,8 @@
 /** What no file says: encoders, load, load point, places of targets. Asked only where it is missing. */
 import { api } from "../api/client";
-import type { ImportAnswer, Problem } from "../api/types";
+import type { ImportAnswer } from "../api/types";
 import { Choice, Prose, Toggle } from "../components/basics";
-import { Faults, NumberField, Select, TextField, VectorField } from "../components/fields";
-import { faultsAt } from "../lib/faults";
+import { FaultsAt, NumberField, Select, TextField, VectorField } from "../components/fields";
 import type { StatedFrame } from "../lib/frame";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
@@ -109,7 +108,6 @@ export function FrameForm({
   change,
   robot,
   length,
-  problem,
 }: {
   frame: StatedFrame;
   change: (frame: StatedFrame) => void;
@@ -117,7 +115,6 @@ export function FrameForm({
   robot: string;
   /** The files' unit of length. */
   length: string;
-  problem: Problem | null;
 }) {
   const set = (part: Partial<StatedFrame>) => change({ ...frame, ...part });
   const geometries = valueOf(
@@ -147,7 +144,7 @@ export function FrameForm({
             unit={length}
             value={frame.translation}
             change={(translation) => set({ translation })}
-            faults={faultsAt(problem, "frame.translation")}
+            path="frame.translation"
           />
           {frame.rows.map((row, i) => (
             <VectorField
@@ -156,7 +153,7 @@ export function FrameForm({
               change={(typed) =>
                 set({ rows: frame.rows.map((old, j) => (j === i ? typed : old)) as StatedFrame["rows"] })
               }
-              faults={i === 2 ? faultsAt(problem, "frame.rotation") : []}
+              path={i === 2 ? "frame.rotation" : undefined}
             />
           ))}
         </>
@@ -170,7 +167,7 @@ export function FrameForm({
             options={{ base: frameWords.forcesBase, tracker: frameWords.forcesTracker }}
           />
           <p class="soft">{frameWords.later}</p>
-          <Faults faults={faultsAt(problem, "frame.geometry_id")} />
+          <FaultsAt path="frame.geometry_id" />
         </>
       )}
     </div>

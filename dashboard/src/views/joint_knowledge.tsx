@@ -1,5 +1,6 @@
 /** What is known of joints beforehand: bounds, priors, and which joint is at least as stiff as which. */
-import { Faults, NumberBox } from "../components/fields";
+import { useContext } from "preact/hooks";
+import { Faults, FormProblem, NumberBox } from "../components/fields";
 import { Scroll } from "../components/table";
 import { faultsAt } from "../lib/faults";
 import type { Order, Two } from "../lib/run_options";
@@ -12,7 +13,8 @@ import { Button } from "../components/basics";
 const words = text.settings;
 const PATHS = { bounds: "stiffness_bounds", priors: "priors" } as const;
 
-export function JointKnowledge({ options, change, joints, problem }: SettingsProps) {
+export function JointKnowledge({ options, change, joints }: SettingsProps) {
+  const problem = useContext(FormProblem);
   const unit = formUnit(useSettings().unit).label;
   if (joints.length === 0)
     return (

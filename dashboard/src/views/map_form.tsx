@@ -3,7 +3,7 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { ActionButton, Busy, Button, Choice } from "../components/basics";
 import { DropZone } from "../components/drop";
-import { Select, TextField, VectorField } from "../components/fields";
+import { Fields, Select, TextField, VectorField } from "../components/fields";
 import { freshKey } from "../lib/hash";
 import { numbersIn } from "../lib/program";
 import { asking, useAction } from "../state/action";
@@ -55,18 +55,18 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
   });
   const { mm, newton } = text.units;
   return (
-    <section class="card form">
+    <Fields action={make} look="card form">
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
       <div class="map-fields">
-        <VectorField label={words.least} unit={mm} value={least} change={setLeast} />
-        <VectorField label={words.greatest} unit={mm} value={greatest} change={setGreatest} />
-        <VectorField label={words.grid} value={grid} change={setGrid} />
-        <VectorField label={words.force} unit={newton} value={force} change={setForce} />
-        <VectorField label={words.tool} unit={mm} value={tool} change={setTool} />
-        <VectorField label={words.toolAxis} value={axis} change={setAxis} />
-        <VectorField label={words.direction} value={direction} change={setDirection} />
-        <TextField label={words.turns} type="number" min={1} max={360} value={turns} change={setTurns} />
+        <VectorField path="area[0]" label={words.least} unit={mm} value={least} change={setLeast} />
+        <VectorField path="area[1]" label={words.greatest} unit={mm} value={greatest} change={setGreatest} />
+        <VectorField path="grid" label={words.grid} value={grid} change={setGrid} />
+        <VectorField path="force" label={words.force} unit={newton} value={force} change={setForce} />
+        <VectorField path="place" label={words.tool} unit={mm} value={tool} change={setTool} />
+        <VectorField path="tool_axis" label={words.toolAxis} value={axis} change={setAxis} />
+        <VectorField path="directions" label={words.direction} value={direction} change={setDirection} />
+        <TextField path="turns" label={words.turns} type="number" min={1} max={360} value={turns} change={setTurns} />
       </div>
       <Choice
         label={words.posture}
@@ -85,7 +85,7 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
       <ActionButton look="primary" action={make}>
         {words.make}
       </ActionButton>
-    </section>
+    </Fields>
   );
 }
 
@@ -143,7 +143,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
   });
   const take = (file: File) => setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
   return (
-    <section class="card form">
+    <Fields action={make} look="card form">
       <h2>{programWords.form}</h2>
       <p>{programWords.formNote}</p>
       <DropZone
@@ -172,17 +172,18 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         options={ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] }))}
       />
       <div class="map-fields">
-        <Numbers label={`${programWords.force} [${text.units.newton}]`} value={force} change={setForce} />
+        <Numbers label={`${programWords.force} [${text.units.newton}]`} path="load" value={force} change={setForce} />
         <Select
           label={programWords.axes}
           value={axes}
           change={setAxes}
           options={(["robot", "tool", "base"] as const).map((value) => ({ value, label: programWords.axesOf[value] }))}
         />
-        <Numbers label={programWords.tool} value={tool} change={setTool} help={programWords.frameHint} />
-        <Numbers label={programWords.base} value={base} change={setBase} help={programWords.frameHint} />
+        <Numbers label={programWords.tool} path="tools" value={tool} change={setTool} help={programWords.frameHint} />
+        <Numbers label={programWords.base} path="bases" value={base} change={setBase} help={programWords.frameHint} />
         <Numbers
           label={`${programWords.start} [${text.units.deg}]`}
+          path="start"
           value={start}
           change={setStart}
           help={programWords.startHint}
@@ -191,7 +192,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       <ActionButton look="primary" action={make} disabled={files.length === 0 || accuracy === ""}>
         {programWords.make}
       </ActionButton>
-    </section>
+    </Fields>
   );
 }
 

@@ -1,8 +1,5 @@
 /** Noise of the readings and of the load, where it is to be other than what the readings say. */
-import type { Problem } from "../api/types";
-
 import { NumberField, VectorField, Select } from "../components/fields";
-import { faultsAt } from "../lib/faults";
 import type { StatedNoise } from "../lib/noise";
 import { text } from "../i18n";
 
@@ -17,17 +14,8 @@ const COMMON = [
 ] as const;
 const PER_METRE = `${text.units.micrometre}/${text.units.metre}`;
 
-export function NoiseForm({
-  noise,
-  change,
-  problem,
-}: {
-  noise: StatedNoise;
-  change: (noise: StatedNoise) => void;
-  problem: Problem | null;
-}) {
+export function NoiseForm({ noise, change }: { noise: StatedNoise; change: (noise: StatedNoise) => void }) {
   const set = (part: Partial<StatedNoise>) => change({ ...noise, ...part });
-  const at = (path: string) => faultsAt(problem, `noise.${path}`);
   return (
     <fieldset>
       <legend>{words.title}</legend>
@@ -46,7 +34,7 @@ export function NoiseForm({
             help={text.glossary.sigma[1]}
             value={noise.sigma}
             change={(sigma) => set({ sigma })}
-            faults={at("sigma")}
+            path="noise.sigma"
           />
         )}
         {noise.kind === "instrument" && (
@@ -57,7 +45,7 @@ export function NoiseForm({
               help={words.stationHelp}
               value={noise.station}
               change={(station) => set({ station })}
-              faults={at("instrument.station")}
+              path="noise.instrument.station"
             />
             {(["range", "transverse"] as const).map((way) => (
               <>
@@ -67,7 +55,7 @@ export function NoiseForm({
                   help={words.constantHelp}
                   value={noise[way][0]}
                   change={(typed) => set({ [way]: [typed, noise[way][1]] })}
-                  faults={at(`instrument.${way}`)}
+                  path={`noise.instrument.${way}`}
                 />
                 <NumberField
                   label={words.per[way]}
@@ -87,7 +75,7 @@ export function NoiseForm({
             help={words[`${name}Help`]}
             value={noise[name]}
             change={(typed) => set({ [name]: typed })}
-            faults={at(path)}
+            path={`noise.${path}`}
           />
         ))}
       </div>

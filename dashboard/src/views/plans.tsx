@@ -2,7 +2,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { ActionButton, Show, Title, Toggle } from "../components/basics";
-import { TextField, Select } from "../components/fields";
+import { Fields, TextField, Select } from "../components/fields";
 import { type Asked, equipmentOf, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
 import { asking, useAction } from "../state/action";
@@ -79,11 +79,16 @@ function Form({ names, given }: { names: Names; given: string }) {
   const earlier = kind === "robot" ? names.sets.find((set) => set.robot_id === id)?.id : undefined;
   const campaign = valueOf(useLoad(async () => (earlier ? await storedSet(earlier) : null), [earlier]));
   useEffect(() => {
-    if (campaign) change(equipmentOf(campaign));
+    if (!campaign) return;
+    const known = Object.entries(equipmentOf(campaign)) as [keyof Asked, string][];
+    setAsked((before) => ({
+      ...before,
+      ...Object.fromEntries(known.filter(([name]) => before[name] === START[name])),
+    }));
   }, [campaign]);
   const equipment = <Equipment asked={asked} change={change} />;
   return (
-    <section class="card form">
+    <Fields action={start} look="card form">
       <p>{words.intro}</p>
       <Select
         label={words.subject}
@@ -100,6 +105,7 @@ function Form({ names, given }: { names: Names; given: string }) {
       />
       <TextField
         label={words.readings}
+        path="readings"
         value={asked.readings}
         change={(readings) => change({ readings })}
         inputMode="decimal"
@@ -131,15 +137,30 @@ function Form({ names, given }: { names: Names; given: string }) {
       >
         {words.go}
       </ActionButton>
-    </section>
+    </Fields>
   );
 }
 
+/** Places of what is typed in the request. */
+const PATHS = {
+  force: "load",
+  anchors: "load",
+  targets: "targets",
+  loadPoint: "load_point",
+  sigma: "sigma",
+  station: "tracker",
+  floor: "surroundings",
+};
+
 function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
-  type Typed = "force" | "anchors" | "targets" | "loadPoint" | "sigma" | "station" | "floor";
-  const field = (name: Typed, placeholder: string, box: { lines?: number; inputMode?: "decimal" } = {}) => (
+  const field = (
+    name: keyof typeof PATHS,
+    placeholder: string,
+    box: { lines?: number; inputMode?: "decimal" } = {},
+  ) => (
     <TextField
       label={words[name]}
+      path={PATHS[name]}
       value={asked[name]}
       change={(typed) => change({ [name]: typed })}
       placeholder={placeholder}

@@ -2,6 +2,7 @@
 import { describe, expect, it } from "vitest";
 import type { Problem } from "../../src/api/types";
 import { Advanced, useRunForm } from "../../src/views/advanced";
+import { FormProblem } from "../../src/components/fields";
 import { drawn, press, settled } from "./drawn";
 
 let request: Record<string, unknown> = {};
@@ -9,7 +10,11 @@ let request: Record<string, unknown> = {};
 function Form({ problem = null }: { problem?: Problem | null }) {
   const form = useRunForm();
   request = form.request("s");
-  return <Advanced form={form} facts={null} joints={["joint_1", "joint_2"]} problem={problem} />;
+  return (
+    <FormProblem.Provider value={problem}>
+      <Advanced form={form} facts={null} joints={["joint_1", "joint_2"]} />
+    </FormProblem.Provider>
+  );
 }
 
 const typed = (root: HTMLElement, label: string, value: string) =>
