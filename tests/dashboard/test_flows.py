@@ -72,8 +72,10 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     visited.go("#/compare/methods")
     page.get_by_label("Measurement set", exact=True).select_option(label=f"{size} motor ({name})")
     page.get_by_role("button", name="Compare").click()
-    expect(page.get_by_role("row")).to_have_count(5)  # four methods and the head, as no constraint is active
-    expect(page.get_by_text("constrained and unconstrained agree")).to_have_count(4)
+    joints = page.get_by_role("table", name="Stiffness in 10⁶ N·m/rad")
+    expect(joints.get_by_role("row")).to_have_count(7)  # six joints and the head, as no constraint is active
+    fits = page.get_by_role("table", name="explained", exact=True)
+    expect(fits.get_by_role("row")).to_have_count(5)  # four methods
 
     visited.go("#/compare/pairs")
     page.get_by_label("First side", exact=True).select_option(label=f"{size} motor ({name})")

@@ -31,7 +31,7 @@ export function JobTables({
         all
           .slice(from, to)
           .map(({ title, caption, head, rows, texts }) => (
-            <TableCard title={title} note={caption} table={{ columns: head, rows, texts }} />
+            <TableCard title={title || (head[1] ?? "")} note={caption} table={{ columns: head, rows, texts }} />
           ))
       }
     </Show>
