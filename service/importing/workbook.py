@@ -37,9 +37,8 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     sheets = {name: Sheet(archive, part, texts, kinds) for name, part in parts.items()}
     name = _only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
-        raise ImportFileError(
-            Place(file), f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}", "sheet", tuple(sheets)
-        )
+        reason, remedy = f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}"
+        raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     rows: list[Row] = []
     comments: list[Row] = []
     for row in sheets[name].rows():
@@ -59,9 +58,8 @@ def _only_filled(file: str, sheets: Mapping[str, Sheet]) -> str:
     """Return the name of the only sheet with a row, or of the first if there is none."""
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
-        raise ImportFileError(
-            Place(file), f"several sheets have data: {shown(', '.join(filled))}", "give `sheet`", "sheet", tuple(filled)
-        )
+        reason = f"several sheets have data: {shown(', '.join(filled))}"
+        raise ImportFileError(Place(file), reason, "give `sheet`", "sheet", tuple(filled))
     return (filled or list(sheets))[0]
 
 
