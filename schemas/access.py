@@ -50,7 +50,7 @@ class Key(Message):
     expires_at: Timestamp | None
     revoked_at: Timestamp | None
     last_used_at: Timestamp | None = Field(
-        description="Last use, to the minute; null if unused, or of a file."
+        description="Last use, to the minute; null if unused or in a file."
     )
 
 

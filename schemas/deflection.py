@@ -73,13 +73,13 @@ class LinkMass(Message):
 
 
 class SagOptions(Message):
-    """Choice of what a deflection starts from."""
+    """Reference of a deflection."""
 
     absolute: bool = Field(
         default=False,
         strict=True,
-        description="True for positions beside those of an arm that does not bend: the sag under its own "
-        "weight counts, with the load if there is one. Needs a run with `weight`.",
+        description="True for deflections relative to an arm that does not bend: they include the sag under "
+        "its own weight, and that of the load if there is one. Needs a run with `weight`.",
     )
 
 

@@ -41,7 +41,7 @@ class Laboratory(Party):
         default=None,
         description="Procedure of the laboratory by its number, beside the method of this software.",
     )
-    customer: Party | None = Field(default=None, description="Customer that the reports are for.")
+    customer: Party | None = Field(default=None, description="Customer of the reports.")
     logo: Name | None = Field(
         default=None, description="File beside this one, PNG or JPEG: a name without a folder."
     )

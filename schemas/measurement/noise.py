@@ -126,7 +126,7 @@ class Noise(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of one position reading, in the set's unit of "
-        "length. That of a deflection, a difference of two, is √2 times larger.",
+        "length. The uncertainty of a deflection, a difference of two, is √2 times larger.",
         examples=[2e-5],
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(

@@ -42,7 +42,7 @@ class CrossValidation(Message):
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
         description="`best`: the penalty of least held-out residual (mean length; beyond 500 targets root "
-        "mean square). `one_standard_error`: the largest within one standard error of that.",
+        "mean square). `one_standard_error`: the largest within one standard error of the best.",
     )
 
 

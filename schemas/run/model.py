@@ -68,8 +68,8 @@ class WeightPart(Message):
 
     gravity: Point = Field(description="Acceleration of gravity in R0, in m/s².")
     mass: list[list[float]] = Field(
-        description="Mass in kg that each joint carries (columns), as the torque of each joint (rows) has "
-        "it: readings tell products of a compliance and a mass.",
+        description="Mass in kg that each joint carries (columns), in the torque of each joint (rows); "
+        "readings determine products of a compliance and a mass.",
         json_schema_extra={"unit": "kg"},
     )
     centre: Metres[list[list[Point]]] = Field(
@@ -109,7 +109,7 @@ class IdentifiedModel(Message):
         "empty, and `seen` names the observable joints.",
     )
     weight: WeightPart | None = Field(
-        default=None, description="Own weight; null where loads alone were measured, or a spring balances it."
+        default=None, description="Own weight; null for a run by loads alone, or with spring balancers."
     )
     degrees_of_freedom: float | None = Field(
         description="Degrees of freedom of sigma; null if sigma was given."

@@ -54,7 +54,7 @@ async def revoke_key(request: Request, parts: PartsOf, key_id: KeyId) -> Key:
     """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
     gate: Gate = request.app.state.gate
     if gate.keyring.is_filed(key_id):
-        raise HTTPException(409, "the key stands in the file of keys; revoke it there")
+        raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
     await _look(request)
     return described(revoked)
