@@ -30,10 +30,9 @@ async def compute_deflections(
 ) -> Response:
     """Predict deflection, rotation and Cartesian compliance by the model of a run. Nothing is stored.
 
-    Each case says in which posture, under which load, and which place is asked for. Intervals are
-    of two kinds: `readings_only` holds the errors of the readings, and of the force where it is stated;
-    `with_model_error` holds what the model leaves out, too, calibrated on held-out postures. A
-    run never changes, so the same request has the same answer.
+    Each case has a posture, a load and a place. Intervals are of two kinds: `readings_only` includes the
+    errors of the readings and the stated errors of the force; `with_model_error` also includes the model
+    error, calibrated on held-out postures. A run never changes, so the same request has the same answer.
     """
     # Many cases take seconds: predictions wait for their turn, and leave the other requests theirs.
     return json_response(await run_sync(_predicted, parts, body, limiter=large_bodies(request)))

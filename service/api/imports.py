@@ -56,14 +56,14 @@ router = APIRouter(prefix="/v1/imports", tags=["measurement sets"], route_class=
 async def create_import(
     request: Request, parts: PartsOf, files: _Files, options: _Options = _DEFAULTS
 ) -> Response:
-    """Understand files of readings, and show what was understood. Nothing is stored.
+    """Preview files of readings. Nothing is stored.
 
-    Send the files as fields `files` of a form, and what they do not say themselves as JSON in a field
-    `options`. The answer says what each column was taken for, what was assumed and what is missing, and has
-    the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
-    be understood in two ways is refused, with its place as file:line:column and the remedy, and all other
-    faults; with `show_faults` they are in the answer, beside what was understood. With `robot_id` the set is
-    inspected. Options that are the `template` of an earlier answer refuse files of another form.
+    Send the files as fields `files` of a form, and missing information as JSON in a field `options`. The
+    answer has the meaning of each column, assumptions and missing items, and, if nothing is missing, the
+    measurement set: add `robot_id` and post it to /v1/measurement-sets. A file with two possible meanings is
+    refused with all faults, each with file:line:column and a remedy; with `show_faults` they are in the
+    preview. With `robot_id` the set is inspected. The `template` of an earlier answer as options refuses
+    files of another form.
     """
     # A few bytes of Excel unpack to a great deal: all imports wait for their turn.
     answer = await run_sync(_understood, parts, files, options, limiter=large_bodies(request))

@@ -65,8 +65,8 @@ def _add_tables(router: APIRouter, kind: AnyKind) -> None:
         return JSONResponse([part.shown() for part in shown if isinstance(part, Table)])
 
     description = (
-        f"Get the tables of a {kind.name} as the terminal shows them: title, caption, head, rows of text, "
-        "and the places of the columns that hold text."
+        f"Get the tables of a {kind.name} as in the terminal: title, caption, head, rows of text, and "
+        "the indices of text columns."
     )
     answer: Answers = {200: {"description": "The tables.", "content": {"application/json": {}}}}
     _add(router, kind, "tables.json", tables, f"get_{kind.name}_tables", description, answer)

@@ -74,7 +74,7 @@ _TABLE: Final[dict[int | str, dict[str, Any]]] = {
 
 @router.get("/audit", response_model=Page[AuditItem], responses=problems(422))
 def list_audit(parts: PartsOf, query: Annotated[AuditQuery, Query()]) -> Page[AuditItem]:
-    """List what was asked for by methods that change something, refused or not, newest first."""
+    """List all requests to change something, refused or not, newest first."""
     entries, cursor = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
     return Page(items=[AuditItem(**asdict(entry)) for entry in entries], next=cursor)
 

@@ -64,9 +64,9 @@ def get_run_model(
     """Get the identified model as a file: tables (csv, xlsx), URDF, SDFormat, or MJCF of MuJoCo.
 
     Tables have the intervals, with units in every header. MJCF and SDFormat have a spring for each joint
-    with a stiffness; URDF has none, so the numbers stand in comments. A joint that is rigid, not observable
-    or not identified has no spring, and the file says why. A run not to be used is refused unless
-    `accept_verdict` says so.
+    with a stiffness; URDF has none and gives the numbers in comments. A joint that is rigid, not observable
+    or not identified has no spring; the file states the reason. A run with the verdict `do_not_use` is
+    refused without `accept_verdict`.
     """
     content = export_model(exported_model(parts, run_id), format, query.accept_verdict)
     return Response(
@@ -114,9 +114,8 @@ def get_run_report(
 ) -> Response:
     """Get the report of a run: results, uncertainty, method, conditions, traceability, by ISO/IEC 17025.
 
-    PDF/A-3b with the run and a table within, or HTML. It is a draft until it is authorised; from then on it
-    is the report as it was issued, byte for byte, whatever is changed in metadata, settings or software. That
-    of a superseded report says so on each page.
+    It is PDF/A-3b with the run and a table attached, or HTML. It is a draft until it is authorised; then it
+    never changes, even if metadata, settings or software do. Each page of a superseded report states that.
     """
     subject = _subject(parts, run_id, request.app.state.laboratory)
     own = parts.store.authorisations.of(run_id=run_id)
@@ -156,9 +155,9 @@ def authorise_run(
 ) -> Authorisation:
     """Authorise the report of a run, under the name of the key. It is never changed or deleted.
 
-    What it states is kept with it, with the PDF and its SHA-256: later changes of metadata, settings or
-    software change nothing. Another authorisation of the same run issues a report of the next number, which
-    says that it supersedes this one. The same authorisation of the same report by the same key is one.
+    Its content is stored with the PDF and its SHA-256: later changes of metadata, settings or software do
+    not affect it. Another authorisation of the same run issues a report with the next number, which
+    supersedes this one. Repeating an authorisation with the same key changes nothing.
     """
     settings: LaboratorySettings = request.app.state.laboratory
     subject = _subject(parts, run_id, settings)

@@ -31,10 +31,10 @@ router = APIRouter(prefix="/v1", tags=["trends"], route_class=BodyRoute)
 def get_trend(parts: PartsOf, robot_id: _RobotId, query: Annotated[TrendQuery, Query()]) -> Trend:
     """Get the trend of a robot: each joint's campaigns against its baseline, with alarms and their reasons.
 
-    A campaign is a measurement set, by its newest run that shares method, weighting, constraint, encoders and
-    serial number with the others; what is left out stands in `left_out`. The limits hold the noise of the
-    readings, scatter between campaigns and the baseline's own uncertainty. A baseline takes three campaigns;
-    with fewer there is only the test of two.
+    A campaign is a measurement set with its newest run of the same method, weighting, constraint, encoders
+    and serial number; `left_out` names campaigns without such a run. The limits include the noise of the
+    readings, the scatter between campaigns and the uncertainty of the baseline. A baseline needs three
+    campaigns; with fewer there is only a test of two.
     """
     return parts.trends.trend(robot_id, query)
 
