@@ -49,7 +49,7 @@ def export_database(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="New folder to write to.")],
 ) -> None:
-    """Export a database as campaign files for `jointstiff post`."""
+    """Export a database of any version as campaign files."""
     from jointstiff.service.resources.old_databases import export_database as export
     from jointstiff.service.tables.terminal import console
 

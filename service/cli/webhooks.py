@@ -8,7 +8,7 @@ from jointstiff.service.cli.answers import warn
 from jointstiff.service.cli.options import ServerAddress
 
 webhooks = typer.Typer(
-    help="Create, list and delete webhooks; JOINTSTIFF_KEY must have an admin key.",
+    help="Create, list and delete webhooks. JOINTSTIFF_KEY must have an admin key.",
     no_args_is_help=True,
 )
 

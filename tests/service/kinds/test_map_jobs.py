@@ -126,7 +126,7 @@ class TestDownloads:
         ({"directions": [[0, 0, 1], [0, 0, 0]]}, "directions[1]", "zero vector"),
         ({"limits": {"joint_9": [0, 1]}}, "limits.joint_9", "no joint"),
         ({"limits": {"joint_1": [1, 0]}}, "limits.joint_1", "least angle"),
-        ({"near": [0.0, 1.0]}, "near", "2 angles"),
+        ({"near": [0.0, 1.0]}, "near", "2 joint angles"),
     ],
 )
 def test_refused_with_place_and_remedy(client, run_id, changes, where, message):

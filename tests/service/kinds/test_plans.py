@@ -190,7 +190,7 @@ class TestPlans:
             ),
             ({"surroundings": {"floor": 20.0}}, "candidates", "none of 300 readings is feasible"),
             ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "are in postures"),
-            ({"postures": [[0.0, 1.0]]}, "postures[0]", "2 angles"),
+            ({"postures": [[0.0, 1.0]]}, "postures[0]", "2 joint angles"),
             ({"surroundings": {"facing": {"P10": [0, 0, 0]}}}, "surroundings.facing", "facing"),
             ({"criterion": "work_area"}, "work_area", "needs a work area"),
         ],
