@@ -29,7 +29,6 @@ _MISSING = {
     "model_error": "there is no bound of the model error",
     "lack_of_fit": "the assessment names a lack of fit: U does not include the bending of links",
 }
-_STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
 
 
 def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
@@ -89,9 +88,7 @@ def _joint_row(joint: JointResult, budget: Budget | None) -> list[str]:
         of_compliance = _combined(budget)[budget.joints.index(joint.name)]
         combined = _UNIT.factor * of_compliance * joint.stiffness**2
         uncertainty, expanded = (rounded(size, size) for size in (combined, _factor(budget) * combined))
-    verdict = (
-        VERDICTS[joint.verdict] if joint.status == "identified" else _STATUS.get(joint.status, "no number")
-    )
+    verdict = VERDICTS[joint.verdict] if joint.status == "identified" else joint.status.replace("_", " ")
     return [joint.name, value, uncertainty, expanded, interval, verdict]
 
 

@@ -19,17 +19,15 @@ from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.service.tables.verdict import VERDICTS, joint_reason_lines
 from jointstiff.service.tables.view import Report, View
 
-_STATUSES: Final = {
+_WORDS: Final = {
     "uncertain": Line("uncertain", "care"),
     "at_bound": Line("at bound", "care"),
     "not_observable": Line("not observable", "dim"),
-}
-_VERDICTS: Final = {
-    "use": Line("identified", "good"),
     "use_with_care": Line("use with care", "care"),
     "do_not_use": Line("do not use", "bad"),
 }
-"""Words for an identified joint."""
+"""Words for the status of a joint, or for the verdict on an identified one."""
+_GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 
 
 def report(job: Run, result: RunResult, view: View) -> Report:
@@ -116,8 +114,14 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
 
 
 def _verdict_cell(joint: JointResult) -> Line:
-    """Return the status, or the verdict on an identified joint."""
-    return _VERDICTS[joint.verdict] if joint.status == "identified" else _STATUSES[joint.status]
+    """Return the status or the verdict; of a joint to use, the grade of its interval as on the page."""
+    if joint.status != "identified" or joint.verdict != "use":
+        return _WORDS[joint.verdict if joint.status == "identified" else joint.status]
+    low, high = joint.stiffness_interval or (None, None)
+    if low is None or high is None or not joint.stiffness:
+        return Line("no interval", "care")
+    narrow = [limit for limit in _GRADES if (high - low) / 2 / joint.stiffness <= limit]
+    return Line(_GRADES[narrow[0]] if narrow else "roughly known", "good")
 
 
 def _prior_cell(joint: JointResult, *, known: bool) -> str:
@@ -129,11 +133,8 @@ def _prior_cell(joint: JointResult, *, known: bool) -> str:
 
 def _summary(result: RunResult) -> Line:
     """Return what the fit is worth, in one line."""
-    explained = (
-        ""
-        if result.compensation is None
-        else f"explains {100 * result.compensation:.1f} % of the mean deflection, "
-    )
+    share = result.compensation
+    explained = "" if share is None else f"explains {100 * share:.1f} % of the mean deflection, "
     sigma = (
         ""
         if result.sigma is None
