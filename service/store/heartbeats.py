@@ -26,23 +26,15 @@ class Heartbeats:
         self._database = database
         self._now = clock or self._database_time
 
-    def beat(self, executor: str, silence: timedelta) -> list[str]:
-        """An executor lives.
-
-        Args:
-            executor: its name.
-            silence: how long one may be silent and still count as living.
-
-        Returns:
-            Those that live, by the database's clock; no worker's own may be trusted.
-        """
+    def beat(self, executor: str) -> list[str]:
+        """Record that an executor lives; return all that live, by the clock of the database alone."""
         mine = heartbeats.c.executor == executor
         with self._database.writing() as connection:
             now = self._now(connection)
             if connection.execute(update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
                 connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
-            living = self._living(connection, now, silence)
-            connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * silence))
+            living = self._living(connection, now, SILENT)
+            connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * SILENT))
         return living
 
     def living(self, silence: timedelta) -> list[str]:
@@ -69,7 +61,7 @@ class Heartbeats:
         Raises:
             StoreUnavailableError: the database cannot be written.
         """
-        self.beat("", SILENT)
+        self.beat("")
 
     def _living(self, connection: Connection, now: datetime, silence: timedelta) -> list[str]:
         # Nor later than now: a clock that was set back would keep the dead alive until it caught up.

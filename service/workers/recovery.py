@@ -63,7 +63,7 @@ class Recovery:
         Raises:
             StoreUnavailableError: the database does not answer; look again later.
         """
-        living = self._heartbeats.beat(self._executor, SILENT)
+        living = self._heartbeats.beat(self._executor)
         pending = self._engine.queue.pending()
         duties: list[Callable[[], object]] = [self.count_own_deaths, lambda: self._take_up_idle(pending)]
         if living and living[0] == self._executor:  # one of the living is enough

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from typing import Final
 
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.store.heartbeats import SILENT
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import Engine
@@ -61,7 +60,7 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     store = Store.open(database)
     parts = Parts.of(store)
     jobs = parts.jobs
-    store.heartbeats.beat(executor, SILENT)  # before it takes any work
+    store.heartbeats.beat(executor)  # before it takes any work
     engine = Engine(store, jobs, database, executor)
     inputs = [store.deletions(kind) for kind in (store.sets.resource, store.robots.resource)]
     recovery = Recovery(

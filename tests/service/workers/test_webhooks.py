@@ -379,7 +379,7 @@ def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
     jobs.fail(record.id, WorkerLostError("and again"))
     beats = Heartbeats(store._database, lambda _: clock.time)
     recovery = Recovery(beats, {"run": jobs}, QueueEngine(), "alive", lost=store.webhooks.worker_lost)
-    beats.beat("gone", timedelta(seconds=30))
+    beats.beat("gone")
     clock.go_on(seconds=31)
     with receiver.up():
         for _ in range(4):
@@ -399,7 +399,7 @@ def test_a_lost_worker_is_told_once_by_two_who_see_it_at_one_instant(database_ur
     with Store.open(database_url) as first, Store.open(database_url) as second:
         told_of(first, receiver, events=["worker.lost"])
         for name in ("one", "two", "three"):
-            first.heartbeats.beat(name, timedelta(seconds=30))
+            first.heartbeats.beat(name)
             (seen,) = {store.heartbeats.silent(timedelta(seconds=-9))[name] for store in (first, second)}
             together = threading.Barrier(2)
 
