@@ -157,7 +157,7 @@ def _solve_held(
 def _greedy(problem: DesignProblem) -> Atoms:
     """Choose readings one after the other by their price, among evenly spread candidates."""
     count = max(_START, problem.parameters, problem.readings if problem.once else 0)
-    step = max(1, len(problem.candidates) // max(_SAMPLE, 4 * count))
+    step = max(1, len(problem.candidates) // _SAMPLE)
     sample = problem.candidates[::step]
     M = problem.base + 0.01 * problem.readings / len(sample) * sample.total()
     M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))

@@ -127,7 +127,7 @@ def _outliers(
     norm = np.linalg.norm(springs.residual, axis=2)
     count, each = int(judged.sum()), int(part.coordinates[judged].max(initial=0))
     freedom = each * count - springs.parameters
-    if freedom < 3 * springs.parameters:
+    if freedom < springs.parameters:
         return
     scale = vector_scale(norm[judged], each) * np.sqrt(each * count / freedom)
     limit = MODEL_ALLOWANCE * vector_quantile(count, freedom, each) * scale
