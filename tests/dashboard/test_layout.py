@@ -37,6 +37,11 @@ FAULTS = """() => {
     const holds = ".button, .tabs a, .sections a, summary, label.option, label.toggle";
     if (cut && control.matches(holds)) faults.push(`cut off: ${name}`);
   }
+  for (const words of document.querySelectorAll("p, dd, h2, h3, td, .legend li, .angles span")) {
+    const apart = words.closest(".scroll, .hidden, .scene-labels");
+    if (apart || !words.checkVisibility() || words.getBoundingClientRect().right <= innerWidth + 1) continue;
+    faults.push(`words beyond the screen: ${words.outerHTML.slice(0, 120)}`);
+  }
   return faults;
 }"""
 PAIRS = """() => {
