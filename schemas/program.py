@@ -188,8 +188,8 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
-        if self.absolute and (self.masses or self.limits.ramp):
-            raise ValueError("`absolute` takes the run's masses and all of the path: no `masses`, no ramp")
+        if self.absolute and self.limits.ramp:
+            raise ValueError("`absolute` corrects all of the path: no ramp")
         return self
 
 

@@ -232,6 +232,12 @@ def to_own_weight(
                 where="absolute",
                 remedy="choose a run with `weight` and without balancers, or leave `absolute` out",
             )
+        if not isinstance(request, MapOptions) and request.masses:
+            raise RequestError(
+                "the masses of the run count for absolute positions",
+                where="masses",
+                remedy="leave `masses` or `absolute` out",
+            )
         part = model.weight
         mass, centre, gravity, root = (
             np.array(each) for each in (part.mass, part.centre, part.gravity, part.covariance_root)

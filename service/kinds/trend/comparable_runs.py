@@ -38,6 +38,7 @@ class _Options(_Part):
     priors: dict[str, object]
     stiffness_bounds: dict[str, object]
     stiffness_order: list[object]
+    weight: dict[str, object] | None = None
 
 
 class ReadRun(_Part):
@@ -108,6 +109,8 @@ def _unfit(candidate: Candidate) -> str | None:
         return f"its assessment is: do not use{why}"
     if result.links is not None:
         return "it has elastic links or coupling, so its joint stiffnesses are effective values"
+    if request.weight is not None:
+        return "it is by own weight, so that an error of the masses shifts all stiffnesses"
     for name, value in (
         ("priors", request.priors),
         ("bounds of the stiffness", request.stiffness_bounds),

@@ -89,6 +89,11 @@ def test_predictions_maps_and_programs_hold_the_sag_if_asked(client, document):
     assert mapped["worst"]["deflection"] > 1e-3
     low, high = mapped["worst"]["readings_only"]
     assert low < mapped["worst"]["deflection"] < high
+    mass = {"joint": "joint_2", "mass": 10.0, "centre": [0.0, 0.0, 0.1]}
+    assert client.post("/v1/deflections", json={**asked, "masses": [mass]}).status_code == 422
+    set_id = client.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
+    robot_id = client.get(f"/v1/measurement-sets/{set_id}").json()["robot_id"]
+    assert "own weight" in client.get(f"/v1/robots/{robot_id}/trend").json()["left_out"][0]["reason"]
     loaded = stored_run(client, simulate_campaign(ARM), method="partial_pose")
     refused = client.post("/v1/deflections", json={**asked, "run_id": loaded})
     assert refused.status_code == 422
