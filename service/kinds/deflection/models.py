@@ -224,31 +224,26 @@ def to_own_weight(
     Raises:
         RequestError: the run has no own weight, the robot no such joint, or one has two masses.
     """
+    stated = [] if isinstance(request, MapOptions) else request.masses
     if request.absolute:
         model = None if run.result is None else run.result.model
-        if model is None or model.weight is None:
+        if model is None or model.weight is None or stated:
             raise RequestError(
-                f"run '{run.id}' does not know the robot's own weight, so that no sag can be told",
+                f"sag takes the own weight of the run: '{run.id}' has none, or masses are stated, too",
                 where="absolute",
-                remedy="choose a run with `weight` and without balancers, or leave `absolute` out",
-            )
-        if not isinstance(request, MapOptions) and request.masses:
-            raise RequestError(
-                "the masses of the run count for absolute positions",
-                where="masses",
-                remedy="leave `masses` or `absolute` out",
+                remedy="choose a run with `weight` and without balancers, and leave `masses` out",
             )
         part = model.weight
         mass, centre, gravity, root = (
             np.array(each) for each in (part.mass, part.centre, part.gravity, part.covariance_root)
         )
         return IdentifiedWeight(mass, centre, gravity, root=root)
-    if isinstance(request, MapOptions) or not request.masses:
+    if isinstance(request, MapOptions) or not stated:
         return None
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
-    for i, link in enumerate(request.masses):
+    for i, link in enumerate(stated):
         j = joint_index(robot, link.joint, f"masses[{i}].joint")
-        if link.joint in (other.joint for other in request.masses[:i]):
+        if link.joint in (other.joint for other in stated[:i]):
             raise RequestError(
                 f"'{link.joint}' has a mass already",
                 where=f"masses[{i}].joint",
