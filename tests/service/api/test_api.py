@@ -209,7 +209,7 @@ class TestMeasurementSets:
             (
                 _edit(["observations", 0, "readings", 0], {"target": "P10"}),
                 "observations[0].readings[0]",
-                "either",
+                "give `unloaded` and `loaded`, or `deflection`",
             ),
             (
                 _edit(["observations", 0, "readings", 0], {"target": "P10", "deflection": [0, 0, 0.001]}),
