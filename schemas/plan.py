@@ -251,7 +251,7 @@ class PlanResult(Result):
         description="Readings in the order of little travel and few load changes."
     )
     targets: Metres[dict[Name, Point]] = Field(description="Targets to measure, in the flange frame.")
-    load_point: Metres[Point] = Field(description="Load point that was planned with, in the flange frame.")
+    load_point: Metres[Point] = Field(description="Load point of the plan, in the flange frame.")
     joints: list[PlannedJoint]
     left_out: list[Name] = Field(
         description="Joints that the plan does not determine: no load twists them, and none were named."

@@ -60,7 +60,7 @@ class TrendCampaign(Message):
 class TrendBaseline(Message):
     """A baseline: the campaigns with which later ones are compared."""
 
-    run_id: Identifier | None = Field(description="Run of its first campaign; null if that was deleted.")
+    run_id: Identifier | None = Field(description="Run of the first campaign; null if that was deleted.")
     starts_at: Timestamp
     campaigns: int = Field(description="Number of campaigns of each joint in the baseline.")
     reason: str | None = Field(description="Reason for a new baseline; null for the first campaigns.")
@@ -181,7 +181,7 @@ class Trend(Message):
 class BaselineRequest(Message):
     """A new baseline."""
 
-    run_id: Identifier = Field(description="Run of its first campaign.")
+    run_id: Identifier = Field(description="Run of the first campaign.")
     reason: Name = Field(description="Reason.", examples=["gearbox of joint 3 replaced"])
     campaigns: Annotated[int, Field(strict=True, ge=LEAST_BASELINE, le=MOST_BASELINE)] = Field(
         default=LEAST_BASELINE, description="Number of campaigns of the baseline."

@@ -246,7 +246,7 @@ export const en = {
     load: "Load",
     loads: { mass: "Dead weight", force: "Force" },
     mass: "Mass",
-    massHelp: "Hangs along −z of R0: 9.80665 N per kilogram. Local gravity differs by up to 0.3 %.",
+    massHelp: "The mass hangs along −z of R0: 9.80665 N per kilogram. Local gravity differs by up to 0.3 %.",
     force: "Force on the robot, x, y, z",
     forceHelp: "Along the axes of R0, the same in all configurations.",
     loadPoint: "Load point, x, y, z",
