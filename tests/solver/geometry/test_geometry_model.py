@@ -119,6 +119,23 @@ def test_dh_of_exactly_parallel_axes_is_exact_and_tidy(convention: str) -> None:
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("shift", [-0.4, 0.7])
+def test_parallel_axes_beside_the_plane_of_the_base_have_the_same_links(
+    convention: str, shift: float
+) -> None:
+    """Axis 1 moved along the parallel pair: an offset d takes the shift up, all lengths a stay."""
+    arm = default_arm()
+    moved = arm.axis_points + np.outer(np.arange(6) == 0, [0.0, shift, 0.0])
+    shifted = replace(arm, axis_points=moved)
+    chain = read_urdf(urdf_text(shifted), "base_link", "flange")
+    tables = [dh_table(each, convention, parallel_within=0.0) for each in (nominal(), chain)]  # type: ignore[arg-type]
+    gap = table_points(tables[1], ANGLES, TARGETS) - flange_points(chain, ANGLES, TARGETS)
+    assert np.abs(gap).max() < 1e-12
+    lengths = [sorted(round(abs(row.a), 9) for row in table.rows[1:4]) for table in tables]
+    assert lengths[0] == lengths[1]
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_dh_of_nearly_parallel_axes_says_what_it_leaves_out(convention: str) -> None:
     _, model = modelled(Cell(), seed=1)
     table = dh_table(model.chain, convention)  # type: ignore[arg-type]

@@ -86,6 +86,15 @@ class TestLoad:
             seen = found.estimated
             assert (np.abs(found.compliance - default_arm().compliances)[seen] < 6 * u[seen]).all()
 
+    def test_exact_readings_tell_the_load_point_exactly(self):
+        """150 mm is far for one step of Gauss and Newton: the steps go on until it stands still."""
+        for seed in range(3):
+            robot, measurements = springs(seed, configurations=30, sigma=0.0)
+            moved = np.array([0.15, -0.05, 0.1])
+            wrong = replace(measurements, load_point=measurements.load_point + moved)
+            mistake = screened(robot, wrong, complementary_stiffness="included").mistake
+            np.testing.assert_allclose(mistake.correction, -moved, atol=1e-6)
+
     @pytest.mark.parametrize("force", [100.0, 300.0])
     def test_a_forgotten_payload_is_proved_and_found(self, force):
         for seed in range(4):
