@@ -43,13 +43,15 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         JointstiffError: as `identify_weight` does.
     """
     readings, observation = _readings(prepared, weight)
-    by_loads = prepared.measurements.present & prepared.readings.as_deflection
+    m = prepared.measurements
+    by_loads = m.present & prepared.readings.as_deflection
+    loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
     estimate = identify_weight(
         prepared.robot,
         readings,
         confidence=options.confidence,
         free_gravity=weight.estimate_gravity,
-        loaded=replace(prepared.measurements, present=by_loads) if by_loads.any() else None,
+        loaded=loaded if by_loads.any() else None,
     )
     joints = tuple(joint.joint for joint in estimate.joints)
     assessment = assessed(joints, estimate.reasons)

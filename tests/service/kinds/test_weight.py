@@ -22,6 +22,7 @@ from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campai
 from jointstiff.solver.errors import RequestError, RobotError
 
 ARM = default_arm()
+POINTS = np.array(list(TARGETS.values()))
 
 
 @pytest.fixture(scope="module")
@@ -178,6 +179,23 @@ def test_loaded_positions_join_in_and_narrow_the_intervals(document):
     found, alone = intervals(identified(both)), intervals(identified(document))
     assert ((found[:, 0] <= ARM.compliances[1:]) & (ARM.compliances[1:] <= found[:, 1])).all()
     assert (np.ptp(found, axis=1) < 0.6 * np.ptp(alone, axis=1)).all()
+
+
+def test_deflections_beside_loaded_positions_leave_these_as_positions():
+    both = unloaded_campaign(ARM, configurations=30, seed=1, payload=100.0)
+    alone = identified(both)
+    measured, points = both["measurement_set"], dict(zip(TARGETS, POINTS.tolist(), strict=True))
+    measured["flange_targets"] = points
+    first = measured["observations"][0]
+    read = first["readings"][0]
+    moved = np.subtract(read.pop("loaded"), read.pop("unloaded"))
+    measured["observations"].append(
+        {**first, "label": "gauge", "readings": [{**read, "deflection": moved.tolist()}]}
+    )
+    first["readings"] = first["readings"][1:]
+    found = identified(both)
+    assert found.goodness.chi_square < 1.1 * alone.goodness.chi_square
+    assert found.assessment.verdict == "use"
 
 
 def test_positions_without_a_load_come_back_as_they_were_sent(document):
