@@ -47,7 +47,7 @@ class Reduced:
     cones: Cones  #: blocks of the joints seen
     unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
     seen: IndexArray  #: (n_seen,) joints whose torque varies
-    freedom: int  #: number of readings less the geometry that they determine
+    freedom: int  #: number of coordinates of positions less the geometry that they determine
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) ->
         cones=Cones(tuple(blocks), LARGEST_SAG / scale / unit),
         unit=unit,
         seen=seen,
-        freedom=int(rows.geometry.any(axis=1).sum()) + int(others.any(axis=1).sum()) - linear.rank,
+        freedom=int(rows.geometry.any(axis=1).sum()) - linear.rank,
     )
     return reduced, all_columns
 

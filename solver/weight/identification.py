@@ -215,10 +215,14 @@ def identify_weight(
     )
     problem, loss = fit.reduced, fit.optimum.loss
     rank = int(np.linalg.matrix_rank(problem.A))
-    freedom = problem.freedom - rank
+    remaining = problem.freedom
+    if loaded is not None:
+        encoders = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
+        remaining += int(loaded.coordinates.sum()) + encoders
+    freedom = remaining - rank
     if freedom < 1:
         raise NotObservableError(
-            f"{problem.freedom} coordinates that remain after the fit of the geometry do not determine "
+            f"{remaining} coordinates that remain after the fit of the geometry do not determine "
             f"{rank} "
             "compliances and weights",
             where="observations",
@@ -251,7 +255,7 @@ def identify_weight(
         sigma=scale * unit,
         chi_square=float(freedom) if poses.sigma is None else problem.outside,
         degrees_of_freedom=freedom,
-        rms_residual=unit * float(np.sqrt((problem.outside + loss) / problem.freedom)),
+        rms_residual=unit * float(np.sqrt((problem.outside + loss) / remaining)),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
         confidence=confidence,
         displacement=bent - Motion(fit.state, whitened).stages[0],

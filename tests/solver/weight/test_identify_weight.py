@@ -145,13 +145,13 @@ def test_a_balancer_joins_by_its_attachment_points():
     assert identify_weight(ROBOT, replace(readings, burden=burden_of(BODIES))).reasons
 
 
-def test_loaded_deflections_join_the_unloaded_positions():
-    unloaded = campaign(stated=burden_of(BODIES, 0.1))
+def pushed():
+    """Return deflections by 15 known loads."""
     q = random_configurations(ARM, 15, seed=9)
     force = np.random.default_rng(3).standard_normal((15, 3)) * 800.0
     before, after = deflections(ARM, q, force, np.zeros((15, 3)), LOAD_POINT, POINTS)
     noise = 3e-5 * np.sqrt(2.0) * np.random.default_rng(4).standard_normal(before.shape)
-    loaded = Measurements(
+    return Measurements(
         joints=q,
         force=force,
         moment=np.zeros((15, 3)),
@@ -162,12 +162,25 @@ def test_loaded_deflections_join_the_unloaded_positions():
         present=np.ones((15, len(TARGETS)), dtype=bool),
         sigma=3e-5,
     )
+
+
+def test_loaded_deflections_join_the_unloaded_positions():
+    unloaded, loaded = campaign(stated=burden_of(BODIES, 0.1)), pushed()
     alone, both = identify_weight(ROBOT, unloaded), identify_weight(ROBOT, unloaded, loaded=loaded)
     found = intervals(both)
     assert ((found[:, 0] <= ARM.compliances) & (ARM.compliances <= found[:, 1])).all()
     assert (np.ptp(found[1:], axis=1) < np.ptp(intervals(alone)[1:], axis=1)).all()
     with pytest.raises(MeasurementError, match="not all of their uncertainties"):
         identify_weight(ROBOT, unloaded, loaded=replace(loaded, sigma=None))
+
+
+def test_readings_that_join_in_count_once_along_a_direction():
+    unloaded, loaded = campaign(stated=burden_of(BODIES, 0.1)), pushed()
+    oblique = replace(loaded, direction=np.full(loaded.position.shape, 3.0**-0.5))
+    vectors, gauges = (
+        identify_weight(ROBOT, unloaded, loaded=each).degrees_of_freedom for each in (loaded, oblique)
+    )
+    assert gauges == vectors - 2 * loaded.present.sum()
 
 
 def test_postures_that_do_not_determine_the_geometry_are_refused():
