@@ -186,9 +186,11 @@ def test_a_quiet_job_sends_comments(monkeypatch):
     assert answer.headers["content-type"].startswith("text/event-stream")
     assert "no-" in answer.headers["cache-control"]
     blocks = answer.text.strip().split("\n\n")
-    assert blocks[0].startswith("event: progress\ndata: {")
-    assert set(blocks[1:-1]) == {": ping"}
-    assert blocks[-1].startswith("event: end\ndata: {")
+    # The first look is a thread's: under load, comments come before the event, too.
+    first, last = [place for place, block in enumerate(blocks) if block != ": ping"]
+    assert blocks[first].startswith("event: progress\ndata: {")
+    assert last > first + 1
+    assert blocks[last].startswith("event: end\ndata: {")
 
 
 def test_a_look_that_fails_ends_the_streams():

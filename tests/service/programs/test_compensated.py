@@ -178,7 +178,7 @@ def test_the_table_has_a_row_a_point():
         ({"tools": [{"name": "TOOL_DATA[7]", "values": FRAMES["krl"][0]}]}, "tools", "TOOL_DATA"),
         ({"tools": [{"values": [0.0] * 7}]}, "tools[0].values", "6 numbers"),
         ({"start": None}, "'path.src', line 7", "configuration"),
-        ({"start": [0.0]}, "start", "1 angles"),
+        ({"start": [0.0]}, "start", "1 joint angles"),
         ({"bases": [{"values": [9e3, 0, 0, 0, 0, 0]}]}, "'path.src', line 7", "reach"),
         (
             {"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
