@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Annotated, Literal
 
 from pydantic import FailFast, Field, model_validator
@@ -14,6 +15,7 @@ from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_OBSERVATIONS = 10_000
 MAX_TARGETS = 16
+LEAST_DIRECTION = 1e-6
 
 LengthUnit = Literal["m", "mm"]
 AngleUnit = Literal["rad", "deg"]
@@ -63,7 +65,8 @@ class Reading(Message):
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of `displacement`, of any length but zero, axes of R0.",
+        description="Direction of `displacement`, of any length from 1e-6 on, axes of R0; of `frame`, if the "
+        "set has one.",
         examples=[[0.0, 0.0, 1.0]],
     )
     flange_direction: Vector3 | None = Field(
@@ -98,9 +101,11 @@ class Reading(Message):
                 "`unloaded` alone for runs with `weight`"
             )
         directions = [d for d in (self.direction, self.flange_direction) if d is not None]
-        if len(directions) != (self.displacement is not None) or not all(any(d) for d in directions):
+        short = any(hypot(*direction) < LEAST_DIRECTION for direction in directions)
+        if short or len(directions) != (self.displacement is not None):
             raise ValueError(
-                "give a `displacement` exactly one of `direction` and `flange_direction`, other than zero"
+                "give a `displacement` exactly one of `direction` and `flange_direction`, of a length of at "
+                f"least {LEAST_DIRECTION:g}"
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError("give `sigma` with a `displacement`: it has no covariance")

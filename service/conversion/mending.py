@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.schemas.assessment import Action, Assessment
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Units
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading, Units
 from jointstiff.schemas.robot import JointMap
 from jointstiff.service.conversion.prepared import prepare_robot, without
 from jointstiff.service.conversion.units import FORCE, LENGTH
@@ -175,6 +175,7 @@ def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
                         "unloaded_covariance": one.loaded_covariance,
                         "loaded_covariance": one.unloaded_covariance,
                         "deflection": one.deflection and tuple(-part for part in one.deflection),
+                        "displacement": None if one.displacement is None else -one.displacement,
                     }
                 )
                 for one in each.readings
@@ -221,11 +222,22 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
         noise = noise.model_copy(
             update={name: None if size is None else scale * size for name, size in lengths.items()}
         )
+
+    def told(one: Reading) -> Reading:
+        scaled = one.sigma and factor(one.sigma, _SIGMA) * one.sigma
+        return one.model_copy(update={"sigma": scaled})
+
     changes: dict[str, Any] = {
         "noise": noise,
         "load_point": placed(measured.load_point),
         "flange_targets": {name: placed(place) for name, place in measured.flange_targets.items()},
-        "observations": _each(measured, lambda each: {"load_point": placed(each.load_point)}),
+        "observations": _each(
+            measured,
+            lambda each: {
+                "load_point": placed(each.load_point),
+                "readings": [told(one) for one in each.readings],
+            },
+        ),
     }
     return measured.model_copy(update=changes)
 

@@ -136,7 +136,7 @@ def to_noise(
             np.where(own[..., None, None], length**2 * part, other)
             for part, other in zip(parts, (unloaded, loaded), strict=True)
         )
-    stated = DifferenceNoise.of(unloaded, loaded, present)
+    stated = DifferenceNoise.of(unloaded, loaded, plain.coordinates)
     return stated.sigma, stated.covariance
 
 

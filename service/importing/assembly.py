@@ -12,7 +12,7 @@ from jointstiff.schemas.importing import State
 from jointstiff.schemas.measurement.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.records import Point, Record, Vector
-from jointstiff.service.importing.words import ALONG, Kind
+from jointstiff.service.importing.words import Kind
 
 _U95: Final[Mapping[Literal["coordinate", "point"], str]] = MappingProxyType(
     {
@@ -59,6 +59,12 @@ class Assembly:
     def held_out(self) -> list[str]:
         """Return the labels of the observations that are held out from the fit."""
         return [one.label for one in self.observations if one.held_out]
+
+    @property
+    def places(self) -> dict[str, str]:
+        """Return the name of its place in the flange by each target that was read as a deflection."""
+        read = [point for point in _points(self.observations) if point.state == "deflection"]
+        return {point.target: point.along[0] if point.along else point.target for point in read}
 
     @property
     def one_state(self) -> bool:
@@ -187,18 +193,20 @@ def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[Literal[
     """
     counts: dict[Literal["coordinate", "point"], int] = {}
     without: Place | None = None
-    for point in (
-        point for one in observations for states in one.points.values() for point in states.values()
-    ):
+    for point in _points(observations):
         if point.sigma is not None:
             kind: Literal["coordinate", "point"] = "point" if point.by_point else "coordinate"
             counts[kind] = counts.get(kind, 0) + 1
-        elif point.vector is not None:
+        elif point.vector is not None and point.along is None:
             without = without or point.place
     if counts and without is not None:
         reason = "the point has no uncertainty, but others have"
         faults.report(without, reason, "add it, or skip the columns of U(95) with `ignore`")
     return dict(sorted(counts.items()))
+
+
+def _points(observations: Iterable[Gathered]) -> Iterator[Point]:
+    return (point for one in observations for states in one.points.values() for point in states.values())
 
 
 def _unusual(observations: list[Gathered]) -> Iterator[str]:
@@ -237,10 +245,11 @@ def _complete(
 ) -> tuple[list[Gathered], list[str]]:
     """Observations with complete readings; the rest is refused, or left out and said."""
     kept, notes = [], []
+    gauges = {point.target for point in _points(observations) if point.along is not None}
     lacks: list[tuple[bool, Place, str]] = []
     for one in observations:
         points = {}
-        for target in [t for t in targets if t in one.points or along(t) is None]:
+        for target in [t for t in targets if t in one.points or t not in gauges]:
             states = one.points.get(target, {})
             with faults.collected():
                 lack = _lack(one, target, states)
@@ -261,12 +270,6 @@ def _complete(
     if not kept:
         faults.report(observations[0].place, "no observation has a reading", "check the names")
     return kept, notes
-
-
-def along(target: str) -> tuple[str, int] | None:
-    """Return target and axis of the name of a reading along an axis, such as `tip along z`; else None."""
-    name, _, axis = target.rpartition(f" {ALONG} ")
-    return (name, "xyz".index(axis)) if name and axis in ("x", "y", "z") else None
 
 
 def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:

@@ -237,6 +237,12 @@ def _along(header: str, meaning: Meaning) -> Meaning:
     return replace(meaning, axis=0, target=target, state="deflection")
 
 
+def along_axis(target: str) -> tuple[str, int]:
+    """Return target and axis of the name that `_along` gives: those of `tip along z` are `tip` and 2."""
+    name, _, axis = target.rpartition(f" {words.ALONG} ")
+    return name, "xyz".index(axis)
+
+
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
     """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece."""
     base = _PHRASE.sub(lambda phrase: _STATES[folded(phrase[0].replace("-", " "))], base)

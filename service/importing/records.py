@@ -10,7 +10,7 @@ from typing import Final
 from jointstiff.schemas.importing import State
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import Row
-from jointstiff.service.importing.header import DIMENSIONS, POINTS, Quantity
+from jointstiff.service.importing.header import DIMENSIONS, POINTS, Quantity, along_axis
 from jointstiff.service.importing.layout import Layout
 from jointstiff.service.importing.names import Names, Naming, check_name, is_whole
 from jointstiff.service.importing.numbers import read_number
@@ -27,7 +27,7 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Three numbers of one target in one state, or one along an axis that its name ends with."""
+    """Three numbers of one target in one state, or one along an axis."""
 
     target: str  # its name
     state: State  # state of the robot, or `deflection` for the difference
@@ -35,6 +35,7 @@ class Point:
     place: Place  # where it stands
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
     sigma: Vector | None = None
+    along: tuple[str, int] | None = None  # target and axis of R0 that one number was read along
     by_point: bool = False  # whether it is that of the point, shared by its coordinates
 
 
@@ -148,7 +149,8 @@ class RowReader:
         sigma, by_point = None, False
         if vector is not None:
             sigma, by_point = self._sigma(row, quantity, state, faults)
-        return Point(target, state, vector, place, sigma, by_point)
+        along = along_axis(target) if quantity.kind == "along" else None
+        return Point(target, state, vector, place, sigma, along, by_point)
 
     def _sigma(
         self, row: Row, position: Quantity, state: State, faults: Faults

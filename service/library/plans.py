@@ -35,15 +35,14 @@ def read_planned(text: str) -> RobotDocument | Campaign:
 def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[str, Any]:
     """Return a campaign file with the planned readings, whose positions are still null."""
     options, robot = found.request, source.robot if isinstance(source, Campaign) else source
-    targets = list(options.targets)
+    result = found.result
     measured: dict[str, Any] = {"encoders": "motor"}
     if isinstance(source, Campaign):
-        header = source.measurement_set
-        measured = {"encoders": header.encoders}
-        targets = targets or list(dict.fromkeys(r.target for o in header.observations for r in o.readings))
+        measured = {"encoders": source.measurement_set.encoders}
     sigma = {} if options.sigma is None else {"noise": {"sigma": options.sigma}}
+    targets = {} if result is None else result.targets
     if options.directions:
-        measured["flange_targets"] = dict(found.result.targets if found.result else {})
+        measured["flange_targets"] = targets
     observations = [
         {
             "label": each.label,
@@ -51,7 +50,7 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[s
             "force": each.force,
             "readings": [{"target": target, **_unread(each)} for target in targets],
         }
-        for each in (found.result.readings if found.result else [])
+        for each in ([] if result is None else result.readings)
     ]
     return {
         "robot": robot.model_dump(mode="json", exclude_none=True),
@@ -60,7 +59,7 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[s
             "units": {"length": "m", "angle": "rad", "force": "N"},
             **measured,
             **sigma,
-            "load_point": options.load_point or (0.0, 0.0, 0.0),
+            "load_point": (0.0, 0.0, 0.0) if result is None else result.load_point,
             "observations": observations,
         },
         "run": {"method": "partial_pose"},

@@ -29,7 +29,7 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     constraint = "compliances not negative" if request.positive else "without constraints"
     stated = None if laboratory is None else laboratory.method
     way = (
-        "Identification of joint compliances from laser-tracker readings of targets before and under load, "
+        "Identification of joint compliances from readings of targets before and under load, "
         f"{METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, {constraint}"
     )
     masses = []

@@ -12,7 +12,7 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH, Vector3
 from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
 from jointstiff.schemas.imports import ImportRequest, UnloadedPoses
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading
-from jointstiff.service.importing.assembly import Gathered, along
+from jointstiff.service.importing.assembly import Gathered
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import Imported
 from jointstiff.service.importing.words import Kind
@@ -46,7 +46,8 @@ def measurement_set_of(imported: Imported, request: ImportRequest, first: str) -
     """
     noise, with_forces = request.noise, "force" in imported.units
     stated = noise is not None and (noise.sigma is not None or noise.instrument)
-    if imported.assembly.uncertainty and stated:
+    gauged = any(name != place for name, place in imported.assembly.places.items())
+    if imported.assembly.uncertainty and stated and not gauged:
         raise ImportFileError(
             Place(),
             "the files give the uncertainty of each reading, and `noise` gives another",
@@ -70,9 +71,8 @@ def measurement_set_of(imported: Imported, request: ImportRequest, first: str) -
                 "noise": lengths.get("noise") or None,
                 "flange_targets": {name: converted(place, *units, "load_point") for name, place in places}
                 | {
-                    name: converted(request.flange_targets[gauge[0]], *units, "load_point")
-                    for name in imported.assembly.targets
-                    if (gauge := along(name)) is not None
+                    name: converted(request.flange_targets[place], *units, "load_point")
+                    for name, place in imported.assembly.places.items()
                 },
                 "load_point": lengths.get("load_point"),
                 "measured_at": imported.surroundings.measured_at,
@@ -149,13 +149,12 @@ def _observation(one: Gathered, force: Vector3 | None) -> Observation:
 def _reading(one: Gathered, target: str) -> Reading:
     """A reading; uncertainties of coordinates are covariances, of points one sigma for both states."""
     points = one.points[target]
-    gauge = along(target)
-    if gauge is not None:
-        displacement = (points["deflection"].vector or (0.0,))[0]
-        direction = tuple(float(axis == gauge[1]) for axis in range(3))
-        return Reading.model_validate(
-            {"target": target, "displacement": displacement, "direction": direction}
-        )
+    gauge = points.get("deflection")
+    if gauge is not None and gauge.along is not None:
+        direction = tuple(float(axis == gauge.along[1]) for axis in range(3))
+        displacement = None if gauge.vector is None else gauge.vector[0]
+        reading = {"target": target, "displacement": displacement, "direction": direction}
+        return Reading.model_validate(reading)
     vectors = {
         state: cast(Vector3, point.vector) for state, point in points.items() if point.vector is not None
     }

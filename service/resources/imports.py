@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from jointstiff.schemas.importing import MAX_PREVIEW_ROWS, FilePreview, ImportFault, MissingField
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
-from jointstiff.service.importing.assembly import along
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
@@ -121,8 +120,7 @@ def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
-    targets = {(along(name) or (name,))[0] for name in assembly.targets}
-    unplaced = "deflection" in states and not targets <= set(request.flange_targets)
+    unplaced = not set(assembly.places.values()) <= set(request.flange_targets)
     no_point = "load point" not in values and request.load_point is None
     encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
     no_unit = stated and "force" not in imported.units and unit is None

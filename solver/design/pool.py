@@ -121,7 +121,7 @@ class Pool:
             joints, anchor, strength, *forces = (
                 np.repeat(each, times, axis=0) for each in (joints, anchor, strength, *forces)
             )
-        sample = slice(None, None, max(1, len(joints) // _SAMPLED))
+        sample = np.linspace(0, len(joints) - 1, min(len(joints), _SAMPLED)).astype(np.intp)
         some = _rows(robot, request, joints, forces, along, sample)
         if request.so_far is not None:
             some.append(_read(robot, request, request.so_far))
@@ -175,7 +175,7 @@ def _rows(
     joints: FloatArray,
     forces: list[FloatArray],
     along: FloatArray | None,
-    part: slice,
+    part: slice | IndexArray,
 ) -> list[FloatArray]:
     """Return the rows (k, 3 T, P) of a part of N readings under each of some loads, in units of sigma."""
     joints, forces = joints[part], [F[part] for F in forces]

@@ -24,7 +24,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     if groups is None:
         return
     load = np.concatenate([m.force, m.moment, m.load_point], axis=1)
-    along = np.zeros((len(m), 0)) if m.direction is None else m.direction.reshape(len(m), -1)
+    along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
     alike = _groups(np.concatenate([posture, load, m.present, along], axis=1))
     if alike is not None:
         yield from _deflections(view, alike)

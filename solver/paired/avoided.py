@@ -31,7 +31,7 @@ class MeasuredShare:
     """Share of the deflection avoided, measured in matching observations."""
 
     each: tuple[Share, ...]  #: one share a matching observation, of the mean deflection of its shared targets
-    overall: Share  #: overall of the mean deflection of all of them
+    overall: Share  #: of the mean deflection of all of them
 
 
 @dataclass(frozen=True)

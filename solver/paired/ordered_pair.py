@@ -46,7 +46,7 @@ class OrderedFit:
 
     #: (n,) compliances of the first campaign [rad/(N·m)]; NaN for joints that it does not see
     first: FloatArray
-    second: FloatArray  #: (n,) second of the second, nowhere greater
+    second: FloatArray  #: (n,) of the second campaign, nowhere greater
     equal: BoolArray  #: (n,) joints that the order holds together
     #: of both campaigns' residuals over their least without the order; large where the readings contradict
     #: it
@@ -64,8 +64,8 @@ class OrderedJoint:
     """One joint in the problem of both campaigns; None where a campaign does not determine it."""
 
     name: str
-    compliance_first: float | None  #: compliance first of the first campaign [rad/(N·m)]
-    compliance_second: float | None  #: compliance second of the second, never above
+    compliance_first: float | None  #: of the first campaign [rad/(N·m)]
+    compliance_second: float | None  #: of the second campaign, never above [rad/(N·m)]
     #: profile-likelihood interval under all constraints [rad/(N·m)]
     compliance_interval_first: tuple[float, float] | None
     compliance_interval_second: tuple[float, float] | None  #: likewise

@@ -87,7 +87,9 @@ def match(first: PairSide, second: PairSide) -> Matches:
     rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     one, two = first.measurements, second.measurements
     along, other = (np.zeros(m.position.shape) if m.direction is None else m.direction for m in (one, two))
-    alike = np.isclose(along[rows[:, :1], t1], other[rows[:, 1:], t2]).all(axis=-1)
+    along, other = along[rows[:, :1], t1], other[rows[:, 1:], t2]
+    cosine = np.abs((along * other).sum(axis=-1))  # a gauge on the flange turns with the postures
+    alike = (cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | ~(along.any(axis=-1) | other.any(axis=-1))
     present = one.present[rows[:, :1], t1] & two.present[rows[:, 1:], t2] & alike
     kept = np.flatnonzero(_alike(one, two, rows) & present.any(axis=1))
     dropped = np.setdiff1d(np.arange(len(rows)), kept)

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.robot.configuration import Configurations
@@ -89,23 +89,25 @@ class DifferenceNoise:
     covariance: FloatArray  #: (N, T, 3, 3) covariance of the deflections, in units of sigma²
 
     @classmethod
-    def of(cls, unloaded: FloatArray, loaded: FloatArray, present: BoolArray) -> DifferenceNoise:
+    def of(cls, unloaded: FloatArray, loaded: FloatArray, coordinates: IndexArray) -> DifferenceNoise:
         """Both readings count: Σ_d = Σ_unloaded + Σ_loaded.
 
         Args:
             unloaded: (N, T, 3, 3) covariance of the positions before the load [m²].
             loaded: (N, T, 3, 3) under load [m²].
-            present: (N, T) which targets were read, at least one.
+            coordinates: (N, T) number of coordinates that each reading shows.
         """
         total = unloaded + loaded
-        variance = np.trace(total[present], axis1=-2, axis2=-1).mean() / 6.0
-        covariance = np.where(present[..., None, None], total / variance, ISOTROPIC_DIFFERENCE)
+        trace = np.trace(total, axis1=-2, axis2=-1)
+        variance = np.average(trace, weights=coordinates) / 6.0
+        read = (coordinates > 0)[..., None, None]
+        covariance = np.where(read, total / variance, ISOTROPIC_DIFFERENCE)
         return cls(float(np.sqrt(variance)), covariance)
 
     @classmethod
     def by(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
         """Return the noise of measurements that were read by an instrument."""
-        return cls.of(*position_covariances(instrument, robot, plain), plain.present)
+        return cls.of(*position_covariances(instrument, robot, plain), plain.coordinates)
 
 
 def position_covariances(

@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.measurement.measurement_set import LEAST_DIRECTION
 from jointstiff.service.conversion.message import finite
 from jointstiff.service.conversion.robots import refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
@@ -250,7 +251,7 @@ def _directions(request: plans.PlanRequest) -> FloatArray | None:
         return None
     vectors = np.array(request.directions)
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if not length.all() or request.tracker is not None:
+    if length.min() < LEAST_DIRECTION or request.tracker is not None:
         raise RequestError(
             "a direction is zero" if request.tracker is None else "a tracker reads all three coordinates",
             where="directions",

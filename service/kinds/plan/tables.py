@@ -127,13 +127,14 @@ def readings_sheet(plan: Plan) -> Sheet:
         return Sheet({})
     names = [f"joint_{j + 1} [deg]" for j in range(len(result.readings[0].joints))]
     places = [f"load point {axis} [mm]" for axis in "xyz"]
-    along = dict.fromkeys(_along(each) for each in result.readings if each.direction is not None)
-    states = ("along",) if along else ("unloaded", "loaded")
+    along = {axis for each in result.readings if (axis := _along(each)) in ("x", "y", "z")}
+    gauged = any(each.direction is not None for each in result.readings)
+    states = ("along",) if gauged else ("unloaded", "loaded")
     empty = [
         f"{target} {state} {axis} [mm]"
         for target in result.targets
         for state in states
-        for axis in along or "xyz"
+        for axis in (sorted(along) if gauged else "xyz")
     ]
     return Sheet.of_rows(
         {
@@ -143,6 +144,7 @@ def readings_sheet(plan: Plan) -> Sheet:
             **{name: round(1e3 * part, 3) for name, part in zip(places, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.validation),
+            **({"remark": f"read along {_along(each)}"} if gauged else {}),
             **dict.fromkeys(empty),
         }
         for each in result.readings

@@ -11,11 +11,18 @@ from support.campaigns import prepare
 from support.gauges import by_gauges, triads
 from support.importing_samples import sources_of
 
+from jointstiff.schemas.assessment import Action
+from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Reading
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.conversion.mending import mended
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.library.in_process import identify
+from jointstiff.service.kinds.plan.tables import readings_sheet
+from jointstiff.service.library.in_process import identify, plan
+from jointstiff.service.library.plans import campaign_to_fill_in
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import MeasurementError
 
@@ -166,6 +173,87 @@ def test_a_gauge_that_slipped_is_told():
     assert "use_huber" not in {action.kind for action in actions}
 
 
+def test_a_minute_direction_is_refused_before_its_square_is_zero():
+    with pytest.raises(ValidationError, match="1e-06"):
+        Reading(target="tip", displacement=1.0, direction=(0.0, 0.0, 1e-200))
+
+
+def test_exchanged_readings_turn_gauges_too():
+    document = gauges()[1]
+    read = Campaign.model_validate_json(json.dumps(document))
+    turned = mended(read, Action.model_construct(kind="exchange_readings", unit=None)).measurement_set
+    before = document["measurement_set"]["observations"][0]["readings"][0]["displacement"]
+    assert turned.observations[0].readings[0].displacement == -before
+
+
+def test_the_sigma_of_a_gauge_keeps_its_size_in_another_unit():
+    document = gauges()[1]
+    for observation in document["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            reading["sigma"] = 2e-6
+    document["measurement_set"].pop("noise")
+    read = Campaign.model_validate_json(json.dumps(document))
+    changed = mended(read, Action.model_construct(kind="convert_units", unit="mm")).measurement_set
+    assert changed.units.length == "mm"
+    assert changed.observations[0].readings[0].sigma == pytest.approx(2e-3)
+
+
+def test_repeated_gauges_are_not_taken_for_noise_of_the_tracker():
+    """One target at 20 µm, six gauges at 2 µm, each posture three times: the noise is as stated."""
+    document, of_gauges = gauges(targets={"P0": (0.1, 0.0, 0.1), "P1": (0.0, 0.1, 0.1)}, sigma=0.0)
+    random, observations = np.random.default_rng(5), []
+    for tracker, gauge in zip(
+        document["measurement_set"]["observations"],
+        of_gauges["measurement_set"]["observations"],
+        strict=True,
+    ):
+        for turn in range(3):
+            moved = np.array(tracker["readings"][0]["deflection"])
+            read = moved + np.sqrt(2) * 2e-5 * random.standard_normal(3)
+            readings = [tracker["readings"][0] | {"deflection": read.tolist()}]
+            for one in gauge["readings"]:
+                off = np.sqrt(2) * 2e-6 * random.standard_normal()
+                readings.append(one | {"displacement": one["displacement"] + off, "sigma": 2e-6})
+            observations.append(tracker | {"label": f"{tracker['label']} {turn}", "readings": readings})
+    places = of_gauges["measurement_set"]["flange_targets"] | {"P0": (0.1, 0.0, 0.1)}
+    changes = {"observations": observations, "flange_targets": places, "noise": {"sigma": 2e-5}}
+    run = identify(measured(document, **changes), elasticity="joints")
+    (repeated,) = [each for each in run.result.warnings if each.code == "repeated_readings"]
+    assert repeated.severity == "note", repeated.message
+
+
+def test_the_list_of_a_plan_is_filled_in_and_read_back():
+    """The campaign and the table to fill in have the plan's load point, places and directions."""
+    document = gauges(configurations=20)[1]
+    found = plan(document, readings=6, candidates=200, directions=[(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+    source = Campaign.model_validate_json(json.dumps(document))
+    filled = campaign_to_fill_in(source, found)["measurement_set"]
+    assert list(filled["load_point"]) == pytest.approx(source.measurement_set.load_point)
+    targets = {reading["target"] for each in filled["observations"] for reading in each["readings"]}
+    assert targets == set(filled["flange_targets"])
+    for observation in filled["observations"]:
+        for reading in observation["readings"]:
+            reading["displacement"] = 1e-4
+    assert MeasurementSetDocument.model_validate_json(json.dumps(filled))
+    sheet = csv_text(readings_sheet(found)).splitlines()
+    assert "along y [mm]" in sheet[0] or "along z [mm]" in sheet[0]
+    assert all("read along" in line for line in sheet[1:])
+
+
+@pytest.mark.parametrize(
+    "directions", [[(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]]
+)
+def test_no_order_of_directions_hides_a_joint_from_a_plan(directions):
+    """Read along z alone, joint 1 of an upright arm is not determined: both directions are looked at."""
+    robot = RobotDocument.model_validate(simulate_campaign(ARM, configurations=3)["robot"])
+    options = {"targets": {"tip": (0.1, 0.0, 0.1)}, "load_point": (0.0, 0.1, 0.1), "readings": 12}
+    load = {"kind": "any_direction", "force": 1000.0}
+    for candidates in (700, 750):
+        found = plan(robot, load=load, candidates=candidates, directions=directions, **options)
+        assert found.error is None
+        assert "joint_1" not in found.result.left_out
+
+
 class TestImport:
     HEADER = "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];tip along x [mm];tip along z [mm]\n"
 
@@ -191,6 +279,41 @@ class TestImport:
     def test_its_place_is_asked_for(self):
         answer = self.document("a;1;2;0;0;-100;0.25;\n", flange_targets={})
         assert "flange_targets" in answer.missing_fields
+
+    def test_a_target_of_such_a_name_is_no_gauge(self):
+        rows = (
+            "label;target;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];dx [mm];dy [mm];dz [mm]\n"
+            "a;tip along z;1;2;0;0;-100;0.1;0.2;0.3\n"
+        )
+        asked = {
+            "encoders": "motor",
+            "load_point": (0.0, 0.0, 1.0),
+            "flange_targets": {"tip along z": (1.0, 2.0, 3.0)},
+        }
+        answer = import_files(sources_of(("a.csv", rows)), ImportRequest.model_validate(asked))
+        (reading,) = answer.measurement_set.observations[0].readings
+        assert reading.deflection == (0.1, 0.2, 0.3)
+
+    def test_beside_uncertainties_of_a_tracker(self):
+        columns = [
+            f"P {state} {kind}{axis} [mm]"
+            for state in ("unloaded", "loaded")
+            for kind in ("", "U95 ")
+            for axis in "xyz"
+        ]
+        header = self.HEADER.replace("tip along x [mm]", ";".join(columns))
+        row = "a;1;2;0;0;-100;1;2;3;.01;.01;.01;1;2;4;.01;.01;.01;-0.5\n"
+        asked = {
+            "encoders": "motor",
+            "load_point": (0.0, 0.0, 100.0),
+            "flange_targets": {"tip": (1.0, 2.0, 3.0)},
+            "noise": {"sigma": 0.002},
+        }
+        answer = import_files(sources_of(("a.csv", header + row)), ImportRequest.model_validate(asked))
+        assert answer.missing == []
+        tracker, gauge = answer.measurement_set.observations[0].readings
+        assert tracker.unloaded_covariance is not None
+        assert gauge.displacement == -0.5
 
     def test_a_row_without_any_reading_is_told(self):
         answer = self.document("a;1;2;0;0;-100;0.25;\nb;1;2;0;0;-100;;\n")

@@ -63,7 +63,7 @@ class TestInstrument:
     def test_both_readings_count(self):
         """Isotropic 1 and 2 make a difference of variance 5; sigma is its unit, √(5/2)."""
         unloaded, loaded = np.eye(3)[None, None], 4.0 * np.eye(3)[None, None]
-        noise = DifferenceNoise.of(unloaded, loaded, np.ones((1, 1), dtype=bool))
+        noise = DifferenceNoise.of(unloaded, loaded, np.full((1, 1), 3))
         assert noise.sigma == pytest.approx(np.sqrt(2.5))
         np.testing.assert_allclose(noise.sigma**2 * noise.covariance[0, 0], 5.0 * np.eye(3))
 
@@ -255,7 +255,7 @@ def replicated():
     root = np.linalg.cholesky(covariance)
     generator = np.random.default_rng(12)
     present = np.ones(states.shape[1:3], dtype=bool)
-    noise = DifferenceNoise.of(*covariance, present)
+    noise = DifferenceNoise.of(*covariance, 3 * present)
     sets = []
     for _ in range(150):
         unloaded, loaded = states + (root @ generator.standard_normal((*states.shape, 1)))[..., 0]
