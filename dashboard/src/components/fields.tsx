@@ -72,12 +72,12 @@ export function Field({
   );
 }
 
-/** What the service says against a field. */
-export function Faults({ faults }: { faults: string[] }) {
+/** What the service says against a field: an `alert` where no note beside the form says it, too. */
+export function Faults({ faults, role }: { faults: string[]; role?: "alert" }) {
   return (
     <>
       {faults.map((fault) => (
-        <span class="fault" role="alert">
+        <span class="fault" role={role}>
           <Prose text={fault} />
         </span>
       ))}

@@ -79,7 +79,7 @@ export function ImportTable({ preview, file, faults, options, change, groups }: 
                   return (
                     <td class={here.length > 0 ? "faulty" : undefined}>
                       <bdi>{cell}</bdi>
-                      <Faults faults={here.map(said)} />
+                      <Faults role="alert" faults={here.map(said)} />
                     </td>
                   );
                 })}
@@ -222,7 +222,7 @@ function ColumnHead({
       </select>
       <Unit column={column} header={header} options={options} change={change} />
       {column.guessed && <small class="guess">{words.guessed}</small>}
-      <Faults faults={plain === null ? faults.map(said) : [plain]} />
+      <Faults role="alert" faults={plain === null ? faults.map(said) : [plain]} />
     </th>
   );
 }
