@@ -25,6 +25,7 @@ from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.results import TabledRun, shown
 
 _LOOK_SECONDS: Final = 0.2
+_GONE: Final = frozenset({404, 410})
 
 Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
@@ -55,14 +56,27 @@ class Collection(Generic[Resource, Summary]):
     def once(self, document: Document) -> Resource:
         """Post a document unless it was posted before and is still there: its content is the key."""
         content = json.dumps(plain(document), sort_keys=True)
-        resource: Any = self.create(json.loads(content), key=hashlib.sha256(content.encode()).hexdigest())
+        posted, mark = json.loads(content), content
+        while True:
+            resource: Any = self.create(posted, key=hashlib.sha256(mark.encode()).hexdigest())
+            if self._is_there(resource.id):
+                return cast("Resource", resource)
+            mark += resource.id  # the key belongs to the deleted one for ever
+
+    def _is_there(self, identifier: str) -> bool:
+        """Return whether a resource was not deleted; HEAD does not say why it is refused, so GET does."""
         try:
-            self._send("HEAD", self._address(resource.id))
+            self._send("HEAD", self._address(identifier))
         except AwayError:
             raise
-        except RefusedError:  # it was deleted
-            return self.create(document)
-        return cast("Resource", resource)
+        except RefusedError:
+            try:
+                self._send("GET", self._address(identifier))
+            except RefusedError as refused:
+                if refused.problem.status not in _GONE:
+                    raise
+                return False
+        return True
 
     def get(self, identifier: str) -> Resource:
         """Return a resource."""

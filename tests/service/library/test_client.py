@@ -228,6 +228,32 @@ def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service
         _, anew = client.post_campaign(campaign)
         assert anew.robot_id == robot.id
         assert anew.id != stored.id
+        client.measurement_sets.delete(anew.id)
+        _, third = client.post_campaign(campaign)
+        for _ in range(2):
+            assert client.post_campaign(campaign)[1].id == third.id
+        assert [each.id for each in client.measurement_sets.list(robot_id=robot.id)] == [third.id]
+
+
+@pytest.mark.parametrize("status", [403, 429, 500])
+def test_a_refused_look_is_no_deletion(service, campaign, status):
+    """The campaign was posted; whoever may not look at it does not post it anew."""
+    with Client(service.url) as client:
+        robot = client.robots.once(campaign["robot"])
+    problem = Problem(type="urn:x", title="refused", status=status, detail="not now").model_dump_json()
+
+    class Refusing(httpx2.HTTPTransport):
+        def handle_request(self, request):
+            if request.method == "POST" or request.url.path == "/health":
+                return super().handle_request(request)
+            return httpx2.Response(status, content=None if request.method == "HEAD" else problem)
+
+    with Client(service.url, transport=Refusing()) as client, pytest.raises(RefusedError) as refused:
+        client.robots.once(campaign["robot"])
+    assert refused.value.problem.status == status
+    with Client(service.url) as client:
+        listed = client.robots.list(name=campaign["robot"]["name"])
+        assert [each.id for each in listed] == [robot.id]
 
 
 def test_campaigns_may_be_messages(service, campaign):
