@@ -20,6 +20,7 @@ extensions = [
     "llms",
 ]
 exclude_patterns = ["extensions"]
+templates_path = ["templates"]
 
 # Every reference between pages must be found. Types in signatures are not links: most are of other libraries.
 nitpicky = True
@@ -41,6 +42,16 @@ toc_object_entries = False
 
 html_theme = "furo"
 html_title = f"{project} {release}"
+html_sidebars = {
+    "**": [
+        "sidebar/scroll-start.html",
+        "sidebar/brand.html",
+        "sidebar/search.html",
+        "page_link.html",
+        "sidebar/navigation.html",
+        "sidebar/scroll-end.html",
+    ]
+}
 html_favicon = "../dashboard/public/favicon.svg"
 html_copy_source = False
 html_show_sphinx = False

@@ -18,6 +18,8 @@ def test_the_policy_of_the_documentation_is_strict(api):
         headers = api.get(path).headers
         assert "default-src 'none'; script-src 'self'; style-src 'self'" in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"
+    assert 'href="./../">Back to the page' in api.get("/docs/index.html").text
+    assert 'href="../../">Back to the page' in api.get("/docs/reference/http.html").text
     for path in ("/docs/nothing.html", "/docs/reference", "/docs/_static"):
         assert api.get(path).status_code == 404
 
