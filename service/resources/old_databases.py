@@ -111,7 +111,7 @@ def _set_of(row: Mapping[str, Any]) -> dict[str, Any]:
             "forces": document["frame"].get("forces", "base"),
         }
         places = {name: [each / unit for each in at] for name, at in resolved["flange_targets"].items()}
-        document = {"flange_targets": places} | document if places else document
+        document["flange_targets"] = places | document.get("flange_targets", {})
     observations = ReadingArrays.unpack(row["arrays"]).observations()
     read = [each.model_dump(mode="json", exclude_none=True) for each in observations]
     return document | {"observations": read}

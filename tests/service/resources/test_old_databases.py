@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from sqlalchemy import text
@@ -18,6 +19,8 @@ from jointstiff.service.resources.old_databases import export_database
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -69,6 +72,38 @@ def test_robots_sets_and_requests_arrive_once(old):
     # The set without a run is posted as a campaign is: with one.
     assert len(after) == len(before) + 1
     assert set(before) <= set(after)
+
+
+def test_targets_that_a_geometry_places_arrive(tmp_path):
+    """In the set's units; a place that the set states itself wins."""
+    units = {"length": "mm", "angle": "rad", "force": "N"}
+    campaign = simulate_campaign(
+        default_arm(), load="pull", configurations=4, units=units, readings="deflections"
+    )
+    sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
+    del sweeps["robot"]
+    readings = campaign["measurement_set"]
+    for observation in readings["observations"]:
+        for name, reading in zip(("P10", "P11", "P12"), observation["readings"], strict=True):
+            reading["target"] = name
+    readings["flange_targets"] = {"P11": [1.0, 2.0, 3.0]}
+    url = f"sqlite:///{tmp_path / 'old.db'}"
+    with Store.open(url) as store, served(store) as address, Client(address) as client:
+        robot = client.robots.create(campaign["robot"])
+        geometry = client.geometries.done(sweeps | {"robot_id": robot.id})
+        frame = {"geometry_id": geometry.id}
+        for places in (readings["flange_targets"], {}):
+            framed = {"robot_id": robot.id, "frame": frame, "flange_targets": places}
+            client.measurement_sets.create(readings | framed)
+    assert export_database(url, tmp_path / "out") == 2
+    first, second = sorted((tmp_path / "out").iterdir())
+    exported = [json.loads(file.read_text())["measurement_set"]["flange_targets"] for file in (first, second)]
+    in_mm = {
+        target.name: pytest.approx([1e3 * x for x in target.position]) for target in geometry.result.targets
+    }
+    assert exported == [in_mm | readings["flange_targets"], in_mm]
+    with Store.open("sqlite://") as store, served(store) as address, Client(address) as client:
+        client.post_file(second)
 
 
 def test_files_that_are_refused_keep_none_of_the_others_back(old):
