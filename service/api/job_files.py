@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Path, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
+from pydantic import BaseModel
 
 from jointstiff.schemas.job import Job
 from jointstiff.service.api.access import VIEWER, AccessRoute
@@ -59,14 +60,23 @@ def _add_report(router: APIRouter, kind: AnyKind) -> None:
 
 
 def _add_tables(router: APIRouter, kind: AnyKind) -> None:
-    def tables(parts: PartsOf, job_id: str, unit: Unit = "MNm/rad", *, details: bool = True) -> Response:
-        job = _succeeded(parts.jobs[kind.name], job_id)
-        shown = job_parts(kind, job, View(details, UNITS[unit]))
-        return JSONResponse([part.shown() for part in shown if isinstance(part, Table)])
+    async def tables(
+        request: Request, parts: PartsOf, job_id: str, unit: Unit = "MNm/rad", *, details: bool = True
+    ) -> Response:
+        def answer_of() -> Response:
+            job = _succeeded(parts.jobs[kind.name], job_id)
+            shown = job_parts(kind, job, View(details, UNITS[unit]))
+            listed = [part.shown() for part in shown if isinstance(part, Table)]
+            assessment: BaseModel | None = getattr(job.result, "assessment", None)
+            return JSONResponse(
+                {"assessment": assessment and assessment.model_dump(mode="json"), "tables": listed}
+            )
+
+        return await run_sync(answer_of, limiter=large_bodies(request))
 
     description = (
-        f"Get the tables of a {kind.name} as in the terminal: title, caption, head, rows of text, and "
-        "the indices of text columns."
+        f"Get the tables of a {kind.name} as in the terminal, with its `assessment` (null if it has none): "
+        "title, caption, head, rows of text, and the indices of text columns."
     )
     answer: Answers = {200: {"description": "The tables.", "content": {"application/json": {}}}}
     _add(router, kind, "tables.json", tables, f"get_{kind.name}_tables", description, answer)

@@ -201,7 +201,9 @@ export const api = {
   mapTable: (map: string) => call<Columns>("GET", maps.file(map, "map.json")),
   programs,
   tables: (collection: string, job: string, view: Filters) =>
-    call<ShownTable[]>("GET", `/v1/${collection}/${id(job)}/tables.json${query(view)}`),
+    call<{ tables: ShownTable[] }>("GET", `/v1/${collection}/${id(job)}/tables.json${query(view)}`).then(
+      (answer) => answer.tables,
+    ),
   apply: (run: string, action: Action) => call<Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
   webhooks: (signal?: AbortSignal) => call<{ items: Webhook[] }>("GET", "/v1/webhooks", options(signal)),
   addWebhook: (body: { url: string; events: readonly string[] }) => call<NewWebhook>("POST", "/v1/webhooks", { body }),

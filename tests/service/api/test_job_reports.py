@@ -9,11 +9,14 @@ import json
 import math
 import re
 
+import anyio
+import httpx2
 import pypdf
 import pytest
 from support.in_process import Client
 from support.programs import options, path, tool_poses
 
+from jointstiff.service.app import create_app
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -31,9 +34,14 @@ PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "forc
 
 
 @pytest.fixture(scope="module")
-def client():
-    with Store.open("sqlite://") as store:
-        yield Client(store)
+def store():
+    with Store.open("sqlite://") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def client(store):
+    return Client(store)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +96,9 @@ def test_each_kind_has_a_report(client, jobs, kind):
 
 @pytest.mark.parametrize("kind", ["run", "comparison", "pair", "plan", "map", "program"])
 def test_each_kind_has_its_tables_as_json(client, jobs, kind):
-    tables = client.get(f"{jobs[kind]}/tables.json?unit=kNm/deg").json()
+    answer = client.get(f"{jobs[kind]}/tables.json?unit=kNm/deg").json()
+    assert answer["assessment"] == client.get(jobs[kind]).json()["result"].get("assessment")
+    tables = answer["tables"]
     assert tables
     for table in tables:
         assert table["rows"]
@@ -98,6 +108,26 @@ def test_each_kind_has_its_tables_as_json(client, jobs, kind):
         assert "kN·m/°" in tables[0]["title"] + tables[0]["caption"]
     assert client.get(f"{jobs[kind]}/tables.json?unit=furlong").status_code == 422
     assert client.get(f"{jobs[kind][:-3]}xyz/tables.json").status_code == 404
+
+
+def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(store, jobs):
+    """As files do: tables of many rows take seconds."""
+    app = create_app(store)
+    turns = app.state.large_bodies
+
+    async def ask():
+        transport = httpx2.ASGITransport(app)
+        async with httpx2.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
+            for borrower in range(int(turns.total_tokens)):
+                await turns.acquire_on_behalf_of(borrower)
+            with anyio.move_on_after(2.0) as patience:
+                await client.get(f"{jobs['program']}/tables.json")
+            assert patience.cancelled_caught
+            assert (await client.get(jobs["program"])).status_code == 200
+            turns.release_on_behalf_of(0)
+            assert (await client.get(f"{jobs['program']}/tables.json")).status_code == 200
+
+    anyio.run(ask)
 
 
 def leaves(value):
