@@ -245,7 +245,7 @@ class RunResult(Result):
     )
     model: IdentifiedModel | None = Field(
         default=None,
-        description="Model for predictions.",
+        description="Model for predictions; null if no joint is determined by own weight.",
     )
     budget: Budget | None = Field(
         default=None,

@@ -93,7 +93,7 @@ def _compensate_block(
     uncorrected = still.off(bare)
     if bare.unseen.any():
         raise RequestError(
-            "the load twists a joint that the readings do not determine",
+            "the load or own weight twists a joint that the readings do not determine",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )

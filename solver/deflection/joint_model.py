@@ -33,6 +33,8 @@ _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m]: no reading is better."""
 _WEIGHT_STEPS: Final = 8
 """Steps in which the own weight of the commanded posture settles; each gains three digits."""
+_TILT: Final = 5e-3
+"""Torque of own weight, relative to another joint's, that a vertical axis has where it is not quite vertical."""
 _SOFTEST: Final = 0.5
 """Share of the joints' stiffness that the load may take away; more is no load of a process."""
 
@@ -275,8 +277,12 @@ class JointDeflection(Deflection):
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load twists and of which the readings say nothing."""
-        return self.model.unseen(self.rows)
+        """(B, n) joints that the load, or the weight of a sag, twists and of which the readings say nothing."""
+        unseen, weight = self.model.unseen(self.rows), self.model.weight
+        if isinstance(weight, IdentifiedWeight):
+            own = np.abs(self.balance.torque - self._torque)
+            unseen |= ~weight.told & (own > _TILT * own.max(axis=1, keepdims=True))
+        return unseen
 
     @property
     def compliance(self) -> CartesianCompliance:

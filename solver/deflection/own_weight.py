@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
@@ -101,6 +101,11 @@ class IdentifiedWeight(OwnWeight):
     #: (n + 4 n², r) root of the covariance of all c_j, then of c_j m_jl and c_j m_jl s_jl, l the fastest but
     #: for these four [rad/(N·m), times kg, kg·m]
     root: FloatArray = field(kw_only=True)
+
+    @property
+    def told(self) -> BoolArray:
+        """(n,) joints of whose sag the readings tell something."""
+        return np.asarray(self.root[: len(self.mass)].any(axis=1))
 
     def turn_root(self, robot: Robot, configurations: Configurations, torque: FloatArray) -> FloatArray:
         """Return a root (B, n, r) of the covariance of joints' turns [rad], by loads' torques (B, n)."""

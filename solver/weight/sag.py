@@ -50,7 +50,7 @@ def identified_weight(
     for k, (number, inertia) in enumerate(burden.unknown[0]):
         unit[burden.bodies[number].joint, :, k] = inertia
     units = unit.reshape(4 * n, -1)
-    inertias, roots = np.zeros((n, n, 4)), np.zeros((n * n * 4, size))
+    inertias, roots = np.tile(nominal, (n, 1, 1)), np.zeros((n * n * 4, size))
     compliances = np.zeros((n, size))
     for j, scale, (start, block) in zip(problem.seen.tolist(), problem.unit.tolist(), blocks, strict=True):
         scaled = joint_unknowns(fit.rows, j, burden, units)[1][:, : block.size - 1]

@@ -105,7 +105,9 @@ def model_of(run: Run) -> IdentifiedModel:
     """
     model = result_of(run).model
     if model is None:
-        raise RequestError(f"run '{run.id}' has no model", where="run_id", remedy="identify the set again")
+        raise RequestError(
+            f"run '{run.id}' has no model", where="run_id", remedy="choose a run that determines a joint"
+        )
     return model
 
 
@@ -196,7 +198,7 @@ def to_case_results(
 
 def _without_numbers(label: str, unseen: Sequence[str]) -> messages.CaseResult:
     reason = (
-        f"the load twists {', '.join(unseen)}, which the readings of the run do not determine: the "
+        f"the load or own weight twists {', '.join(unseen)}, which the readings of the run do not determine: the "
         "prediction is not valid"
     )
     return messages.CaseResult(

@@ -59,6 +59,9 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
     left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
     given = readings.poses.sigma is not None
+    model = None
+    if any(joint.compliance is not None for joint in joints):
+        model = to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
         assessment=to_assessment(assessment, prepared.readings),
@@ -95,7 +98,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
             predicted=displacement,
             residual=residual,
         ),
-        model=to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR),
+        model=model,
         weight=_numbers(estimate),
         warnings=prepared.warnings,
     )
@@ -162,9 +165,9 @@ def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     """
     known = [joint.joint for joint in estimate.joints]
     seen = np.array([j for j, joint in enumerate(known) if joint.compliance is not None], dtype=np.intp)
-    compliance = np.array([joint.compliance or 0.0 for joint in known])
+    compliance = estimate.fit.compliance  # of joints without a number, too: their products tell the sag
     variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in known])[seen]
-    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance)) if len(seen) else None
+    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
     return JointModel(
         robot, compliance, likelihood, Constraints(Bounds.positive(robot.n), ()), estimate.weight
     )

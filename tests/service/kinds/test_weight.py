@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,6 +100,35 @@ def test_predictions_maps_and_programs_hold_the_sag_if_asked(client, document):
     refused = client.post("/v1/deflections", json={**asked, "run_id": loaded})
     assert refused.status_code == 422
     assert "own weight" in refused.text
+
+
+def test_sag_of_joints_without_a_number_counts(client):
+    masses = default_bodies().masses * [0.4, 1.7, 0.5, 1.6, 0.4, 1.7]
+    vague = unloaded_campaign(ARM, replace(default_bodies(), masses=masses), configurations=20, seed=1)
+    for body, mass in zip(vague["robot"]["bodies"], default_bodies().masses.tolist(), strict=True):
+        body |= {"mass": mass, "mass_uncertainty": 0.9, "centre_uncertainty": 0.2}
+    run_id = stored_run(client, vague, weight={})
+    found = client.get(f"/v1/runs/{run_id}").json()["result"]["joints"]
+    assert {joint["status"] for joint in found[2:]} == {"not_observable"}
+    q, point = random_configurations(ARM, 20, seed=91), [-0.06, 0.02, 0.18]
+    asked = {
+        "run_id": run_id,
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "load_point": point,
+        "absolute": True,
+        "cases": [{"joints": joints, "force": [0.0, 0.0, 0.0]} for joints in q.tolist()],
+    }
+    answer = client.post("/v1/deflections", json=asked)
+    assert answer.status_code == 200, answer.text
+    predicted = answer.json()["cases"]
+    bent = q + sag(ARM, replace(default_bodies(), masses=masses), q)
+    there, here = (ARM.posture(each).point_to_base(np.tile(point, (20, 1))) for each in (bent, q))
+    moved = np.array([case["displacement"] for case in predicted])
+    interval = np.array([case["readings_only"]["displacement"] for case in predicted])
+    truth = there - here
+    off = np.linalg.norm(moved - truth, axis=1)
+    assert np.median(off) < 0.2 * np.median(np.linalg.norm(truth, axis=1))
+    assert ((interval[..., 0] <= truth) & (truth <= interval[..., 1])).mean() > 0.9
 
 
 def stored_run(client, document, **options):

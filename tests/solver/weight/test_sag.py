@@ -16,6 +16,7 @@ from jointstiff.solver.deflection.compensation import CorrectionLimits, compensa
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
 from jointstiff.solver.weight.identification import identify_weight
@@ -87,6 +88,20 @@ def test_a_corrected_command_brings_the_bent_arm_to_absolute_places(uncertain):
     off = np.linalg.norm(reached - ARM.posture(wanted.joints).point_to_base(wanted.place), axis=1)
     before = np.linalg.norm(found.uncorrected[:, :3], axis=1)
     assert np.median(off) < 0.05 * np.median(before)
+
+
+def test_a_joint_of_whose_sag_nothing_is_told_leaves_no_prediction(uncertain):
+    _, estimate = uncertain
+    assert not model_of(estimate).deflect(cases()).unseen.any()  # joint 1 carries no weight
+    hidden = estimate.weight.root.reshape(-1, estimate.weight.root.shape[1]).copy()
+    hidden[1] = 0.0
+    hidden[6 + 24 : 6 + 48] = 0.0
+    model = replace(model_of(estimate), weight=replace(estimate.weight, root=hidden))
+    unseen = model.deflect(cases()).unseen
+    assert unseen[:, 1].mean() > 0.9
+    assert not np.delete(unseen, 1, axis=1).any()
+    with pytest.raises(RequestError, match="do not determine"):
+        compensate(model, cases())
 
 
 def test_springs_leave_no_sag_to_predict():
