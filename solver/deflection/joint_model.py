@@ -34,7 +34,7 @@ _LEAST_SIGMA: Final = 1e-15
 _WEIGHT_STEPS: Final = 8
 """Steps in which the own weight of the commanded posture settles; each gains three digits."""
 _TILT: Final = 5e-3
-"""Torque of own weight, relative to another joint's, that a vertical axis has where it is not quite vertical."""
+"""Torque of own weight, relative to another joint's, that a vertical axis has if not quite vertical."""
 _SOFTEST: Final = 0.5
 """Share of the joints' stiffness that the load may take away; more is no load of a process."""
 
@@ -277,7 +277,7 @@ class JointDeflection(Deflection):
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load, or the weight of a sag, twists and of which the readings say nothing."""
+        """(B, n) joints that load, or weight of a sag, twists and of which the readings say nothing."""
         unseen, weight = self.model.unseen(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
             own = np.abs(self.balance.torque - self._torque)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -68,18 +68,22 @@ def within_noise(estimate: Estimate) -> bool:
     return test is not None and test.verdict != "residuals_too_large"
 
 
-def _identified(estimate: Estimate) -> Iterator[Reason]:
-    if any(joint.status == "identified" for joint in estimate.joints):
+def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Reason]:
+    """Yield the reason that no joint is identified, if none is."""
+    if "identified" in statuses:
         return
-    counts = Counter(joint.status.replace("_", " ") for joint in estimate.joints)
-    statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
-    seen = [joint.status for joint in estimate.joints if joint.status != "not_observable"]
+    counts = Counter(status.replace("_", " ") for status in statuses)
+    found = ", ".join(f"{count} {status}" for status, count in counts.items())
+    message = f"the readings identify no joint: {found}"
+    yield Reason("no_joint_identified", "do_not_use", None, message, remedy, action)
+
+
+def _identified(estimate: Estimate) -> Iterator[Reason]:
+    statuses = [joint.status for joint in estimate.joints]
+    seen = [status for status in statuses if status != "not_observable"]
     opposed = bool(seen) and all(status == "at_bound" for status in seen)
-    yield Reason(
-        "no_joint_identified",
-        "do_not_use",
-        None,
-        f"the readings identify no joint: {statuses}",
+    yield from unidentified(
+        statuses,
         "check signs, frame and units of forces and deflections, and the joint map: the targets do not move "
         "as these loads would move them"
         if opposed

@@ -26,6 +26,7 @@ from jointstiff.solver.fitting.scale import student_quantile
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseState
+from jointstiff.solver.inference.fit_reasons import unidentified
 from jointstiff.solver.inference.reason import Reason
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.readings.measurements import Measurements
@@ -146,6 +147,7 @@ class WeightEstimate:
     fit: WeightFit  #: geometry, sag, and the last convex problem
     reasons: tuple[Reason, ...]  #: reasons against its use, if any
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
+    sigma_of_residuals: bool  #: whether it is from the residuals: none stated, or larger than stated
     chi_square: float  #: of all residuals, under the stated sigma; the degrees of freedom if none is stated
     degrees_of_freedom: int  #: number of readings less all that they determine
     rms_residual: float  #: rms residual of a whitened coordinate [m]
@@ -234,6 +236,8 @@ def identify_weight(
     scale = factor if noisy else 1.0
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
     joints = joints_of(robot, fit, scale, (scale * radius) ** 2)
+    statuses = [joint.joint.status for joint in joints]
+    missing = unidentified(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.joint.standard_uncertainty or 0.0 for joint in joints])
     unit = poses.sigma or 1.0
     sagging = replace(whitened, angles=angles + fit.sag)
@@ -251,8 +255,9 @@ def identify_weight(
     return WeightEstimate(
         joints=joints,
         fit=fit,
-        reasons=reasons,
+        reasons=(*reasons, *missing),
         sigma=scale * unit,
+        sigma_of_residuals=noisy,
         chi_square=float(freedom) if poses.sigma is None else problem.outside,
         degrees_of_freedom=freedom,
         rms_residual=unit * float(np.sqrt((problem.outside + loss) / remaining)),

@@ -198,8 +198,8 @@ def to_case_results(
 
 def _without_numbers(label: str, unseen: Sequence[str]) -> messages.CaseResult:
     reason = (
-        f"the load or own weight twists {', '.join(unseen)}, which the readings of the run do not determine: the "
-        "prediction is not valid"
+        f"the load or own weight twists {', '.join(unseen)}, which the readings of the run do not "
+        "determine: the prediction is not valid"
     )
     return messages.CaseResult(
         label=label,

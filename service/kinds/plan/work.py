@@ -79,7 +79,13 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
         result = identified_by_weight(prepared, RunOptions(), Weight())
         sigma, assessment = result.sigma, result.assessment
         nominal = np.array([joint.compliance or np.nan for joint in result.joints])
-        refuse_unaccepted(assessment, request.accept_verdict, "the campaign so far", "measurement_set_id")
+        refuse_unaccepted(
+            assessment,
+            request.accept_verdict,
+            "the campaign so far",
+            "measurement_set_id",
+            passed_over=_TOO_LITTLE,
+        )
     elif prepared is not None:
         settings, estimate = identified(prepared, to_settings(RunOptions(), robot))
         sigma = estimate.sigma

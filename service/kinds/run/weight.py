@@ -169,7 +169,12 @@ def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in known])[seen]
     likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
     return JointModel(
-        robot, compliance, likelihood, Constraints(Bounds.positive(robot.n), ()), estimate.weight
+        robot,
+        compliance,
+        likelihood,
+        Constraints(Bounds.positive(robot.n), ()),
+        estimate.weight,
+        degrees_of_freedom=estimate.degrees_of_freedom if estimate.sigma_of_residuals else None,
     )
 
 

@@ -188,6 +188,39 @@ def test_plans_for_own_weight_need_stiffness_and_no_load(client, document, other
     assert said in refused.text
 
 
+def test_a_run_that_determines_no_joint_is_not_to_be_used(document):
+    vague = copy.deepcopy(document)
+    for body in vague["robot"]["bodies"]:
+        body["mass_uncertainty"] = 0.9999
+    result = identified(vague)
+    assert {joint.status for joint in result.joints} == {"not_observable"}
+    assert result.assessment.verdict == "do_not_use"
+    assert [reason.code for reason in result.assessment.reasons] == ["no_joint_identified"]
+    assert result.model is None
+
+
+def test_predictions_know_that_sigma_is_of_few_residuals(document):
+    assert identified(document).model.degrees_of_freedom is None
+    unstated = copy.deepcopy(document)
+    del unstated["measurement_set"]["noise"]
+    result = identified(unstated)
+    assert result.model.degrees_of_freedom == result.goodness.degrees_of_freedom
+
+
+def test_plans_count_the_readings_that_were_taken_only(client, document):
+    some = copy.deepcopy(document)
+    for body in some["robot"]["bodies"]:
+        body["mass_uncertainty"] = 0.0
+    for observation in some["measurement_set"]["observations"][8:]:
+        del observation["readings"][1:]
+    run = client.get(f"/v1/runs/{stored_run(client, some, weight={})}").json()
+    set_id = run["request"]["measurement_set_id"]
+    asked = {"measurement_set_id": set_id, "readings": 2, "validation": 0.0, "candidates": 50}
+    plan = client.post("/v1/plans", json=asked).json()["result"]
+    found = [joint["standard_uncertainty"] for joint in run["result"]["joints"][1:]]
+    np.testing.assert_allclose([joint["before"] for joint in plan["joints"]], found, rtol=0.15)
+
+
 def test_units_and_frames_change_nothing(document):
     other = copy.deepcopy(document)
     measured = other["measurement_set"]
