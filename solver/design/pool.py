@@ -193,7 +193,9 @@ def _rows(
 def _read(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
     """Return the rows of readings that were taken."""
     if request.by_weight is not None:
-        return request.by_weight(so_far.joints)
+        rows = request.by_weight(so_far.joints)
+        taken = so_far.present & ~so_far.in_flange
+        return rows * np.repeat(taken, 3, axis=1)[..., None]
     return whitened_rows(robot, so_far, links=request.links)
 
 
