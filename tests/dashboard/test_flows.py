@@ -74,7 +74,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     page.get_by_role("button", name="Compare").click()
     joints = page.get_by_role("table", name="Stiffness in 10⁶ N·m/rad")
     expect(joints.get_by_role("row")).to_have_count(7)  # six joints and the head, as no constraint is active
-    fits = page.get_by_role("table", name="explained", exact=True)
+    fits = page.get_by_role("table", name="Fits as a whole", exact=True)
     expect(fits.get_by_role("row")).to_have_count(5)  # four methods
 
     visited.go("#/compare/pairs")

@@ -95,7 +95,10 @@ function Waiting({ took }: { took: number | null }) {
   if (seconds < 2) return null;
   const left = took === null ? null : took - seconds;
   return (
-    <span class="progress" role="status">
+    <span class="progress">
+      <span class="hidden" role="status">
+        {text.run.progress}
+      </span>
       <progress aria-label={text.run.progress} {...(left && left > 0 ? { value: seconds, max: took ?? 1 } : {})} />
       <small>{left !== null && left > 0 ? text.run.left(roughTime(left)) : text.run.since(roughTime(seconds))}</small>
     </span>

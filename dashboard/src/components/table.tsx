@@ -37,9 +37,16 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
         <tbody>
           {table.rows.map((row) => (
             <tr>
-              {row.map((cell, i) => (
-                <td class={numeric(table, i) ? "number" : undefined}>{shown(cell, table.columns[i])}</td>
-              ))}
+              {row.map((cell, i) => {
+                const [number, content] = [numeric(table, i), shown(cell, table.columns[i])];
+                return i === 0 && !number ? (
+                  <th scope="row" class="entry">
+                    {content}
+                  </th>
+                ) : (
+                  <td class={number ? "number" : undefined}>{content}</td>
+                );
+              })}
             </tr>
           ))}
         </tbody>

@@ -705,7 +705,6 @@ export const en = {
       cable: "cable blocked",
     } as Record<string, string>,
     links: "The plan allows for elastic links, because joints alone do not explain the deflection.",
-    promisedNote: "from the noise of the readings alone, without model error",
     csv: "List as CSV",
     fillIn: "Campaign to fill in",
     checklist: "Check-list",

@@ -111,7 +111,11 @@ function StartPair({ names }: { names: Names }) {
   const query = parse(location.hash).query;
   const [first, setFirst] = useState(query.get("first") ?? `set:${begin?.id ?? ""}`);
   const [second, setSecond] = useState(query.get("second") ?? `set:${end?.id ?? ""}`);
-  const [ordered, setOrdered] = useState(unlike !== undefined);
+  const [ordered, setOrdered] = useState(unlike !== undefined && !query.has("first") && !query.has("second"));
+  const choose = (set: (side: string) => void) => (chosen: string) => {
+    set(chosen);
+    setOrdered(false);
+  };
   const start = useAction(async () => {
     const pair = await api.pairs.add({ first: side(first), second: side(second), ordered }, freshKey("pair"));
     go(link(["compare", "pairs", pair.id]));
@@ -122,8 +126,20 @@ function StartPair({ names }: { names: Names }) {
       <section class="card form">
         <p>{words.pairsIntro}</p>
         <div class="row">
-          <Select label={words.first} help={words.firstHint} value={first} change={setFirst} options={options} />
-          <Select label={words.second} help={words.secondHint} value={second} change={setSecond} options={options} />
+          <Select
+            label={words.first}
+            help={words.firstHint}
+            value={first}
+            change={choose(setFirst)}
+            options={options}
+          />
+          <Select
+            label={words.second}
+            help={words.secondHint}
+            value={second}
+            change={choose(setSecond)}
+            options={options}
+          />
         </div>
         <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
         {!possible && <p class="soft">{words.twoSets}</p>}

@@ -104,6 +104,7 @@ export function JobList<Of extends Collection>({
   const [filter, change] = useFilter(query);
   const [shown, setShown] = useState<Shown>((query?.get("state") as Shown | null) ?? "all");
   const deleted = shown === "deleted";
+  const viewer = forbidden(useContext(Viewer));
   const { items, more, problem, load, take, put } = usePages(collection, {
     ...about,
     ...(deleted ? { deleted: "true" } : shown === "all" ? {} : { state: shown }),
@@ -139,7 +140,11 @@ export function JobList<Of extends Collection>({
   const rows = (items ?? []).map((item): Row => {
     const about = jobRow(collection, item, names, row(item), live.has(item));
     if (deleted) {
-      const actions = <Button onClick={() => restore(item)}>{text.lists.restore}</Button>;
+      const actions = (
+        <Button onClick={() => restore(item)} {...viewer}>
+          {text.lists.restore}
+        </Button>
+      );
       return { ...about, href: undefined, actions };
     }
     const actions = !goesOn(item.state) && <DeleteIcon name={about.name} remove={() => remove(item, about.name)} />;

@@ -85,7 +85,7 @@ function Promised({ plan, result }: { plan: string; result: PlanResult }) {
       <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
       <JobTables collection="plans" id={plan} to={1} />
       <p class="soft">
-        {words.promisedNote}. {words.feasible(result.feasible, result.considered)}
+        {words.feasible(result.feasible, result.considered)}
         {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
         {result.left_out.length > 0 && words.leftOut(result.left_out)}
       </p>

@@ -1,8 +1,20 @@
 /** One measurement set: what it says, its findings, what was made of it. */
-import { useState } from "preact/hooks";
+import { useContext, useState } from "preact/hooks";
 import { METADATA, type MeasurementSet } from "../api/types";
 import { api } from "../api/client";
-import { NameLink, Button, Facts, Form, LinkButton, Name, Show, Title, Warnings, When } from "../components/basics";
+import {
+  NameLink,
+  Button,
+  Facts,
+  forbidden,
+  Form,
+  LinkButton,
+  Name,
+  Show,
+  Title,
+  Warnings,
+  When,
+} from "../components/basics";
 import { MetadataForm } from "../components/metadata_form";
 import { notedIn, typedOf } from "../lib/metadata";
 import { useAction } from "../state/action";
@@ -14,6 +26,7 @@ import { Preview } from "../components/findings";
 import { factsOf } from "../lib/campaign";
 import { useLoad, valueOf } from "../state/load";
 import { link } from "../state/router";
+import { Viewer } from "../state/session";
 import { useRunsOf } from "./robots";
 import { RunList } from "./runs";
 
@@ -75,6 +88,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
   const words = text.metadata;
   const [typed, setTyped] = useState(() => typedOf(set));
   const [editing, setEditing] = useState(false);
+  const viewer = forbidden(useContext(Viewer));
   const save = useAction(async () => {
     const noted = notedIn(typed);
     if (noted === null) return;
@@ -92,7 +106,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
         <Form action={save} class="noting">
           <MetadataForm typed={typed} change={setTyped} />
           <div class="actions">
-            <button type="submit" class="button primary" disabled={save.busy || notedIn(typed) === null}>
+            <button type="submit" class="button primary" disabled={save.busy || notedIn(typed) === null} {...viewer}>
               {words.save}
             </button>
             <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
@@ -115,6 +129,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
               setTyped(typedOf(set));
               setEditing(true);
             }}
+            {...viewer}
           >
             {known.length === 0 ? words.add : words.edit}
           </Button>

@@ -1,13 +1,14 @@
 /** What people note in a trend: alarms that were seen, and new baselines. */
-import { useState } from "preact/hooks";
+import { useContext, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
-import { dayText, Form, Name, When } from "../components/basics";
+import { dayText, Form, forbidden, Name, When } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
 import { link } from "../state/router";
+import { Viewer } from "../state/session";
 import { text } from "../i18n";
 
 const words = text.trend;
@@ -83,7 +84,12 @@ function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: stri
   return (
     <Form action={send}>
       <TextField label={words.note} required maxLength={2000} value={note} change={setNote} />
-      <button type="submit" class="button" disabled={send.busy || note.trim() === ""}>
+      <button
+        type="submit"
+        class="button"
+        disabled={send.busy || note.trim() === ""}
+        {...forbidden(useContext(Viewer))}
+      >
         {words.acknowledge}
       </button>
     </Form>
@@ -133,7 +139,12 @@ export function NewBaseline({ trend, reload }: Noted) {
           value={String(size)}
           change={(typed) => setSize(Number(typed))}
         />
-        <button type="submit" class="button" disabled={send.busy || reason.trim() === ""}>
+        <button
+          type="submit"
+          class="button"
+          disabled={send.busy || reason.trim() === ""}
+          {...forbidden(useContext(Viewer))}
+        >
           {words.begin}
         </button>
       </Form>

@@ -21,7 +21,6 @@ _CONSTRAINTS = {False: "free", True: "≥ 0"}
 _METHODS_ABREAST = 4
 _LONGEST_NAME = 24
 
-
 Cell = Callable[[ComparedFit, int], Line]
 
 
@@ -41,13 +40,11 @@ def _numbers(comparison: Comparison, entries: Sequence[ComparedFit], view: View)
     alike = not view.details and not drawn and _constraints_change_nothing(entries)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
     cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
-    parts: list[Part] = [*_joint_tables(shown, _title(comparison, unit), cell)]
+    caption = _legend(comparison, shown, alike=alike)
+    parts: list[Part] = [*_joint_tables(shown, _title(comparison, unit), cell, caption)]
     if drawn:
         parts += _shares_tables(entries)
-    parts.append(_fits_table(shown))
-    if alike:
-        parts.append(Line("≥ 0 gives the same numbers as free: no constraint is active", "dim"))
-    return [*parts, _legend(comparison, shown)]
+    return [*parts, _fits_table(shown)]
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedFit]) -> bool:
@@ -69,14 +66,15 @@ def _title(comparison: Comparison, unit: StiffnessUnit) -> str:
     )
 
 
-def _joint_tables(entries: Sequence[ComparedFit], title: str, cell: Cell) -> list[Table]:
-    """Return tables of rows by joint and constraint, with as many methods as 80 columns hold."""
+def _joint_tables(entries: Sequence[ComparedFit], title: str, cell: Cell, caption: str = "") -> list[Table]:
+    """Return tables by joint and constraint, as many methods in each as 80 columns hold."""
     methods = list(dict.fromkeys(_short(entry) for entry in entries))
     return [
         _joint_table(
             [entry for entry in entries if _short(entry) in methods[start : start + _METHODS_ABREAST]],
-            "" if start else title,
+            f"{title}, continued" if start else title,
             cell,
+            "" if start else caption,
         )
         for start in range(0, len(methods), _METHODS_ABREAST)
     ]
@@ -94,7 +92,7 @@ def _shares_tables(entries: Sequence[ComparedFit]) -> list[Part]:
     return [*_joint_tables(entries, "Share of fits negative / rigid / undetermined, in %", _shares)]
 
 
-def _joint_table(entries: Sequence[ComparedFit], title: str, cell: Cell) -> Table:
+def _joint_table(entries: Sequence[ComparedFit], title: str, cell: Cell, caption: str) -> Table:
     by_row: dict[bool, dict[str, ComparedFit]] = {}
     for entry in entries:
         by_row.setdefault(entry.positive, {})[_short(entry)] = entry
@@ -110,10 +108,11 @@ def _joint_table(entries: Sequence[ComparedFit], title: str, cell: Cell) -> Tabl
     return Table(
         [
             Column("joint", names, text=True, widest=_LONGEST_NAME),
-            Column("", [_CONSTRAINTS[positive] for _, _, positive in lines], text=True),
+            Column("sign", [_CONSTRAINTS[positive] for _, _, positive in lines], text=True),
             *map(column, methods),
         ],
         title=title,
+        caption=caption,
         plain=True,
     )
 
@@ -159,7 +158,7 @@ def _fits_table(entries: Sequence[ComparedFit]) -> Table:
         worth = [_drawn_worth(entry.resampling) for entry in entries]
         columns.append(Column("explained, drawn", [explained for explained, _ in worth]))
         columns.append(Column("any negative", [negative for _, negative in worth]))
-    return Table(columns, plain=True)
+    return Table(columns, title="Fits as a whole", plain=True)
 
 
 def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
@@ -170,7 +169,7 @@ def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
     return percent(compensation.mean) + spread, percent(resampling.share_any_negative)
 
 
-def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Line:
+def _legend(comparison: Comparison, entries: Sequence[ComparedFit], *, alike: bool) -> str:
     """Explain the signs that stand in the tables, and no others."""
     methods = {_SHORT[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {entry.characteristic_length for entry in entries if entry.characteristic_length}
@@ -190,8 +189,9 @@ def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Line:
         "drawn: all configurations by the fits of the drawn ones, mean & standard deviation"
         if drawn
         else "3.188(17): 3.188 with standard uncertainty 0.017",
+        "≥ 0 gives the same numbers as free: no constraint is active" if alike else "",
     ]
-    return Line("\n".join(line for line in lines if line), "dim")
+    return "; ".join(line for line in lines if line)
 
 
 def _refusals(entries: Sequence[ComparedFit]) -> list[Line]:

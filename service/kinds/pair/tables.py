@@ -96,7 +96,7 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
             Column("interval", [joint.compliance_interval_first for joint in joints], unit.bare_interval),
             Column("second", [joint.compliance_second for joint in joints], unit.bare),
             Column("interval", [joint.compliance_interval_second for joint in joints], unit.bare_interval),
-            Column("", ["held equal" if joint.equal else "" for joint in joints], text=True),
+            Column("remark", ["held equal" if joint.equal else "" for joint in joints], text=True),
         ],
         title="Both in one problem, no joint softer on the second side",
         caption=f"{unit.quantity} in {unit.label}, interval under all constraints; the order increases χ² by "

@@ -57,7 +57,7 @@ def _joints(result: PlanResult) -> Table:
             Column("now", [joint.before for joint in joints], nano),
         ],
         title="Predicted standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
-        caption="by the noise of the readings alone"
+        caption="by the noise of the readings alone; model error comes on top"
         if any(any(each.force) for each in result.readings)
         else "by the noise of the readings, the bounds of the masses and the geometry",
     )

@@ -36,7 +36,7 @@ def _spreads(result: ProgramResult) -> Table:
     shown = number(".4f", 1e3)
     return Table(
         [
-            Column("", list(rows), text=True),
+            Column("quantity", list(rows), text=True),
             Column("median", [each and each.median for each in rows.values()], shown),
             Column("95 %", [each and each.p95 for each in rows.values()], shown),
             Column("greatest", [each and each.greatest for each in rows.values()], shown),
