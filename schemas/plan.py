@@ -27,6 +27,7 @@ from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
 from jointstiff.schemas.measurement.noise import Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.options import StiffnessPrior
+from jointstiff.schemas.run.weight import Weight
 from jointstiff.schemas.terminal import Terminal, numbers_of, planned_load_of, prior_of
 
 MAX_CANDIDATES = 50_000
@@ -65,8 +66,8 @@ class Cable(Message):
     )
 
 
-class OwnWeight(Message):
-    """The weight of the robot's bodies: positions are read without a load."""
+class OwnWeight(Weight):
+    """The weight of the robot's bodies, without balancers: positions are read without a load."""
 
     kind: Literal["own_weight"]
 

@@ -67,14 +67,20 @@ def to_design_request(
         prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
     names, targets = named_targets(request, robot, so_far)
-    weighed = isinstance(request.load, plans.OwnWeight)
-    if weighed and not (robot.bodies and np.isfinite(nominal).any()):
+    load = request.load if isinstance(request.load, plans.OwnWeight) else None
+    if load and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
             "the robot has no masses, or no stiffness of a joint is known",
             where="load",
             remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
         )
-    if weighed and (request.work_area or request.tracker or request.directions):
+    if load and (load.balancers or load.estimate_gravity):
+        raise RequestError(
+            "a plan for own weight knows no balancers and no gravity that is estimated",
+            where="load",
+            remedy="state `gravity`; choose postures by hand for a robot with balancers",
+        )
+    if load and (request.work_area or request.tracker or request.directions):
         raise RequestError(
             "a plan for own weight knows no work area, no tracker's station and no directions of gauges",
             where="load",
@@ -106,9 +112,14 @@ def to_design_request(
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=None if so_far is None else so_far[0],
-        by_weight=planned_rows(robot, Burden(robot.bodies), targets, np.nan_to_num(nominal))
-        if weighed
-        else None,
+        by_weight=None
+        if load is None
+        else planned_rows(
+            robot,
+            Burden(robot.bodies, gravity=np.array(load.gravity)),
+            targets,
+            np.nan_to_num(nominal),
+        ),
         seed=request.seed,
     )
 

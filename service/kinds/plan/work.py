@@ -10,7 +10,6 @@ import numpy as np
 
 from jointstiff.schemas.plan import OwnWeight, PlanRequest, PlanResult
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.weight import Weight
 from jointstiff.service.conversion.assessments import to_assessment
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
@@ -76,7 +75,7 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
     if prepared is not None and isinstance(request.load, OwnWeight):
-        result = identified_by_weight(prepared, RunOptions(), Weight())
+        result = identified_by_weight(prepared, RunOptions(), request.load)
         sigma, assessment = result.sigma, result.assessment
         nominal = np.array([joint.compliance or np.nan for joint in result.joints])
         refuse_unaccepted(

@@ -221,6 +221,19 @@ def test_plans_count_the_readings_that_were_taken_only(client, document):
     np.testing.assert_allclose([joint["before"] for joint in plan["joints"]], found, rtol=0.15)
 
 
+def test_plans_take_the_gravity_of_the_cell_and_refuse_balancers(client, document):
+    robot = client.post("/v1/robots", json=document["robot"]).json()
+    wall = {"kind": "own_weight", "gravity": [9.80665, 0.0, 0.0]}
+    asked = {"robot_id": robot["id"], "targets": {"a": [0.1, 0.0, 0.1], "b": [0.0, 0.1, 0.1]}}
+    guess = {"stiffness": dict.fromkeys(ARM.joint_names, 1e6), "readings": 12, "candidates": 40}
+    answer = client.post("/v1/plans", json={**asked, **guess, "load": wall})
+    assert answer.status_code == 201, answer.text
+    assert "joint_1" not in answer.json()["result"]["left_out"]
+    refused = client.post("/v1/plans", json={**asked, **guess, "load": {**wall, "estimate_gravity": True}})
+    assert refused.status_code == 422
+    assert "no balancers" in refused.text
+
+
 def test_units_and_frames_change_nothing(document):
     other = copy.deepcopy(document)
     measured = other["measurement_set"]
