@@ -303,7 +303,7 @@ def test_numbers_are_never_cut(comparison, width, names):
 def test_the_table_has_rows_by_joint_and_constraint_and_a_column_a_method(comparison):
     lines = shown(comparison).splitlines()
     header = next(line for line in lines if line.startswith("joint "))
-    assert header.split() == ["joint", "CP/L", "CP", "PP", "DPP"]
+    assert header.split() == ["joint", "sign", "CP/L", "CP", "PP", "DPP"]
     rows = lines[lines.index(header) + 2 :][:12]
     assert [row[:14].split()[:2] for row in rows[:2]] == [["joint_1", "free"], ["≥", "0"]]
     assert [row.split()[0] for row in rows[::2]] == [f"joint_{i}" for i in range(1, 7)]
