@@ -162,7 +162,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         deflection=_deflection(criteria, exact.matrix),
         random=random_plans(problem, exact.matrix, s, request.seed),
         one_at_a_time=one_at_a_time(problem, distinct, exact.matrix, s),
-        feasible=len(pool.candidates) // (1 if request.directions is None else len(request.directions)),
+        feasible=pool.feasible,
         strikes=pool.strikes,
     )
 

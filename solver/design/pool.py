@@ -75,6 +75,7 @@ class Pool:
     equipment: Equipment
     #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
     places: FloatArray | None
+    feasible: int  #: number of feasible readings, of which the candidates may be a selection
     along: FloatArray | None  #: direction along which each is read; None if all coordinates are
 
     @classmethod
@@ -105,7 +106,7 @@ class Pool:
                 where="candidates",
                 remedy="relax the condition that excludes most of them, or give other postures or loads",
             )
-        inside = _inside(robot, request, joints, kept)
+        total, inside = int(kept.sum()), _inside(robot, request, joints, kept)
         if request.links or request.by_weight is not None:
             kept = _thinned(kept, inside, _WITH_LINKS)
             inside &= kept
@@ -140,7 +141,9 @@ class Pool:
         if predicted is not None:
             A = parameters.rows(predicted)
             places = A.transpose(0, 2, 1) @ A / 3.0
-        return cls(joints, anchor, strength, candidates, parameters, base, strikes, equipment, places, along)
+        return cls(
+            joints, anchor, strength, candidates, parameters, base, strikes, equipment, places, total, along
+        )
 
     def force(self, robot: Robot, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""

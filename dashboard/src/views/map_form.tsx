@@ -96,14 +96,14 @@ function proposal(set: RunContext["set"], postures: Posture[]) {
     return observation ? [loadOf(set, observation, posture)] : [];
   });
   const [least, greatest] = boxAround(loads.map((load) => load.point));
-  const strongest = loads.reduce<Vector>((best, { force }) => (norm(force) > norm(best) ? force : best), [0, 0, -500]);
+  const strongest = loads.reduce<Vector>((best, { force }) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
   const sum = postures.reduce<Vector>((all, { flange_axes: axes }) => add(all, axes[2] ?? [0, 0, 0]), [0, 0, 0]);
   const mean: Vector = norm(sum) > 0.2 * postures.length ? times(sum, 1 / norm(sum)) : [0, 0, -1];
   const point = times(set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0], factors(set.units).length);
   return {
     least: typedOf(times(least, 1e3), 0),
     greatest: typedOf(times(greatest, 1e3), 0),
-    force: typedOf(strongest, 0),
+    force: typedOf(norm(strongest) > 0 ? strongest : [0, 0, -500], 0),
     tool: typedOf(times(point, 1e3), 1),
     direction: typedOf(mean, 2),
   };

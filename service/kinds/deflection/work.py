@@ -136,7 +136,8 @@ def remarks_of(run: Run, model: ForwardModel, error: ModelError | None, confiden
     else:
         remarks = []
         if model.weight is None:
-            remarks.append("own weight is not included, because no masses are given")
+            why = "no masses are given" if run.request.weight is None else "`absolute` is not requested"
+            remarks.append(f"own weight is not included, because {why}")
         elif model.weight.absolute:
             remarks.append(
                 "absolute: relative to an arm that does not bend, so sag by own weight is included"
