@@ -223,9 +223,9 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
             update={name: None if size is None else scale * size for name, size in lengths.items()}
         )
 
-    def told(one: Reading) -> Reading:
-        scaled = one.sigma and factor(one.sigma, _SIGMA) * one.sigma
-        return one.model_copy(update={"sigma": scaled})
+    def scaled(one: Reading) -> Reading:
+        sigma = one.sigma and factor(one.sigma, _SIGMA) * one.sigma
+        return one.model_copy(update={"sigma": sigma})
 
     changes: dict[str, Any] = {
         "noise": noise,
@@ -235,7 +235,7 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
             measured,
             lambda each: {
                 "load_point": placed(each.load_point),
-                "readings": [told(one) for one in each.readings],
+                "readings": [scaled(one) for one in each.readings],
             },
         ),
     }

@@ -67,7 +67,7 @@ class PreparedSet:
         """
         if self.readings.unloaded_only.any():
             raise RequestError(
-                "the set has only positions without load, which show no deflection",
+                "the set has positions without load, which show no deflection",
                 where="measurement_set_id",
                 remedy="identify it by the robot's own weight: give `weight` in the run",
             )

@@ -281,7 +281,7 @@ class JointDeflection(Deflection):
         unseen, weight = self.model.unseen(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
             own = np.abs(self.balance.torque - self._torque)
-            unseen |= ~weight.told & (own > _TILT * own.max(axis=1, keepdims=True))
+            unseen |= ~weight.determined & (own > _TILT * own.max(axis=1, keepdims=True))
         return unseen
 
     @property

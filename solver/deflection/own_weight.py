@@ -103,7 +103,7 @@ class IdentifiedWeight(OwnWeight):
     root: FloatArray = field(kw_only=True)
 
     @property
-    def told(self) -> BoolArray:
+    def determined(self) -> BoolArray:
         """(n,) joints of whose sag the readings tell something."""
         return np.asarray(self.root[: len(self.mass)].any(axis=1))
 

@@ -57,7 +57,7 @@ class LoadMistake:
     #: (3,) correction: of every load point, flange frame [m]; or to every force, axes of R0 [N]
     correction: FloatArray
     p_value: float  #: p value of its F test
-    links_p_value: float  #: links p value of the test of links beside it
+    links_p_value: float  #: p-value of the F test of links beside it
     compliance: FloatArray  #: (n,) compliance of the joints once it is corrected [rad/(N·m)]
     ratio: float  #: sum of squared residuals once it is corrected, over that of the load as stated
 

@@ -36,7 +36,7 @@ class Selection:
     """Models and losses side by side, from simple to rich."""
 
     models: tuple[HeldOut, ...]  #: that were compared, each with all losses
-    best: ModelName  #: of the least mean residual of held-out postures, each model with its best loss
+    best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
     simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
     #: gain of the best model but joints over joints alone; None where either has no answer
     gain: HeldOutGain | None

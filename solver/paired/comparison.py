@@ -81,7 +81,7 @@ class AvoidedDeflection:
     measured: MeasuredShare | None  #: from their readings; None if there are none
     of_first: PredictedDeflection  #: predicted for the first campaign's observations
     of_second: PredictedDeflection  #: predicted for the second's
-    predicted: Share  #: predicted of the mean deflection of all observations, matching ones counted once
+    predicted: Share  #: avoided share of all observations' mean deflection, as predicted; matching once
     #: observation by observation, the first campaign's before those that only the second has
     configurations: tuple[ConfigurationShare, ...]
 

@@ -77,14 +77,14 @@ class CommonUncertainty:
         MeasurementError: one is negative or not finite.
     """
 
-    scale: float = 0.0  #: scale of ε, dimensionless
-    direction: float = 0.0  #: direction of each component of φ [rad]
-    load_point: float = 0.0  #: load point of each coordinate of the place where the load acts [m]
-    #: target places of each coordinate of each target's place, independent of the other targets [m]
+    scale: float = 0.0  #: standard uncertainty of ε, dimensionless
+    direction: float = 0.0  #: standard uncertainty of each component of φ [rad]
+    load_point: float = 0.0  #: standard uncertainty of each coordinate of the load point [m]
+    #: standard uncertainty of each coordinate of a target's place, independent of other targets [m]
     target_places: float = 0.0
-    #: axis position of each joint axis's place in the robot's model, in each direction across it [m]
+    #: standard uncertainty of a joint axis's place in the model, in each direction across it [m]
     axis_position: float = 0.0
-    #: axis direction of each joint axis's direction in the model, about each direction across it [rad]
+    #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
     axis_direction: float = 0.0
     load_point_assumed: bool = False  #: whether `load_point` was not stated with the readings
 

@@ -23,7 +23,7 @@ class ResamplingSummary:
     compliance_deviation: FloatArray  #: (n,) standard deviation of one repetition [rad/(N·m)]
     compliance_interval: FloatArray  #: (n, 2) percentile interval [rad/(N·m)]
     stiffness_mean: FloatArray  #: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`
-    stiffness_deviation: FloatArray  #: (n,) stiffness deviation of the same, of one repetition [N·m/rad]
+    stiffness_deviation: FloatArray  #: (n,) standard deviation of one finite stiffness [N·m/rad]
     #: (n, 2) what the interval of the compliance means for the stiffness [N·m/rad]; open upwards (inf)
     #: where that reaches zero
     stiffness_interval: FloatArray
@@ -31,8 +31,8 @@ class ResamplingSummary:
     #: (n,) compliance of exactly zero: these configurations cannot tell it from rigid
     share_infinite: FloatArray
     share_at_bound: FloatArray  #: (n,) held by a bound, zero or another
-    share_undetermined: FloatArray  #: (n,) share undetermined of all K
-    share_any_negative: float  #: share any negative of all K, those with at least one negative stiffness
+    share_undetermined: FloatArray  #: (n,) share of the K repetitions that leave it undetermined
+    share_any_negative: float  #: share of the K repetitions with a negative stiffness
     #: over all configurations, of the repetitions that determine every visible joint
     compensation_mean: float
     compensation_deviation: float  #: standard deviation of one repetition

@@ -23,7 +23,7 @@ class Wrist:
     #: µm
     TOLERANCE: ClassVar[float] = 0.5e-3
 
-    centre: FloatArray  #: (3,) centre that point in the flange frame [m]
+    centre: FloatArray  #: (3,) wrist centre in the flange frame [m]
     miss_distance: float  #: greatest distance of one of the axes from it [m]
 
     @property

@@ -192,7 +192,7 @@ class Alarm:
     last: int  #: index of the last one
     is_open: bool  #: whether the latest campaign is one of them
     change: Change  #: of the EWMA against the baseline at the last one; it lags behind that of the joint
-    latest: Change  #: latest of the last one itself
+    latest: Change  #: change of the last campaign itself
     limit: float  #: limit of that change of ln k
 
     def in_words(self, joint: str, since: str) -> str:
