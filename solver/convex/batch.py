@@ -85,7 +85,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
             "the Gram matrices overflow", remedy="check the units and magnitudes of the readings"
         )
     scaled, unit = _equilibrate(gram, moment, bounds)
-    sound = np.flatnonzero(np.linalg.eigvalsh(scaled.A)[:, 0] >= LEAST_EIGENVALUE)
+    sound = np.flatnonzero(_well_conditioned(scaled.A))
     x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
     x[sound], active[sound] = _optima(scaled.select(sound))
     certified = np.zeros(len(moment), dtype=np.bool_)
@@ -115,6 +115,18 @@ def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> tuple[
     unit = size / norms
     A = gram / (norms[:, :, None] * norms[:, None, :])
     return _Scaled(A, b / size, bounds.lower / unit, bounds.upper / unit), unit
+
+
+def _well_conditioned(A: FloatArray) -> BoolArray:
+    """Return whether the eigenvalues of Gram matrices (K, n, n) are at least `LEAST_EIGENVALUE`.
+
+    Their diagonals are one at most, so the mean of all eigenvalues but the least is n/(n − 1) at most, and
+    ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: most need no eigenvalues.
+    """
+    n = A.shape[1]
+    sound = np.asarray(np.linalg.det(A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
+    sound[~sound] = np.linalg.eigvalsh(A[~sound])[:, 0] >= LEAST_EIGENVALUE
+    return sound
 
 
 def _optima(problems: _Scaled) -> tuple[FloatArray, Support]:
