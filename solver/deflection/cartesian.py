@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -36,8 +37,8 @@ class CartesianCompliance:
     matrix: FloatArray  #: (B, 6, 6) blocks [m/N, m/(N·m); rad/N, rad/(N·m)]
     #: (B,) whether the load has a potential: a dead moment has none, and leaves C asymmetric
     symmetric: BoolArray
-    #: (B, 6, n) and (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``
-    by_joint: tuple[FloatArray, FloatArray]
+    #: makes the factors L, M (B, 6, n) with ``∂C/∂c_j = L_j M_jᵀ``: maps do not ask for them
+    by_joint: Callable[[], tuple[FloatArray, FloatArray]]
     covariance: FloatArray | None  #: (n, n) covariance of the compliances [(rad/(N·m))²]; None if unknown
 
     @property
@@ -76,7 +77,7 @@ class CartesianCompliance:
         unknown = np.full(len(v), np.nan)
         if self.covariance is None:
             return WorstDirection(worst, v, unknown, unknown)
-        left, right = (factor[:, :3] for factor in self.by_joint)
+        left, right = (factor[:, :3] for factor in self.by_joint())
         slopes = 0.5 * (
             np.einsum("bim,bij,bkj,bk->bmj", vectors, left, right, v)
             + np.einsum("bim,bij,bkj,bk->bmj", vectors, right, left, v)
@@ -91,7 +92,7 @@ class CartesianCompliance:
         """(B,) standard uncertainty of ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
         if self.covariance is None:
             return np.full(len(direction), np.nan)
-        left, right = (np.einsum("bi,bij->bj", direction, factor[:, :3]) for factor in self.by_joint)
+        left, right = (np.einsum("bi,bij->bj", direction, factor[:, :3]) for factor in self.by_joint())
         slope = left * right
         variance: FloatArray = np.einsum("bi,ij,bj->b", slope, self.covariance, slope)
         return np.sqrt(variance)

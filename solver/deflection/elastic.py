@@ -186,7 +186,7 @@ class ElasticDeflection(Deflection):
         nothing = np.zeros((len(self.cases), 6, self.model.robot.n))
         symmetric = np.ones(len(self.cases), dtype=np.bool_)
         return CartesianCompliance(
-            self.places.compliance(self.model.compliances), symmetric, (nothing, nothing), None
+            self.places.compliance(self.model.compliances), symmetric, lambda: (nothing, nothing), None
         )
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:

@@ -134,10 +134,17 @@ class JointModel(ForwardModel):
     def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
         """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
-        stiffness = np.abs(wrench_stiffness(unloaded, jacobian, cases.force, cases.moment))
-        softening = self.compliance * np.einsum("bij->bi", stiffness)  # each row's sum, faster than `sum`
-        turned = np.abs(self.compliance * torque) > LARGEST_TURN
-        return np.asarray(((softening > _SOFTEST) | turned).any(axis=1))
+        turned = np.asarray((np.abs(self.compliance * torque) > LARGEST_TURN).any(axis=1))
+        force, moment = (np.linalg.norm(part, axis=1) for part in (cases.force, cases.moment))
+        lever = np.sqrt(np.square(jacobian).sum(axis=1).max(axis=1))
+        # No entry of K_c is greater than |F| |v| + |M|: far below the limit, there is no need of entries.
+        some = np.flatnonzero(
+            ~turned & (self.compliance.max() * self.robot.n * (force * lever + moment) > _SOFTEST)
+        )
+        axes, loads = unloaded.angular_jacobian[some], (cases.force[some], cases.moment[some])
+        softening = self.compliance * np.abs(wrench_stiffness(axes, jacobian[some], *loads)).sum(axis=2)
+        turned[some] = (softening > _SOFTEST).any(axis=1)
+        return turned
 
     @cached_property
     def _unseen_directions(self) -> FloatArray:
@@ -287,15 +294,18 @@ class JointDeflection(Deflection):
     @property
     def compliance(self) -> CartesianCompliance:
         """Cartesian compliance at the places, in the loaded postures."""
-        # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
-        c, K = self.model.compliance, self.balance.stiffness
-        stiffened = np.eye(self.model.robot.n) + K @ (self.softened * c)
         return CartesianCompliance(
-            matrix=(self._answer * c) @ self.jacobian.transpose(0, 2, 1),
+            matrix=(self._answer * self.model.compliance) @ self.jacobian.transpose(0, 2, 1),
             symmetric=(self.cases.moment == 0.0).all(axis=1),
-            by_joint=(self._answer, self.jacobian @ stiffened.transpose(0, 2, 1)),
+            by_joint=self._compliance_by_joint,
             covariance=None if self.model.likelihood is None else self.model.covariance,
         )
+
+    def _compliance_by_joint(self) -> tuple[FloatArray, FloatArray]:
+        # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
+        more = self.balance.stiffness @ (self.softened * self.model.compliance)
+        stiffened = np.eye(self.model.robot.n) + more
+        return self._answer, self.jacobian @ stiffened.transpose(0, 2, 1)
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return whether the readings determine the joints that answer: see `Deflection`."""

@@ -11,7 +11,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import skew
 
 _STEPS: Final = 20
 """Newton's; three suffice for the loads of machining."""
@@ -93,7 +92,7 @@ def balance(
     for _ in range(_STEPS):
         deflection = loaded.q - unloaded.q
         jacobian, torque = loaded.load(cases.load_point, cases.force, cases.moment)
-        stiffness = wrench_stiffness(loaded, jacobian, cases.force, cases.moment)
+        stiffness = wrench_stiffness(loaded.angular_jacobian, jacobian, cases.force, cases.moment)
         if weight is not None:
             own, own_stiffness = weight.torque_and_stiffness(robot, loaded)
             torque, stiffness = torque + own - rest, stiffness + own_stiffness
@@ -115,12 +114,12 @@ def balance(
 
 
 def wrench_stiffness(
-    configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
+    axes: FloatArray, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
 ) -> FloatArray:
     """Return ``K_c,jk = ∂τ_j/∂θ_k`` of wrenches, as `complementary_stiffness` states it.
 
     Args:
-        configurations: B configurations.
+        axes: (B, 3, n) of the joints, R0.
         load_jacobian: (B, 3, n) J_v at the load points [m/rad].
         force: (B, 3) on the robot, axes of R0 [N].
         moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
@@ -128,13 +127,14 @@ def wrench_stiffness(
     Returns:
         (B, n, n) [N·m/rad].
     """
-    axes = configurations.angular_jacobian
-    by_force = (skew(force) @ axes).transpose(0, 2, 1) @ load_jacobian
-    below = np.tri(axes.shape[2], k=-1, dtype=np.bool_)
-    stiffness: FloatArray = np.where(below, by_force.transpose(0, 2, 1), by_force)
+    axes, v = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
+    by_force = (np.cross(force.T[:, None], axes, axis=0)[:, :, None] * v[:, None]).sum(axis=0)
+    below = np.tri(len(by_force), k=-1, dtype=np.bool_)[..., None]
+    stiffness: FloatArray = np.where(below, by_force.transpose(1, 0, 2), by_force)
     if moment.any():
-        stiffness += below * (axes.transpose(0, 2, 1) @ (skew(moment) @ axes))
-    return stiffness
+        turned = np.cross(moment.T[:, None], axes, axis=0)
+        stiffness += below * (axes[:, :, None] * turned[:, None]).sum(axis=0)
+    return stiffness.transpose(2, 0, 1)
 
 
 def _unstable(slope: FloatArray) -> BoolArray:

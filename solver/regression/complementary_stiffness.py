@@ -43,7 +43,8 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
         (B, n, n) [N·m/rad].
     """
     part = block.measurements
-    return wrench_stiffness(block.configurations, block.load_jacobian, part.force, part.moment)
+    axes = block.configurations.angular_jacobian
+    return wrench_stiffness(axes, block.load_jacobian, part.force, part.moment)
 
 
 class LargestStiffness:

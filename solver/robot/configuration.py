@@ -15,6 +15,9 @@ from jointstiff.solver.robot.model import Robot
 
 _BLOCK: Final = 1024
 """Postures worked on at a time: what a core keeps at hand."""
+# A C library that has freed so much at once reuses what smaller arrays leave. Returned to the system and asked
+# for again, their pages took half of the time.
+np.empty(16 * 1024 * 1024, dtype=np.uint8)
 
 
 class Configurations:
@@ -98,14 +101,14 @@ class Configurations:
         Returns:
             (N, T, 3, n) linear velocities, axes of R0 [m/rad].
         """
-        x, y, z = (points[:, :, i, None] for i in range(3))
-        v = self.jacobian[:, None, :3]
-        wx, wy, wz = (self.jacobian[:, None, i] for i in (3, 4, 5))
-        out = np.empty((*points.shape, self.jacobian.shape[2]))
-        out[:, :, 0] = v[:, :, 0] + wy * z - wz * y
-        out[:, :, 1] = v[:, :, 1] + wz * x - wx * z
-        out[:, :, 2] = v[:, :, 2] + wx * y - wy * x
-        return out
+        x = np.ascontiguousarray(points.transpose(1, 2, 0))[:, :, None]
+        v, w = np.split(self.jacobian.transpose(1, 2, 0), 2)
+        out = np.empty((len(x), 3, *v.shape[1:]))
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            np.multiply(w[j], x[:, k], out=out[:, i])
+            out[:, i] -= w[k] * x[:, j]
+            out[:, i] += v[i]
+        return out.transpose(3, 0, 1, 2)
 
     def load(self, point: FloatArray, force: FloatArray, moment: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what loads do to the joints.
@@ -150,19 +153,17 @@ def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return spatial Jacobians (N, 6, n) and the last joint's placement (N, 3, 3), (N, 3) in R0."""
-    jacobian = np.empty((len(q), 6, robot.n))
-    rotation, translation = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
+    jacobian = np.empty((6, robot.n, len(q)))
+    rotation, translation = np.empty((3, 3, len(q))), np.empty((3, len(q)))
     for block in _blocks(len(q)):
         placed = _placed(robot, q[block])
         x, y, z = placed[:, :, 3].transpose(1, 0, 2)  # origins
         axes = np.einsum("jikn,jk->ijn", placed[:, :, :3], robot.axes)
         ax, ay, az = axes
-        J = jacobian[block]
-        J[:, 0], J[:, 1], J[:, 2] = (y * az - z * ay).T, (z * ax - x * az).T, (x * ay - y * ax).T
-        J[:, 3:] = axes.transpose(2, 0, 1)
-        rotation[block] = placed[-1, :, :3].transpose(2, 0, 1)
-        translation[block] = placed[-1, :, 3].T
-    return jacobian, rotation, translation
+        J = jacobian[..., block]
+        J[0], J[1], J[2], J[3:] = y * az - z * ay, z * ax - x * az, x * ay - y * ax, axes
+        rotation[..., block], translation[..., block] = placed[-1, :, :3], placed[-1, :, 3]
+    return jacobian.transpose(2, 0, 1), rotation.transpose(2, 0, 1), translation.T
 
 
 def _placed(robot: Robot, q: FloatArray) -> FloatArray:
