@@ -95,7 +95,7 @@ _FAR_BELOW = 1e-4
 """The same in standard uncertainties by the residuals: readings without noise are fitted to rounding."""
 _SHRINKS = 1e-3
 """Least factor by which a fit is taken to shrink the change: the ratio of K_c to the joint stiffness."""
-SHIFT_OBSERVATIONS = 2 * BLOCK_LENGTH
+SHIFT_OBSERVATIONS = 4096
 """Number of fits that show the effect of K_c."""
 
 

@@ -75,7 +75,9 @@ class Excitation:
         force = np.linalg.norm(part.force, axis=1)[:, None]
         moment = np.linalg.norm(part.moment, axis=1)[:, None]
         lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
-        motion = np.einsum("btij,btij,bt->bj", jacobian, jacobian, present.astype(float))
+        seen = jacobian if present.all() else jacobian * present[..., None, None]
+        seen = seen.reshape(len(seen), -1, seen.shape[-1])
+        motion = np.einsum("bij,bij->bj", seen, seen)
         if part.encoders is not None:
             motion += part.encoder_lever**2 * part.encoders.present
             self._deflection += float((part.encoder_lever**2 * part.encoders.deflection**2).sum())

@@ -7,6 +7,7 @@ however many observations there are.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -21,7 +22,7 @@ from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.rotations import skew
 
-BLOCK_LENGTH = 2048
+BLOCK_LENGTH = 3072
 """Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _MOST_KEPT = 256
@@ -74,8 +75,15 @@ def regressor_blocks(
     if len(measurements.joints) <= BLOCK_LENGTH:
         yield whole_block(robot, measurements, compliance)
         return
-    for start in range(0, len(measurements), BLOCK_LENGTH):
-        yield _block(robot, measurements[start : start + BLOCK_LENGTH], compliance)
+    before: Future[RegressorBlock] | None = None
+    with ThreadPoolExecutor(1) as ahead:  # one block, while the caller works on the one before
+        for start in range(0, len(measurements), BLOCK_LENGTH):
+            rows = slice(start, start + BLOCK_LENGTH)
+            coming = ahead.submit(lambda rows: _block(robot, measurements[rows], compliance), rows)
+            if before is not None:
+                yield before.result()
+            before = coming
+        yield coming.result()
 
 
 def whole_block(
@@ -150,7 +158,7 @@ def _assembled(
     part: Measurements,
 ) -> RegressorBlock:
     jacobian = part.shown(configurations.jacobian_at(points))
-    A = jacobian * torque[:, None, None]
+    A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
         A[~part.present] = 0.0
     return RegressorBlock(configurations, torque, load_jacobian, points, jacobian, A, part)
