@@ -15,8 +15,8 @@ from jointstiff.solver.robot.model import Robot
 
 _BLOCK: Final = 1024
 """Postures worked on at a time: what a core keeps at hand."""
-# A C library that has freed so much at once reuses what smaller arrays leave. Returned to the system and asked
-# for again, their pages took half of the time.
+# A C library that has freed so much at once reuses what smaller arrays leave. Pages that were returned to the
+# system and asked for again took half of the time.
 np.empty(16 * 1024 * 1024, dtype=np.uint8)
 
 
