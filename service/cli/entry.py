@@ -8,7 +8,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from jointstiff.service.threads import use_one_thread
+from jointstiff.service.threads import collect_rarely, use_one_thread
 
 
 def main() -> None:
@@ -17,6 +17,7 @@ def main() -> None:
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     use_one_thread()
+    collect_rarely()
     from jointstiff.service.cli.app import app  # here, as this is what takes long
 
     if interruptible:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import sys
 
-from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
-from jointstiff.service.workers.supervisor import DATABASE_VARIABLE
-from jointstiff.service.workers.worker import run_worker
+from jointstiff.service.threads import collect_rarely
 
 if __name__ == "__main__":
+    collect_rarely()
+    from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
+    from jointstiff.service.workers.supervisor import DATABASE_VARIABLE
+    from jointstiff.service.workers.worker import run_worker
+
     set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
     run_worker(os.environ[DATABASE_VARIABLE], sys.argv[1], sys.stdin.fileno())

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.certificate import Certificate
@@ -65,8 +65,8 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
     that by which the bounds of the masses raise it.
     """
     outside, loss = fit.reduced.outside, fit.optimum.loss
-    chance = stats.f.sf(loss / rank / (outside / freedom), rank, freedom)
-    if stated is not None and stats.chi2.sf(outside, freedom) < _BEYOND_CHANCE:
+    chance = special.fdtrc(rank, freedom, loss / rank / (outside / freedom))
+    if stated is not None and special.chdtrc(freedom, outside) < _BEYOND_CHANCE:
         factor = float(np.sqrt(outside / freedom))
         yield Reason(
             "residuals_exceed_sigma",
@@ -78,7 +78,7 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
             "sigma",
         )
     elif stated is not None:
-        chance = stats.chi2.sf(loss, rank)
+        chance = special.chdtrc(rank, loss)
     if chance < _BEYOND_CHANCE:
         yield Reason(
             "masses_contradicted",

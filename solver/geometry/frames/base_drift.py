@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import FloatArray
@@ -140,8 +140,8 @@ def find_drift(
         displacement=motion.apply(at) - at,
         displacement_covariance=at_point @ C @ at_point.T,
         rotation=Rotation.from_matrix(motion.rotation).as_rotvec(),
-        probability=float(stats.chi2.sf(gain, 6)),
-        deformation_probability=float(stats.chi2.sf(left @ left, left.size - 6)),
+        probability=float(special.chdtrc(6, gain)),
+        deformation_probability=float(special.chdtrc(left.size - 6, left @ left)),
         residuals=after - motion.apply(before),
         moved_targets=tuple(known[target] for target in _moved_targets(whitened, left)),
         names=known,
@@ -159,6 +159,6 @@ def _moved_targets(whitened: FloatArray, left: FloatArray) -> tuple[int, ...]:
         rows = slice(3 * target, 3 * target + 3)
         free = np.eye(3) - Q[rows] @ Q[rows].T
         gain = float(left[rows] @ np.linalg.lstsq(free, left[rows], rcond=1e-9)[0])
-        if stats.chi2.sf(gain, 3) * count < SIGNIFICANCE:
+        if special.chdtrc(3, gain) * count < SIGNIFICANCE:
             moved.append((gain, target))
     return (max(moved)[1],) if moved else ()

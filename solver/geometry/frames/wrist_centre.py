@@ -19,7 +19,7 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
@@ -90,7 +90,7 @@ def nearest_to_axes(
     miss = WristMiss(
         float(point[farthest]),
         float(np.sqrt(np.trace(V) / len(V))),
-        float(stats.chi2.sf(left @ weight @ left, 2 * WRIST_JOINTS - 3)),
+        float(special.chdtrc(2 * WRIST_JOINTS - 3, left @ weight @ left)),
     )
     return (centre, identified.jacobian_of(nearest) @ identified.influence), miss
 
@@ -241,7 +241,7 @@ def find_wrist_centre(identified: SweptAxes) -> WristCentre:
         U, singular, _ = np.linalg.svd(difference, full_matrices=False)
         seen = singular > 1e-6 * max(singular[0], 1e-300)
         statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
-        probability = float(stats.chi2.sf(statistic, int(seen.sum())))
+        probability = float(special.chdtrc(int(seen.sum()), statistic))
         disagreements.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
     return WristCentre(estimates, combined, tuple(disagreements), miss, posture)
 

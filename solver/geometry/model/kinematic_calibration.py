@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
@@ -150,7 +150,7 @@ def calibrate(
         )
     dof = coordinates - linear.rank
     rss = float(linear.residual @ linear.residual)
-    exceeds = poses.sigma is not None and bool(stats.chi2.sf(rss / poses.sigma**2, dof) < _BEYOND_NOISE)
+    exceeds = poses.sigma is not None and bool(special.chdtrc(dof, rss / poses.sigma**2) < _BEYOND_NOISE)
     sigma = float(np.sqrt(rss / dof)) if poses.sigma is None or exceeds else poses.sigma
     influence = _by_pose(linear, len(poses.angles)) / sigma if exceeds else linear.pseudo_inverse
     unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
@@ -95,7 +95,7 @@ def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
     if more < 1:
         return 1.0
     gain = max(controller.rss - free.rss, 0.0) / more
-    return float(stats.f.sf(gain / (free.rss / free.dof), more, free.dof))
+    return float(special.fdtrc(more, free.dof, gain / (free.rss / free.dof)))
 
 
 def uneven(probability: float) -> bool:
@@ -170,7 +170,7 @@ def _variance(fit: AxisFit) -> list[GeometryFinding]:
         return []
     rms = length_text(float(np.sqrt(fit.rss / fit.dof)))
     sigma = length_text(fit.sigma)
-    if stats.chi2.sf(fit.rss / fit.sigma**2, fit.dof) < _CHI_SQUARE_ALARM:
+    if special.chdtrc(fit.dof, fit.rss / fit.sigma**2) < _CHI_SQUARE_ALARM:
         return [
             GeometryFinding(
                 "residuals_exceed_sigma",
@@ -181,7 +181,7 @@ def _variance(fit: AxisFit) -> list[GeometryFinding]:
                 "correct or omit sigma; poor repeatability of the robot has the same effect",
             )
         ]
-    if stats.chi2.cdf(fit.rss / fit.sigma**2, fit.dof) < _CHI_SQUARE_ALARM:
+    if special.chdtr(fit.dof, fit.rss / fit.sigma**2) < _CHI_SQUARE_ALARM:
         return [
             GeometryFinding(
                 "residuals_below_sigma",

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
@@ -155,7 +155,7 @@ def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
     """
     present = np.concatenate([sweep.present.ravel() for sweep in sweeps.sweeps])
     residuals = residual.reshape(-1, 3)[present]
-    return float(np.median(np.abs(residuals)) / stats.norm.ppf(0.75) * np.sqrt(residuals.size / dof))
+    return float(np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / dof))
 
 
 def _sweep_of_joint(sweeps: SweepSet) -> list[int]:
