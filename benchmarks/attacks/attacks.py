@@ -180,7 +180,7 @@ async def _held(service: Service, manner: _Manner, count: int) -> float:
             writer.transport.pause_reading()  # type: ignore[attr-defined]
         with suppress(OSError):
             writer.write(manner.first)
-            while not done.is_set():
+            while not (done.is_set() or writer.is_closing()):
                 writer.write(manner.drip)
                 with suppress(TimeoutError):
                     await asyncio.wait_for(done.wait(), 1.0)
