@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import shutil
@@ -20,6 +21,7 @@ import pytest
 from support import lanes
 from support.processes import Service
 
+gc.set_threshold(50_000)  # of new objects: Python's own 700 take a tenth of the tests' time
 # Before NumPy is imported: threads of linear algebra in each of several workers wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Certificates, which each client loads for 25 ms and services of ours do not show.

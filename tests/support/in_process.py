@@ -41,6 +41,7 @@ class Client:
 def served(store: Store, protocol: type[BoundedProtocol] = BoundedProtocol) -> Iterator[str]:
     """Serve a store from a thread of this process; yield the address."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `serve` does
         server = uvicorn.Server(
             uvicorn.Config(create_app(store), log_level="critical", http=protocol, ws="none")
         )
