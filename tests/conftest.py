@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
-import itertools
+import hashlib
 import os
 import shutil
 import subprocess
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,40 +38,62 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
-def postgresql_url() -> Iterator[str]:
-    """A PostgreSQL server of our own, reached through a socket in a folder of its own."""
+def postgresql_url(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[str]:
+    """A PostgreSQL server of our own, reached through a socket in a folder of its own.
+
+    All workers of xdist share it: the first makes it, and it ends with the last that uses it.
+    """
     binaries = _postgresql_binaries()
-    folder = Path(tempfile.mkdtemp(prefix="jointstiff-pg-"))
-    if os.geteuid() == 0:  # the server refuses to run as root
-        shutil.chown(folder, "postgres", "postgres")
+    place = tmp_path_factory.getbasetemp()
+    if worker_id != "master":
+        place = place.parent
+    folder = Path(tempfile.gettempdir()) / f"jointstiff-pg-{hashlib.sha256(bytes(place)).hexdigest()[:16]}"
 
     def run(program: str, *arguments: str) -> None:
         command = [str(binaries / program), "-D", str(folder / "data"), *arguments]
-        if os.geteuid() == 0:
+        if os.geteuid() == 0:  # the server refuses to run as root
             command = ["setpriv", "--reuid=postgres", "--regid=postgres", "--init-groups", *command]
         log = folder / "log"
         with log.open("a") as output:  # a file: the server would hold a pipe open
             done = subprocess.run(command, cwd=folder, stdout=output, stderr=output, check=False, timeout=60)
         assert done.returncode == 0, log.read_text()
 
+    users = place / "postgresql-users"
+    with _alone(users):
+        if not folder.exists():
+            folder.mkdir()
+            if os.geteuid() == 0:
+                shutil.chown(folder, "postgres", "postgres")
+            run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync")
+            options = f"-k {folder} -c listen_addresses='' -c lock_timeout=20s -c max_connections=300"
+            run("pg_ctl", "start", "-w", "-o", options)
+        users.write_text(users.read_text() + f"{worker_id}\n")
     try:
-        run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync")
-        run("pg_ctl", "start", "-w", "-o", f"-k {folder} -c listen_addresses='' -c lock_timeout=20s")
-        try:
-            yield f"postgresql://postgres@/postgres?host={folder}"
-        finally:
-            run("pg_ctl", "stop", "-w", "-m", "immediate")
+        yield f"postgresql://postgres@/postgres?host={folder}"
     finally:
-        shutil.rmtree(folder)
+        with _alone(users):
+            left = users.read_text().splitlines()
+            left.remove(worker_id)
+            users.write_text("".join(f"{user}\n" for user in left))
+            if not left:
+                run("pg_ctl", "stop", "-w", "-m", "immediate")
+                shutil.rmtree(folder)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Lock a file, which is made if need be."""
+    with path.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 @pytest.fixture(scope="session")
 def new_postgresql_database(postgresql_url: str) -> Callable[..., str]:
     """Call it for the URL of a fresh, empty database on that server."""
-    numbers = itertools.count(1)
 
     def create(options: str = "") -> str:
-        name = f"test_{next(numbers)}"
+        name = f"test_{uuid.uuid4().hex}"
         with psycopg.connect(postgresql_url, autocommit=True) as connection:
             connection.execute(f"CREATE DATABASE {name} {options}")
         return postgresql_url.replace("/postgres?", f"/{name}?")

@@ -304,12 +304,8 @@ class TestPostgresql:
     ) -> None:
         url = new_postgresql_database()
         with psycopg.connect(url, autocommit=True) as other:
-            other.execute("ALTER ROLE postgres SET timezone = 'Pacific/Chatham'")
-        try:
-            record = RobotRecord("r1", "n", TIME, "h", "{}")
-            with Store.open(url) as store:
-                store.robots.add(record)
-                assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
-        finally:
-            with psycopg.connect(url, autocommit=True) as other:
-                other.execute("ALTER ROLE postgres RESET timezone")
+            other.execute(f"ALTER DATABASE {other.info.dbname} SET timezone = 'Pacific/Chatham'")
+        record = RobotRecord("r1", "n", TIME, "h", "{}")
+        with Store.open(url) as store:
+            store.robots.add(record)
+            assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
