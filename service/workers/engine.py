@@ -47,7 +47,7 @@ _AT_ONCE: Final = {"job": 16, "part": 1}
 """A worker waits for some jobs, and computes one part: work for one processor."""
 _ATTEMPTS: Final = 10_000
 """Times that the engine begins a workflow: it counts every restart, the recovery those without progress."""
-_POLL_SECONDS: Final = {"job": 0.25, "part": 0.1}
+_POLL_SECONDS: Final = {"job": 0.4, "part": 0.2}
 """Between two looks into a queue, each a few milliseconds that the computing has less."""
 _WAIT_SECONDS: Final = 0.2
 """Between two looks at a part that a job waits for."""
@@ -92,7 +92,6 @@ class Engine:
             "serializer": JsonSerializer(),
             "log_level": "CRITICAL",
             "console_log_level": "CRITICAL",
-            "notification_listener_polling_interval_sec": _FIRST_PAUSE,
         }
         DBOS(config=config)
         _register(_Steps(jobs), self.active)
