@@ -77,6 +77,7 @@ def _rich_table(table: Table) -> RichTable:
     rich: RichTable = RichTable(
         title=Text(table.title) if table.title else None,
         caption=Text(table.caption) if table.caption else None,
+        caption_justify="left",
         **layout,
     )
     texts = table.text_columns()

@@ -84,6 +84,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
         title="Readings, in order",
         caption=f"v…: held out, to judge the model. Targets: {', '.join(result.targets)}. "
         f"Load point in the flange frame: {_millimetres(result.load_point)} mm",
+        plain=True,
     )
 
 

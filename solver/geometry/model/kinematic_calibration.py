@@ -180,6 +180,8 @@ def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform |
     """
     _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
     count = int(posture.max()) + 1
+    if count == 1:  # nothing is left to calibrate by
+        return None
     part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
     errors = []
     for fold in range(min(_FOLDS, count)):

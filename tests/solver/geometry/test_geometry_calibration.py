@@ -191,6 +191,8 @@ def test_a_start_may_be_given() -> None:
 def test_too_few_poses_and_another_robot_are_refused() -> None:
     with pytest.raises(NotObservableError, match="27 measured coordinates do not determine 33 unknowns"):
         calibrate(nominal(), poses(Cell(), 1, count=3))
+    with pytest.raises(NotObservableError, match="9 measured coordinates do not determine 33 unknowns"):
+        calibrate(nominal(), poses(Cell(), 1, count=1))
     chain = nominal()
     short = KinematicChain("short", chain.base, chain.joints[4].child, chain.joints[:5])
     with pytest.raises(MeasurementError, match="5 revolute joints"):
