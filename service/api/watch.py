@@ -20,6 +20,7 @@ STALE_SECONDS: Final = 10.0
 """A look that takes longer counts as a database that does not answer."""
 PROOF_SECONDS: Final = 2.0
 """Pause between two proofs that the database can be written."""
+_GOODBYE_SECONDS: Final = 1.0
 STALE_PROOF_SECONDS: Final = 30.0
 """A proof that takes longer counts as a database that cannot be written."""
 
@@ -65,12 +66,17 @@ class Watch:
         self._ended.clear()
         self._seen = self._look()
         self._proved = time.monotonic()
-        threading.Thread(target=self._renew, name="health", daemon=True).start()
-        threading.Thread(target=self._prove_again, name="proof", daemon=True).start()
+        self._threads = [
+            threading.Thread(target=act, daemon=True) for act in (self._renew, self._prove_again)
+        ]
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._ended.set()
+        for thread in self._threads:  # one in the middle of a look would use a store that is closed
+            thread.join(_GOODBYE_SECONDS)
         self._seen = None
 
     def seen(self) -> Seen | None:
