@@ -85,8 +85,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest; leave the slow tests out unless `-m` speaks of them."""
-    items.sort(key=lambda item: ("e2e" not in item.nodeid, item.get_closest_marker("process") is None))
+    """Leave the slow tests out unless `-m` speaks of them."""
     if "slow" in config.option.markexpr:
         return
     slow = [item for item in items if item.get_closest_marker("slow")]
