@@ -37,13 +37,6 @@ ROLES = ("viewer", "operator", "admin")
 KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
 POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
 
-with Store.open("sqlite://") as empty:
-    DOCUMENT = create_app(empty).openapi()
-OPERATIONS = [
-    (method, path, operation["operationId"], operation.get("security"))
-    for path, methods in DOCUMENT["paths"].items()
-    for method, operation in methods.items()
-]
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
 ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable", "authoriseRun"} | {
@@ -80,28 +73,36 @@ def shared():
         yield opened(store)
 
 
-@pytest.mark.parametrize(("method", "path", "name", "security"), OPERATIONS)
-def test_each_role_may_do_what_is_declared_and_no_more(method, path, name, security, shared):
+def operations(openapi):
+    """Method, path, name and security of each operation."""
+    for path, methods in openapi["paths"].items():
+        for method, operation in methods.items():
+            yield method, path, operation["operationId"], operation.get("security")
+
+
+def test_each_role_may_do_what_is_declared_and_no_more(openapi, shared, subtests):
     """What is declared stands in OpenAPI, and is checked here against the rule it should follow."""
-    needed = None if security is None else security[-1]["key"][0]
-    assert needed in {None, "admin"} or security[0] == {}, "a service may demand no key"
-    assert needed != "admin" or len(security) == 1
-    if name in PUBLIC:
-        assert needed is None
-    elif name in ADMINS:
-        assert needed == "admin"
-    else:
-        assert needed == ("viewer" if method == "get" or name in READS_BY_POST else "operator")
-    address = re.sub(r"\{\w+\}", "0" * 10, path)
-    for role in (None, *ROLES):
-        status = shared.request(method.upper(), address, headers=bearer(role)).status_code
-        if needed is None:
-            assert status not in {401, 403}
-        elif role is None:
-            assert status == 401
-        else:
-            assert (status == 403) == (ROLES.index(role) < ROLES.index(needed)), (role, status)
-            assert status != 401
+    for method, path, name, security in operations(openapi):
+        with subtests.test(name):
+            needed = None if security is None else security[-1]["key"][0]
+            assert needed in {None, "admin"} or security[0] == {}, "a service may demand no key"
+            assert needed != "admin" or len(security) == 1
+            if name in PUBLIC:
+                assert needed is None
+            elif name in ADMINS:
+                assert needed == "admin"
+            else:
+                assert needed == ("viewer" if method == "get" or name in READS_BY_POST else "operator")
+            address = re.sub(r"\{\w+\}", "0" * 10, path)
+            for role in (None, *ROLES):
+                status = shared.request(method.upper(), address, headers=bearer(role)).status_code
+                if needed is None:
+                    assert status not in {401, 403}
+                elif role is None:
+                    assert status == 401
+                else:
+                    assert (status == 403) == (ROLES.index(role) < ROLES.index(needed)), (role, status)
+                    assert status != 401
 
 
 @pytest.mark.parametrize("path", ["/v1", "/v1/nothing", "/openapi.json", "/health", "/ready", "/live/"])
@@ -448,6 +449,6 @@ def test_uses_are_noted(client, store):
     assert used["admin's key"] is None
 
 
-def test_operations_are_called_as_openapi_calls_them():
-    names = {name for *_, name, _ in OPERATIONS}
+def test_operations_are_called_as_openapi_calls_them(openapi):
+    names = {name for *_, name, _ in operations(openapi)}
     assert {operation_id(route) for route in health.router.routes} - {"getIndex"} <= names
