@@ -24,6 +24,7 @@ METHOD_NAMES: Final = {
     "decoupled_partial_pose": "decoupled partial pose",
 }
 _NARROWEST = 80
+_FEW_COLUMNS: Final = 6  # of a table without lines; with more, units stand in a second line of the head
 _STYLES: Final = {
     "": "",
     "title": "bold",
@@ -83,8 +84,9 @@ def _rich_table(table: Table) -> RichTable:
     texts = table.text_columns()
     for place, header in enumerate(table.head()):
         widest = None if table.upright else table.columns[place].widest
+        many = table.plain and len(table.columns) > _FEW_COLUMNS
         rich.add_column(
-            Text(header),
+            Text(header.replace(" [", "\n[") if many else header),
             justify="left" if place in texts else "right",
             overflow="fold",
             max_width=widest,
