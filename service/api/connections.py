@@ -53,7 +53,7 @@ class BoundedProtocol(H11Protocol):
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # bytes of all bodies that are received or worked on
     ANSWER_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all answers of more than `PIECE_BYTES` under way
     PIECE_BYTES: ClassVar[int] = 64 * 1024  # bytes of an answer that wait for the client at a time
-    # open at once; the one that was silent for longest makes room for a new one
+    # open at once; the one that was silent or lags for longest makes room for a new one
     CONNECTIONS: ClassVar[int] = connection_limit()
 
     @classmethod
@@ -105,10 +105,12 @@ class BoundedProtocol(H11Protocol):
         return self.conn.their_state is h11.IDLE and self.conn.our_state is h11.IDLE
 
     def silence(self) -> float:
-        """Return how long the client has sent no request, or taken nothing of an answer [s]."""
+        """Return how long the client sent no request, lags with a body, or took nothing of an answer [s]."""
         now = self.loop.time()
         if self.awaits_header:
             return now - self._since
+        if self.conn.their_state is h11.SEND_BODY:
+            return now - self._since - self._received / self.BODY_RATE
         left = self.transport.get_write_buffer_size()
         stalled = now - self._written_at if left and self._handed - left <= self._taken else 0.0
         return stalled if stalled >= self.LOOK_SECONDS else 0.0  # one that reads is not seen to between looks

@@ -179,6 +179,20 @@ def test_the_oldest_silent_connection_makes_room(serve, connect):
     assert ended(connections[-1]).startswith(b"HTTP/1.1 204")
 
 
+def test_the_body_that_lags_most_makes_room(serve, connect):
+    """Clients that drip a body each send something all the time."""
+    url = serve(CONNECTIONS=3, BODY_RATE=64 * 1024)
+    dripping = [connect(url) for _ in range(3)]
+    for connection in dripping:
+        connection.sendall(BODY)
+        time.sleep(0.2)
+    assert httpx2.get(f"{url}/live").status_code == 204
+    assert ended(dripping[0]) == b""
+    for connection in dripping[1:]:
+        connection.sendall(b" ")
+        assert not select.select([connection], [], [], 0.2)[0]
+
+
 def test_one_that_does_not_read_makes_room(serve, connect):
     url = serve(CONNECTIONS=2, LOOK_SECONDS=0.05)
     for _ in range(2):
