@@ -66,6 +66,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
             lambda: posts_at_once("PostgreSQL", server(), count),
             lambda: queue_full(queues, count),
             lambda: _threads(database, 10 if quick else 100),
+            lambda: _at_once(database, 10 if quick else 1),
             _elsewhere,
         ]
         return [attacks[number]() for number in part.of(len(attacks))]
@@ -169,6 +170,45 @@ def _connections(database: str, count: int) -> Section:
         figures=tuple(figures),
         notes=("a dripping body may take 30 s and 1 s for each 64 kB that came",),
     )
+
+
+def _at_once(database: str, fewer: int) -> Section:
+    """Slow readers, silent connections and large bodies together: the memory that they cost."""
+    manners = {manner.name: manner for manner in _MANNERS}
+    counts = {"slow reader": 300 // fewer, "silent": _CLIENTS // fewer}
+    with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=120) as client:
+        path, body, _ = _loads(client)["4 × largest legal set"]
+        idle, peak, done = _memory(service), 0.0, threading.Event()
+
+        def look() -> None:
+            nonlocal peak
+            while not done.wait(0.1):
+                peak = max(peak, _memory(service))
+
+        with _asking(service.port) as seconds, ThreadPoolExecutor(4) as pool:
+            pool.submit(look)
+            held = [pool.submit(asyncio.run, _held(service, manners[each], counts[each])) for each in counts]
+            posted = _repeated(service.url + path, body, 64 // fewer, 20.0)
+            for each in held:
+                each.result()
+            done.set()
+    p95 = float(np.percentile(seconds, 95))
+    what = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent, {64 // fewer} large bodies"
+    return Section(
+        title=what,
+        columns=("bodies posted", "memory idle", "peak", "/health and /ready p95"),
+        rows=((f"{posted}", f"{idle:.0f} MB", f"{peak:.0f} MB", f"{1e3 * p95:.0f} ms of {len(seconds)}"),),
+        figures=(
+            Figure(f"{what}: memory above idle", peak - idle, "at most", 150.0, " MB"),
+            Figure(f"{what}: /health and /ready p95", p95, "at most", 0.05, " s"),
+        ),
+    )
+
+
+def _memory(service: Service) -> float:
+    """Resident memory of the service's process [MB]."""
+    status = Path(f"/proc/{service.process.pid}/status").read_text(encoding="ascii")
+    return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
 
 
 async def _held(service: Service, manner: _Manner, count: int) -> float:

@@ -99,6 +99,11 @@ class BoundedProtocol(H11Protocol):
             max(silent, key=BoundedProtocol.silence, default=self).transport.abort()
         self.loop.call_later(self.LOOK_SECONDS, self._look)
 
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Let go of what was received: a reference to itself would keep it until garbage is collected."""
+        super().connection_lost(exc)
+        self.app = self._application
+
     @property
     def awaits_header(self) -> bool:
         """Return whether no request is under way."""
