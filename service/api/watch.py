@@ -20,9 +20,10 @@ STALE_SECONDS: Final = 10.0
 """A look that takes longer counts as a database that does not answer."""
 PROOF_SECONDS: Final = 2.0
 """Pause between two proofs that the database can be written."""
-_GOODBYE_SECONDS: Final = 1.0
 STALE_PROOF_SECONDS: Final = 30.0
 """A proof that takes longer counts as a database that cannot be written."""
+_GOODBYE_SECONDS: Final = 1.0
+"""For a look or proof under way at the end."""
 
 _logger = logging.getLogger(__name__)
 

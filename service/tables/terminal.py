@@ -82,9 +82,9 @@ def _rich_table(table: Table) -> RichTable:
         **layout,
     )
     texts = table.text_columns()
+    many = table.plain and len(table.columns) > _FEW_COLUMNS
     for place, header in enumerate(table.head()):
         widest = None if table.upright else table.columns[place].widest
-        many = table.plain and len(table.columns) > _FEW_COLUMNS
         rich.add_column(
             Text(header.replace(" [", "\n[") if many else header),
             justify="left" if place in texts else "right",

@@ -20,11 +20,7 @@ from scipy import optimize, special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import (
-    BLOCK_LENGTH,
-    unloaded_block,
-    unloaded_configurations,
-)
+from jointstiff.solver.regression.regressor import unloaded_block, unloaded_configurations
 from jointstiff.solver.regression.stage_rows import target_readings
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -51,7 +47,7 @@ _OBSERVATIONS: Final = 60
 _SCREENED: Final = 3
 """Number of coordinates for each joint in the observations that select the alternatives to examine."""
 _MOST_TARGETS: Final = 8
-_READINGS: Final = 12 * BLOCK_LENGTH
+_READINGS: Final = 24_576
 """Maximum number of readings computed: with many joints fewer observations are compared."""
 _LEAST_FREEDOM: Final = 3
 _NULL: Final = 1e-9

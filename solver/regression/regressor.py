@@ -78,8 +78,7 @@ def regressor_blocks(
     before: Future[RegressorBlock] | None = None
     with ThreadPoolExecutor(1) as ahead:  # one block, while the caller works on the one before
         for start in range(0, len(measurements), BLOCK_LENGTH):
-            rows = slice(start, start + BLOCK_LENGTH)
-            coming = ahead.submit(lambda rows: _block(robot, measurements[rows], compliance), rows)
+            coming = ahead.submit(_block, robot, measurements[start : start + BLOCK_LENGTH], compliance)
             if before is not None:
                 yield before.result()
             before = coming
