@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
+    from jointstiff.solver.estimate import identify
     from jointstiff.solver.fitting.settings import Settings
     from jointstiff.solver.geometry.sweeps.pose_fit import Poses
-    from jointstiff.solver.identification import identify
     from jointstiff.solver.inference.estimate import Estimate
     from jointstiff.solver.inference.prediction import predict
     from jointstiff.solver.readings.measurements import Measurements

@@ -10,7 +10,7 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library import in_process
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
 
 __all__ = ["run"]
 

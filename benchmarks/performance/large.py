@@ -14,7 +14,7 @@ from benchmarks.performance.peers import (
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.inference.estimate import Estimate
 
 __all__ = ["run"]

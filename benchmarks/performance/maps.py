@@ -19,7 +19,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
 from jointstiff.solver.deflection.maps import map_places, map_postures
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.campaigns import default_settings, large_campaign
 from benchmarks.report import Figure, Section
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["run"]

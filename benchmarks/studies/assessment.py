@@ -26,8 +26,8 @@ from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.alternatives import better_alternative
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate

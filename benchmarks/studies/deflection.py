@@ -20,8 +20,8 @@ from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import leave_postures_out
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

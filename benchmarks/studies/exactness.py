@@ -15,7 +15,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
 from jointstiff.solver.convex.solution import Solution, solve, solve_step
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.triangle import triangle_of
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (
     MOST_ACTIVE,
@@ -102,10 +102,9 @@ def _outcome(problem: Problem, solver: Callable[[IdentificationProblem], Solutio
     """Solve as identify does, compression included, and exactly."""
     exact = exact_nnls(problem.A, problem.b)
     active = sum(value == 0 for value in exact)
-    rows = Compression(len(exact) + 1)
-    rows.add(np.column_stack([problem.A, problem.b]))
+    R = triangle_of(np.column_stack([problem.A, problem.b]))
     try:
-        solution = solver(IdentificationProblem(rows.matrix, rows.rhs, Bounds.positive(len(exact))))
+        solution = solver(IdentificationProblem(R[:, :-1], R[:, -1], Bounds.positive(len(exact))))
     except SolverError:
         return Outcome(None, float("nan"), same_support=False, active=active)
     errors, same = _errors(problem, solution.compliance, exact)

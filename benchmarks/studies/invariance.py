@@ -16,10 +16,12 @@ from benchmarks.report import Figure, Section
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import LOAD_POINT, SpringArm
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.fitting.method import fit_displacement
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.pose import fit_displacement
-from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks
-from jointstiff.solver.regression.stage_rows import Stage, pose_readings
+from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.term import whitened_rows
 
 __all__ = ["View", "complete_pose", "run", "views"]
 
@@ -102,16 +104,24 @@ def complete_pose(view: View, length: float | None) -> tuple[FloatArray, FloatAr
         length: characteristic length, in the view's unit; None to weight by covariance.
     """
     robot = default_robot(view.arm)
-    weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
-    stage = Stage(robot.n, weight)
-    for block in regressor_blocks(robot, view.measurements):
-        stage.add(pose_readings(block, fit_displacement(block, _reference(view, block))))
-    R = stage.rows.matrix
-    unit = 1.0 / np.linalg.norm(R, axis=0)
-    inverse = unit[:, None] * np.linalg.pinv(R * unit)
+    (block,) = regressor_blocks(robot, view.measurements)
+    Q, R, barycentre = fit_displacement(block)
+    # The displacement of the reference point and the rotation: E R⁻¹ Qᵀ of the whitened readings
+    E = np.tile(np.eye(6), (len(Q), 1, 1))
+    E[:, :3, 3:] = -skew(_reference(view, block, barycentre) - barycentre)
+    half = E @ np.linalg.inv(R)
+    W = np.linalg.inv(np.linalg.cholesky(half @ half.transpose(0, 2, 1)))
+    if length is not None:
+        W = np.broadcast_to(np.diag(np.repeat([1.0 / length, 1.0], 3)), W.shape)
+    targets = whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(len(Q), -1, robot.n + 1)
+    maps = W @ half @ Q.transpose(0, 2, 1)
+    rows = (maps @ targets).reshape(-1, robot.n + 1)
+    unit = 1.0 / np.linalg.norm(rows[:, :-1], axis=0)
+    inverse = unit[:, None] * np.linalg.pinv(rows[:, :-1] * unit)
+    of_readings = inverse.reshape(robot.n, len(Q), 6).transpose(1, 0, 2) @ maps
+    variance = np.square(of_readings).sum(axis=(0, 2))
     sigma = view.measurements.sigma or np.nan
-    uncertainty = sigma * np.sqrt(np.diag(stage.covariance(np.arange(robot.n), inverse)))
-    return inverse @ stage.rows.rhs / view.unit, uncertainty / view.unit
+    return inverse @ rows[:, -1] / view.unit, sigma * np.sqrt(variance) / view.unit
 
 
 def _both(view: View) -> tuple[FloatArray, FloatArray]:
@@ -122,14 +132,14 @@ def _change(compliance: FloatArray, nominal: FloatArray) -> float:
     return float(np.abs(compliance / nominal - 1.0).max())
 
 
-def _reference(view: View, block: RegressorBlock) -> FloatArray | None:
+def _reference(view: View, block: RegressorBlock, barycentre: FloatArray) -> FloatArray:
     count = len(block.torque)
     points: Mapping[str, FloatArray] = {
         "flange": block.configurations.flange_translation,
         "load": block.configurations.to_base(np.broadcast_to(LOAD_POINT, (count, 1, 3)))[:, 0],
         "base": np.zeros((count, 3)),
     }
-    return None if view.reference is None else points[view.reference]
+    return barycentre if view.reference is None else points[view.reference]
 
 
 def _in_inches(view: View) -> View:

@@ -131,9 +131,9 @@ def _best_loss(
 
 def _compensation(robot: Robot, measurements: Measurements, compliances: FloatArray) -> float:
     residual, moved = [], []
-    for block in elastic_blocks(robot, measurements, COLUMNS):
-        part = block.base.measurements
-        left = np.linalg.norm(part.deflection - block.rows @ compliances, axis=-1)
+    for block, rows in elastic_blocks(robot, measurements, COLUMNS):
+        part = block.measurements
+        left = np.linalg.norm(rows[..., -1] - rows[..., :-1] @ compliances, axis=-1)
         residual.append(left[part.present])
         moved.append(np.linalg.norm(part.deflection, axis=-1)[part.present])
     return float(1.0 - np.concatenate(residual).mean() / np.concatenate(moved).mean())
@@ -201,9 +201,7 @@ def _noise_floor(*, quick: bool) -> Section:
     for name in MODELS:
         compliances = _chosen(robot, fitted, folds, ElasticModel(name, COLUMNS), plan)
         blocks = elastic_blocks(robot, held_out, COLUMNS)
-        residual = np.concatenate(
-            [block.base.measurements.deflection - block.rows @ compliances for block in blocks]
-        )
+        residual = np.concatenate([rows[..., -1] - rows[..., :-1] @ compliances for _, rows in blocks])
         floors[name] = float(np.sqrt(np.square(residual).mean() / 2.0) / SIGMA)
     return Section(
         title=f"Simulated arm whose links bend: {count} configurations fitted, {count} held out",
@@ -250,7 +248,7 @@ def random_problem(seed: int) -> tuple[Robot, Measurements, ElasticModel, float]
         half = rng.standard_normal((6, rng.integers(0, 7))) * np.repeat([1.0, 0.5], 3)[:, None]
         truth[columns.link(joint)] = 10.0 ** rng.uniform(-10.0, -6.5) * to_vector(half @ half.T)
     blocks = elastic_blocks(robot, measurements, columns)
-    exact = np.concatenate([block.rows @ truth for block in blocks])
+    exact = np.concatenate([rows[..., :-1] @ truth for _, rows in blocks])
     sigma = 10.0 ** rng.uniform(-6.0, -3.5)
     readings = replace(
         measurements,
@@ -425,9 +423,6 @@ def _stacked_errors(
 
 def _stacked(robot: Robot, measurements: Measurements) -> FloatArray:
     """Rows [A d] / √2: equal, isotropic targets."""
-    blocks = [
-        np.concatenate([block.rows, block.base.measurements.deflection[..., None]], axis=-1)
-        for block in elastic_blocks(robot, measurements, COLUMNS)
-    ]
+    blocks = [rows for _, rows in elastic_blocks(robot, measurements, COLUMNS)]
     stacked: FloatArray = np.concatenate(blocks).reshape(-1, COLUMNS.width + 1) / np.sqrt(2.0)
     return stacked

@@ -17,8 +17,8 @@ from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.design.campaign_plan import plan_campaign
 from jointstiff.solver.design.experiment import Equipment, Loads, drawn_postures
 from jointstiff.solver.design.pool import PlanRequest
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify
 from jointstiff.solver.links.cross_validation import Folds, Plan, chosen_weight, fit_fold, refined
 from jointstiff.solver.links.estimation import first_certified
 from jointstiff.solver.links.model import ElasticModel
@@ -207,5 +207,6 @@ class _Beams:
         first = chosen_weight(np.array([fit.error for fit in fits]), plan.rule)
         found = first_certified(robot, measured, folds, _MODEL, plan.weights[first:])
         held_out = self._read(*self._random(200, 74), 0.0)
-        predicted = [block.rows @ found.entries for block in elastic_blocks(robot, held_out, _COLUMNS)]
+        rows = [rows for _, rows in elastic_blocks(robot, held_out, _COLUMNS)]
+        predicted = [part[..., :-1] @ found.entries for part in rows]
         return float(np.sqrt(np.square(np.concatenate(predicted) - held_out.deflection).sum(axis=2).mean()))

@@ -12,8 +12,8 @@ from benchmarks.designs import Design
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Method, Settings
-from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot

@@ -26,10 +26,10 @@ from jointstiff.solver.links.estimate import Companion, ElasticEstimate
 from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.rotations import rotation_vector, skew
+from jointstiff.solver.triangle import whitened
 
 _SHARE_OF_TRACE: Final = 0.5
 """Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held
@@ -251,8 +251,7 @@ def folds_left_out(robot: Robot, measurements: Measurements, elastic: ElasticEst
         half = np.zeros((len(rows), 3, 1))
         if model.root is not None and sigma is not None:
             half = rows[..., model.kept] @ model.root
-            whitened = whitener(sigma**2 * covariance[indices][part.present]) @ half
-            known = whitened.reshape(-1, half.shape[-1])
+            known = whitened(sigma**2 * covariance[indices][part.present], half).reshape(-1, half.shape[-1])
             factor = np.linalg.cholesky(np.eye(half.shape[-1]) - known.T @ known)
             half = half @ np.linalg.inv(factor).T
         residuals.append(residual)

@@ -15,7 +15,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting.scale import student_quantile
+from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 

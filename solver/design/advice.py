@@ -23,7 +23,7 @@ from jointstiff.solver.design.experiment import (
     within_limits,
 )
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

@@ -9,12 +9,15 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links.regressor import elastic_rows_of
 from jointstiff.solver.readings.measurements import Measurements, shown_along
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument
-from jointstiff.solver.regression.regressor import regressor_blocks, whitener
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.links import links_behind
+from jointstiff.solver.terms.term import whitened_rows as term_rows
+from jointstiff.solver.triangle import whitened
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 
@@ -119,11 +122,9 @@ def whitened_rows(robot: Robot, measurements: Measurements, *, links: bool) -> F
     Returns:
         (N, 3 T, P).
     """
-    if links:
-        blocks = elastic_rows_of(robot, measurements)
-    else:
-        blocks = ((block.A, block.measurements.covariance) for block in regressor_blocks(robot, measurements))
-    parts = [whitener(covariance) @ A for A, covariance in blocks]
+    terms = [JOINTS, links_behind(tuple(range(robot.n)))] if links else [JOINTS]
+    blocks = regressor_blocks(robot, measurements)
+    parts = [term_rows(block, terms, np.zeros(robot.n)).targets[..., :-1] for block in blocks]
     rows = np.concatenate(parts)
     return rows.reshape(len(rows), -1, rows.shape[-1])
 
@@ -146,7 +147,7 @@ class Motion:
         if covariance is None:
             covariance = equipment.measurements(robot, joints, np.zeros((count, 3))).covariance
         direction = None if along is None else np.broadcast_to(along, targets.shape)
-        jacobian = whitener(covariance) @ shown_along(direction, now.jacobian_at(now.to_base(targets)))
+        jacobian = whitened(covariance, shown_along(direction, now.jacobian_at(now.to_base(targets))))
         return cls(
             now.jacobian_at(now.to_base(load_point))[:, 0],
             jacobian.reshape(count, 3 * len(equipment.targets), robot.n),

@@ -1,16 +1,32 @@
-"""Outcome of a method before sigma is known, and its likelihood: a quadratic form, whatever the method."""
+"""Fit of a method: its stages, solved one after the other, and their likelihood (method.md §4-§6)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final, Literal
 
 import numpy as np
+from scipy import special
+from scipy.linalg import block_diag
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.certificate import Certificate
-from jointstiff.solver.observability.combination import Combination
-from jointstiff.solver.observability.identifiability import Identifiability
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import IdentificationProblem
+from jointstiff.solver.convex.solution import Solution, solve
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting.method import MethodTriangles
+from jointstiff.solver.fitting.settings import PriorRows
+from jointstiff.solver.observability import Combination, Identifiability, Spectrum, analyse
+from jointstiff.solver.triangle import Triangle
+
+SIGMA_TEST_LEVEL: Final = 0.01
+"""Significance level: share of campaigns whose stated sigma is rejected although model and sigma are
+right."""
+
+_LEAST_FREEDOM = 0.5
+"""Least degrees of freedom; they are integers, or nearly, for every method."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,3 +122,243 @@ class Fit:
             covariance=self.covariance + responses @ responses.T,
             likelihood=self.likelihood.with_common(responses[self.likelihood.joints]),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class StageFit:
+    """One stage solved."""
+
+    joints: IndexArray  #: (p,) joints of its columns
+    spectrum: Spectrum  #: spectrum of its rows, with those of the prior
+    analysis: Identifiability  #: analysis of its rows, the readings' alone
+    undetermined: tuple[Combination, ...]  #: what neither readings nor prior tell apart
+    parameters: float  #: how many the readings were asked for
+    prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
+    solution: Solution  #: under the constraints
+    tied: BoolArray  #: (p,) whether an order holds it
+
+    @classmethod
+    def of(
+        cls,
+        R: FloatArray,
+        z: FloatArray,
+        joints: IndexArray,
+        constraints: Constraints,
+        prior: PriorRows | None,
+        n: int,
+    ) -> StageFit:
+        """Solve ``‖R c − z‖²`` for p of n joints, on which the constraints are."""
+        readings = spectrum = Spectrum(R)
+        analysis = analyse(readings, joints, n)
+        undetermined, parameters, known = analysis.combinations, float(readings.rank), np.zeros(0)
+        if prior is not None:
+            rows, known = prior.select(joints)
+            spectrum = Spectrum(np.vstack([R, rows]))
+            undetermined = analyse(spectrum, joints, n).combinations
+            parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
+        solution = solve(
+            IdentificationProblem(
+                spectrum.determined,
+                np.concatenate([z, known]),
+                constraints.bounds,
+                constraints.inequalities,
+            )
+        )
+        tied = np.zeros(len(joints), dtype=np.bool_)
+        if solution.tight is not None:
+            level = constraints.level(solution.compliance, solution.tight)
+            solution = replace(solution, compliance=level)
+            tied[np.array(constraints.order)[solution.tight].ravel()] = True
+        return cls(joints, spectrum, analysis, undetermined, parameters, known, solution, tied)
+
+    def unconstrained(self, z: FloatArray) -> FloatArray:
+        """(p,) the estimate without constraints of readings z (m,); where it is not unique, one of them."""
+        estimate: FloatArray = self.spectrum.inverse @ np.concatenate([z, self.prior])
+        return estimate
+
+
+def fit_method(
+    triangles: MethodTriangles, null: BoolArray, constraints: Constraints, prior: PriorRows | None = None
+) -> Fit:
+    """Solve the stages of a method, leaving out the null columns.
+
+    To a later stage the compliances of an earlier one are known: an order between a joint of the arm and one
+    of the wrist is a constraint on both to the likelihood, but here a bound on the wrist alone.
+
+    Args:
+        triangles: of all observations.
+        null: (n,) joints that the readings do not see.
+        constraints: on all n compliances.
+        prior: of the n compliances, in units of sigma; with weighting by covariance only.
+
+    Raises:
+        RequestError: if such a bound leaves a wrist joint no room.
+        UnsupportedMethodError: if the wrist centre does not show an arm joint that the targets see, or
+            determines arm joints only in combination, so that the arm's share of the targets' deflection is
+            unknown.
+    """
+    n, method = len(null), triangles.method
+    compliance, free = np.zeros(n), np.zeros(n)
+    fits: dict[int, StageFit] = {}
+    if len(method.stages) > 1:
+        _refuse_unseen_from_centre(triangles, null)
+    for number, (stage, triangle) in enumerate(zip(method.stages, triangles.stages, strict=True)):
+        joints, known = stage.joints[~null[stage.joints]], stage.known[~null[stage.known]]
+        if not len(joints):
+            continue
+        R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
+        remaining = constraints.given(known, compliance[known], joints)
+        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior, n)
+        if fitted.undetermined and stage is not method.stages[-1]:
+            combined = sorted(j for group in fitted.undetermined for j in group.joints)
+            raise UnsupportedMethodError(
+                "the displacement of the wrist centre determines only a combination of "
+                f"{', '.join(method.joint_names[j] for j in combined)}, so the arm's share of the deflection "
+                "is unknown",
+                where="method",
+                remedy="use method partial_pose, or add postures and load directions",
+            )
+        compliance[joints] = free[joints] = fitted.solution.compliance
+        if fitted.solution.constrained or (free[known] != compliance[known]).any():
+            free[joints] = fitted.unconstrained(z - by_known @ free[known])
+        fits[number] = fitted
+    return _combined(triangles, fits, compliance, free)
+
+
+def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> None:
+    arm, names = triangles.method.stages[0].joints, triangles.method.joint_names
+    unseen = [j for j in arm[triangles.seen_from_centre.observability().null[arm]] if not null[j]]
+    if unseen:
+        raise UnsupportedMethodError(
+            f"the wrist centre does not move when {', '.join(names[j] for j in unseen)} turns, so "
+            "its displacement does not show the compliance of that joint",
+            where="method",
+            remedy="use method partial_pose",
+        )
+
+
+def _combined(
+    triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, centre: FloatArray
+) -> Fit:
+    """Put the stages together."""
+    stages = list(fits.values())
+    active, tied = np.zeros(len(centre), dtype=np.int8), np.zeros(len(centre), dtype=np.bool_)
+    for stage in stages:
+        tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
+    joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
+    covariance = _covariance(triangles, fits)
+    part = covariance[np.ix_(joints, joints)]
+    undetermined = tuple(group for stage in stages for group in stage.undetermined)
+    rows = None
+    if len(triangles.stages) == 1 and triangles.spreads is None and stages:
+        rows = stages[0].spectrum.determined
+    elif undetermined:
+        seen = block_diag(*(stage.spectrum.seen for stage in stages))
+        rows = rows_of(seen @ part @ seen.T) @ seen
+    return Fit(
+        compliance,
+        active,
+        tied,
+        covariance,
+        Likelihood(joints, centre[joints], part, rows),
+        sum(stage.parameters for stage in stages),
+        undetermined,
+        tuple(stage.analysis for stage in stages),
+        tuple(stage.solution.certificate for stage in stages),
+    )
+
+
+def _covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
+    """Return the exact covariance (n, n) of all stages: ĉ = H d, hence H Σ Hᵀ (method.md §4).
+
+    With ĉ_w = L (d − A_a ĉ_a) it is, for the wrist, L Σ Lᵀ less the correlation of the two stages, plus
+    L A_a cov(ĉ_a) (L A_a)ᵀ.
+    """
+    n = len(triangles.cross)
+    covariance = np.zeros((n, n))
+    for number, stage in fits.items():
+        half = stage.spectrum.inverse
+        if triangles.spreads is not None:
+            half = half @ half.T @ triangles.spreads[number].matrix[:, stage.joints].T
+        covariance[np.ix_(stage.joints, stage.joints)] = half @ half.T
+    if len(fits) > 1:
+        arm, wrist = fits.values()
+        inverse = wrist.spectrum.inverse
+        rows = triangles.stages[1].matrix[:, arm.joints]
+        leak = inverse[:, : len(rows)] @ rows  # L A_a; what a prior says of the wrist leaks nothing
+        shared = (inverse @ inverse.T) @ triangles.cross[np.ix_(wrist.joints, arm.joints)]
+        shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
+        of_arm = covariance[np.ix_(arm.joints, arm.joints)]
+        both = shared @ leak.T
+        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ of_arm @ leak.T - both - both.T
+        covariance[np.ix_(wrist.joints, arm.joints)] = shared - leak @ of_arm
+        covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
+    return covariance
+
+
+def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
+    """Return the quantile in standard uncertainties: Student's, or the normal one for None."""
+    if degrees_of_freedom is None:
+        return float(special.ndtri(probability))
+    return float(special.stdtrit(degrees_of_freedom, probability))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Sigma and the residuals under it."""
+
+    #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
+    #: no degrees of freedom to estimate it from
+    sigma: float | None
+    given: bool  #: whether it was stated with the readings
+    chi_square: float  #: chi square of the targets' residuals, under sigma
+    degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
+
+    def quantile(self, probability: float) -> float:
+        """Return the quantile in standard uncertainties: normal, or Student's where sigma is estimated."""
+        return student_quantile(probability, None if self.given else self.degrees_of_freedom)
+
+
+@dataclass(frozen=True)
+class SigmaTest:
+    """Two-sided chi-square test of a stated sigma against the residuals."""
+
+    p_value: float  #: probability of residuals as unlikely as these, were model and sigma right
+    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"]  #: at `SIGMA_TEST_LEVEL`
+
+
+def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
+    """Chi-square of the targets' residuals, its degrees of freedom, and sigma.
+
+    For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``; for weighted least
+    squares that is rows − p. It lets the three methods be judged on the same readings. Where a prior takes
+    part, p is the number of parameters that the readings were asked for, and the expectation is over it.
+
+    Args:
+        fit: outcome of a method.
+        readings: compressed rows of all readings, whitened in units of sigma.
+        sigma: as stated with the readings [m], or None.
+    """
+    R = readings.matrix
+    squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
+    information = float(np.sum((R @ fit.covariance) * R))
+    freedom = readings.rows - 2 * fit.parameters + information
+    freedom = 0.0 if freedom < _LEAST_FREEDOM else freedom
+    if sigma is not None:
+        with np.errstate(all="ignore"):  # an overflow is refused later, with its remedy
+            chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)
+        return Scale(sigma, True, chi_square, freedom)
+    if freedom < _LEAST_FREEDOM:
+        return Scale(None, False, 0.0, freedom)
+    return Scale(float(np.sqrt(squares / freedom)), False, freedom, freedom)
+
+
+def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
+    """Test a stated sigma; None where there are no degrees of freedom."""
+    if degrees_of_freedom < _LEAST_FREEDOM:
+        return None
+    tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
+    p_value = min(1.0, 2.0 * float(min(tails)))
+    if p_value >= SIGMA_TEST_LEVEL:
+        return SigmaTest(p_value, "consistent")
+    return SigmaTest(p_value, "residuals_too_large" if tails[1] < tails[0] else "residuals_too_small")

@@ -28,11 +28,13 @@ from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import IdentificationProblem
 from jointstiff.solver.convex.solution import huber_point, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting.prior import Prior
-from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.fitting.settings import Prior
+from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.stage_rows import TargetRows
+from jointstiff.solver.terms.block import RegressorBlock
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.term import whitened_rows
+from jointstiff.solver.triangle import Triangle, triangle_of
 
 DEFAULT_THRESHOLD = 2.8
 """Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three
@@ -55,6 +57,52 @@ MOST_STATED = 500
 """Number of targets up to which Huber's problem is solved as stated: 12 ms for 100, about 40 ms for these."""
 _NO_DESCENT = 1e-12
 """Relative increase of the objective that counts as rounding."""
+
+
+class TargetRows:
+    """Whitened rows of all targets, one by one: 24 (n + 1) bytes a reading."""
+
+    def __init__(self, parameters: int) -> None:
+        """Start without observations."""
+        self._rows: list[FloatArray] = []
+        self._present: list[BoolArray] = []
+        self.squared = Triangle(joints=parameters)
+        """Rows of squared loss: those of the encoders."""
+
+    def add(self, block: RegressorBlock) -> None:
+        """Take in a block of observations."""
+        rows = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        self._rows.append(rows.targets[block.measurements.present])
+        self._present.append(block.measurements.present)
+        if rows.encoders is not None:
+            self.squared.add(rows.encoders)
+
+    @property
+    def rows(self) -> FloatArray:
+        """(K, 3, n + 1) [A d] of the K readings, in units of sigma."""
+        return np.concatenate(self._rows)
+
+    @property
+    def present(self) -> BoolArray:
+        """(N, T) which targets were read: where the K readings belong."""
+        return np.concatenate(self._present)
+
+    def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
+        """Chi-square of an estimate, each target's residual cut at the threshold so that none decides it.
+
+        ``Σ min(‖r‖/σ, k)² / b``, with ``3 b = E[min(t, k)²]`` and t the norm of three standard normal
+        coordinates, so that its expectation for good readings is that of the plain chi-square.
+
+        Args:
+            compliance: (n,) [rad/(N·m)].
+            sigma: [m].
+            threshold: k, in units of sigma.
+        """
+        norm = np.linalg.norm(self.rows[..., -1] - self.rows[..., :-1] @ compliance, axis=1) / sigma
+        half = 0.5 * threshold**2
+        share = special.gammainc(2.5, half) + threshold**2 / 3.0 * special.gammaincc(1.5, half)
+        squared = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
+        return float(np.sum(np.minimum(norm, threshold) ** 2) / share + squared @ squared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,23 +186,30 @@ class _HuberProblem:
         u = residual / np.maximum(norm, 1.0)[:, None]
         along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
         curved = self.A - along[:, None, None] * u[..., None] * (u[:, None] @ self.A)
-        model = Compression(len(c))
-        model.add(np.sqrt(weight)[:, None, None] * curved)
-        model.add(self.squared[:, :-1])
+        weighted = (np.sqrt(weight)[:, None, None] * curved).reshape(-1, len(c))
+        R = triangle_of(np.vstack([weighted, self.squared[:, :-1]]))
         gradient = -np.einsum("kij,ki->j", self.A, weight[:, None] * residual)
         gradient += self.squared[:, :-1].T @ (self.squared[:, :-1] @ c - self.squared[:, -1])
-        spectrum = Spectrum(model.triangle)
-        target = model.triangle @ c - spectrum.inverse.T @ gradient
+        spectrum = Spectrum(R)
+        target = R @ c - spectrum.inverse.T @ gradient
         solution = solve_step(self.posed(spectrum.determined, target))
         return solution.compliance, solution.certificate
 
     def certificate(self, c: FloatArray, solved_by: Proposer) -> Certificate:
         """Certify weighted least squares with the weights of the residuals at c: the Huber problem."""
         root = np.sqrt(_weight(self.residual(c)[1]))[:, None]
-        rows = Compression(len(c) + 1)
-        rows.add(np.concatenate([root[..., None] * self.A, (root * self.d)[..., None]], axis=2))
-        rows.add(self.squared)
-        return certify(self.posed(rows.matrix, rows.rhs), c, solved_by)
+        R = self.compressed(root)
+        return certify(self.posed(R[:, :-1], R[:, -1]), c, solved_by)
+
+    def compressed(self, root: FloatArray) -> FloatArray:
+        """Return the triangle of all rows, those of the targets times root weights (K, 1)."""
+        targets = np.concatenate([root[..., None] * self.A, (root * self.d)[..., None]], axis=2)
+        return triangle_of(np.vstack([targets.reshape(-1, targets.shape[2]), self.squared]))
+
+    def least_squares(self) -> IdentificationProblem:
+        """Return the same problem with the squared loss."""
+        R = self.compressed(np.ones((len(self.d), 1)))
+        return self.posed(Spectrum(R[:, :-1]).determined, R[:, -1])
 
 
 def fit_huber(
@@ -192,7 +247,7 @@ def fit_huber(
     problem = _HuberProblem(
         A=rows[..., joints],
         d=rows[..., -1],
-        squared=targets.squared.triangle[:, [*joints, -1]],
+        squared=targets.squared.R[:, [*joints, -1]],
         constraints=constraints.select(joints),
     )
     if sigma is None:
@@ -218,19 +273,6 @@ def _in_units_of(problem: _HuberProblem, length: float) -> _HuberProblem:
     return replace(problem, A=A, d=d, squared=squared)
 
 
-def _least_squares(problem: _HuberProblem) -> FloatArray:
-    """Return the optimum of the squared loss."""
-    return solve_step(_squared(problem)).compliance
-
-
-def _squared(problem: _HuberProblem) -> IdentificationProblem:
-    """Return the same problem with the squared loss."""
-    rows = Compression(problem.A.shape[2] + 1)
-    rows.add(np.concatenate([problem.A, problem.d[..., None]], axis=2))
-    rows.add(problem.squared)
-    return problem.posed(Spectrum(rows.matrix).determined, rows.rhs)
-
-
 def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """Return the optimum and its certificate: Clarabel's point, polished by Newton's steps.
 
@@ -239,8 +281,8 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     stated = None
     if len(problem.d) <= MOST_STATED:
         S, t = problem.squared[:, :-1], problem.squared[:, -1]
-        stated = huber_point(problem.A, problem.d, S, t, _squared(problem))
-    compliance = _least_squares(problem) if stated is None else stated
+        stated = huber_point(problem.A, problem.d, S, t, problem.least_squares())
+    compliance = solve_step(problem.least_squares()).compliance if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
     for _ in range(MOST_ROUNDS):
@@ -265,7 +307,7 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
 
 def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
     """Scale of the residuals [m], brought to convergence round by round with the fit."""
-    compliance = _least_squares(problem)
+    compliance = solve_step(problem.least_squares()).compliance
     rows = problem.d.size
     freedom = rows - len(compliance)
     if freedom < 1:

@@ -20,10 +20,11 @@ from scipy import optimize, special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import unloaded_block, unloaded_configurations
-from jointstiff.solver.regression.stage_rows import target_readings
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import unloaded_block, unloaded_configurations
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.term import whitened_rows
 
 AlternativeKind = Literal[
     "columns_exchanged",
@@ -224,8 +225,10 @@ def _rows(
             rows = slice(k * count, (k + 1) * count)
             load_point[rows] = places[:, t]
             position[rows, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
-    block = unloaded_block(at, replace(stacked, joints=joints, load_point=load_point, position=position))
-    return target_readings(block).whitened().reshape(times, -1, robot.n + 1)
+    block = unloaded_block(
+        robot, at, replace(stacked, joints=joints, load_point=load_point, position=position)
+    )
+    return whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(times, -1, robot.n + 1)
 
 
 @lru_cache(maxsize=16)

@@ -6,17 +6,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final, Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.fitting.common import CommonSource
-from jointstiff.solver.fitting.scale import student_quantile
+from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.inference.estimate import Estimate
-
-BudgetSource = Literal["readings", CommonSource, "model_error", "complementary_stiffness"]
-"""Source of a component."""
 
 _LEAST_POSTURES: Final = 2
 """Postures beyond the number of joints that it takes to tell model error from the noise of the readings."""
@@ -46,7 +42,9 @@ class Spread:
 class BudgetComponent:
     """One source of uncertainty."""
 
-    source: BudgetSource  #: source of the uncertainty
+    #: `readings`, the name of a term whose uncertainty is stated or assumed, `model_error` or
+    #: `complementary_stiffness`
+    source: str
     #: "A" from these readings by statistics, "B" by other means, as stated with them
     evaluation: Literal["A", "B"]
     included: bool  #: whether it is part of the standard uncertainty of the joints
@@ -100,8 +98,7 @@ class UncertaintyBudget:
         own_freedom = None if given else estimate.degrees_of_freedom
         components = [BudgetComponent("readings", "B" if given else "A", True, Spread(readings), own_freedom)]
         if common is not None:
-            for source in get_args(CommonSource):
-                own = common.of(source)
+            for source, own in common.by_source.items():
                 if own.any():
                     components.append(BudgetComponent(source, "B", True, Spread(own @ own.T)))
         joints = np.flatnonzero(estimate.estimated)

@@ -2,34 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
-from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.fitting.common import CommonErrors
-from jointstiff.solver.fitting.fit import Fit, Likelihood
-from jointstiff.solver.fitting.iteration import prior_to_data
+from jointstiff.solver.fitting.fit import Likelihood, SigmaTest, sigma_test
+from jointstiff.solver.fitting.method import MethodTriangles
 from jointstiff.solver.fitting.robust import RobustFit
-from jointstiff.solver.fitting.scale import SigmaTest, scale_of, sigma_test
-from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.verdict import Evidence, JointCompliance, verdicts
-from jointstiff.solver.observability.identifiability import (
+from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.observability import (
     Identifiability,
     Observability,
     ObservabilityIndices,
     observability_indices,
 )
-from jointstiff.solver.regression.complementary_stiffness import ComplementaryStiffness
-from jointstiff.solver.regression.compression import Compression
 
-_LEAST_SIGMA: Final = 1e-15
-"""Rounding of a position [m], the unit of common errors where the readings are exact."""
+
+@dataclass(frozen=True, eq=False)
+class CommonErrors:
+    """Effect of errors that all observations share on the estimate, to first order (method.md §8)."""
+
+    #: change (n, k) of the estimate by one standard uncertainty of each error of a source [rad/(N·m)]
+    by_source: Mapping[str, FloatArray]
+    responses: (
+        FloatArray  #: (n, K) all of them; their share of the covariance is the product with the transpose
+    )
+
+    def of(self, source: str) -> FloatArray:
+        """Return the responses (n, k) of the errors of one source."""
+        return self.by_source.get(source, self.responses[:, :0])
+
+
+@dataclass(frozen=True)
+class ComplementaryStiffness:
+    """Effect of K_c on a fit. Dimensionless."""
+
+    included: bool  #: whether it is part of the model
+    iterations: int  #: fits until the deflected configurations stood still; 0 if neglected
+    largest_ratio: float  #: greatest ``|K_c,ij| c_i`` over the set, over the joints with an estimate
+    #: greatest change of a compliance between neglecting and including it, in units of its standard
+    #: uncertainty; None where that is unknown
+    largest_shift: float | None
+    #: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known
+    shift: FloatArray | None = None
+    obstacle: str | None = None  #: why it is neglected although it was asked for; None where it is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +69,22 @@ class Estimate:
     sigma_given: bool  #: whether sigma was stated with the readings
     chi_square: float  #: chi square of the targets' residuals, under sigma
     degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
-    characteristic_length: float | None  #: [m], where the weighting used one
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage of the method
     certificates: tuple[Certificate, ...]  #: certificates of each stage of the method
-    #: (m, n) of all readings, compressed and weighted by their covariance in units of sigma, whatever the
-    #: method made of them
-    regressor: FloatArray
+    triangles: MethodTriangles  #: all readings, compressed, in units of sigma
     observability: Observability  #: observability of the joints in the same readings
+    characteristic_length: float | None = None  #: [m], where the weighting used one
     complementary_stiffness: ComplementaryStiffness | None = None  #: how much it matters
     robust: RobustFit | None = None  #: weights of the readings by the Huber loss; None for the squared loss
     #: likelihood of the compliances that the readings see, before any constraint, in units of sigma
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
+
+    @property
+    def regressor(self) -> FloatArray:
+        """(m, n) of all readings, compressed and weighted by covariance, whatever the method made of them."""
+        return self.triangles.judged.matrix
 
     @property
     def estimated(self) -> BoolArray:
@@ -113,72 +137,3 @@ class Estimate:
     def sigma_test(self) -> SigmaTest | None:
         """Return the test of a stated sigma; None if not stated, or without residual freedom."""
         return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
-
-
-def assemble(
-    fit: Fit,
-    observability: Observability,
-    whitened: Compression,
-    *,
-    names: tuple[str, ...],
-    sigma: float | None,
-    settings: Settings,
-    characteristic_length: float | None,
-    inflation: float = 1.0,
-    sigma_given: bool = True,
-    common: Callable[[float], CommonErrors] | None = None,
-) -> Estimate:
-    """Give the fit its scale, its uncertainties and its verdicts.
-
-    Args:
-        fit: outcome of the method.
-        observability: of the same observations.
-        whitened: compressed rows of all targets, whitened in units of sigma.
-        names: of the n joints.
-        sigma: as stated with the readings [m], or None.
-        settings: constraints, prior and confidence.
-        characteristic_length: [m], if one was used.
-        inflation: of the variance of the estimate, where the loss is not squared.
-        sigma_given: false if a sigma is passed that comes from the readings themselves.
-        common: return the effect of errors that all observations share, given sigma; None without them.
-    """
-    scale = scale_of(fit if fit.alone is None else fit.alone, whitened, sigma)
-    if fit.alone is not None:
-        scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
-    scale = replace(scale, given=scale.given and sigma_given)
-    fit = fit.inflated(inflation)
-    errors = None
-    if common is not None and scale.sigma is not None:
-        sigma = max(scale.sigma, _LEAST_SIGMA)
-        scale, errors = replace(scale, sigma=sigma), common(sigma)
-        fit = fit.with_common(errors.responses / sigma)
-    covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
-    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
-    numbers += [] if covariance is None else [covariance]
-    if not all(np.isfinite(array).all() for array in numbers):
-        raise MeasurementError(
-            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
-            where="units",
-            remedy="check the units of force, length and sigma",
-        )
-    ratios = np.full(len(names), np.nan)
-    if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
-        ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
-    evidence = Evidence(names, fit, observability, scale, settings.constraints, settings.confidence, ratios)
-    joints = verdicts(evidence)
-    return Estimate(
-        joints=joints,
-        compliance=fit.compliance,
-        covariance=covariance,
-        sigma=scale.sigma,
-        sigma_given=scale.given,
-        chi_square=scale.chi_square,
-        degrees_of_freedom=scale.degrees_of_freedom,
-        characteristic_length=characteristic_length,
-        identifiability=fit.identifiability,
-        certificates=fit.certificates,
-        regressor=whitened.matrix,
-        observability=observability,
-        likelihood=fit.likelihood,
-        common=errors,
-    )

@@ -11,8 +11,8 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Screening for what joints alone leave unexplained: load point, forgotten force, links (method.md §7).
 
-Joints are fitted with K_c to the targets' rows, without bounds. One QR of all candidate columns
-``[A, load point, constant force, diagonal compliances of the links, d]`` answers every F test. Mistakes come
+Joints are fitted with K_c to the targets' rows, without bounds. One triangle of all terms in question answers
+every F test. Mistakes come
 first: beside columns of links the tests of mistakes accuse clean campaigns of elastic arms, and without
 them a load point elsewhere looks like links.
 """
@@ -13,16 +13,19 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.observability.identifiability import Excitation
+from jointstiff.solver.observability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import RegressorBlock, link_motion, regressor_blocks, whitener
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.links import DIAGONAL_LINKS
+from jointstiff.solver.terms.load import CONSTANT_FORCE, LOAD_POINT
+from jointstiff.solver.terms.term import whitened_rows
+from jointstiff.solver.triangle import INDEPENDENT, Triangle
 
 LoadMistakeKind = Literal["load_point", "constant_force"]
 
@@ -40,13 +43,8 @@ _LEADING: Final = 12
 """Number of combinations of link compliances that are tested: those that deflect most."""
 _OBSERVATIONS: Final = 500
 """Number of observations that suffice for the tests."""
-_RESOLUTION: Final = 1e-7
-"""Residual [m] of a coordinate below which nothing is left to explain."""
-_INDEPENDENT: Final = 1e-6
-"""Least singular value of unit columns that counts for more than rounding."""
-_TOLD_APART: Final = 1e-2
-"""Least singular value of a load's unit columns beside the joints': below it is the load's own size."""
 _KINDS: Final[tuple[LoadMistakeKind, ...]] = ("load_point", "constant_force")
+_TERMS: Final = (JOINTS, LOAD_POINT, CONSTANT_FORCE, DIAGONAL_LINKS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,130 +120,53 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         block = next(regressor_blocks(robot, part, compliance))
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, None)
-    columns = _Columns.of(robot, block, compliance, estimate.observability.null)
+    triangle = _triangle(block, compliance, estimate.observability.null)
     mistakes: list[LoadMistake] = []
     for kind in _KINDS:
-        if columns.p_value(kind) < MISTAKE_LEVEL:
+        if triangle.p_value(kind) < MISTAKE_LEVEL:
             with suppress(SolverError):  # it leads to loads that no arm balances
-                mistakes.append(_followed(robot, part, columns, kind))
+                mistakes.append(_followed(robot, part, triangle, kind))
     best = min(mistakes, key=lambda each: each.ratio, default=None)
-    return Screening(columns.links_p_value(), best)
+    return Screening(_links_p_value(triangle, robot.n), best)
 
 
-def _followed(robot: Robot, part: Measurements, columns: _Columns, kind: LoadMistakeKind) -> LoadMistake:
+def _triangle(block: RegressorBlock, compliance: FloatArray, null: BoolArray) -> Triangle:
+    """Return the triangle of the targets' rows of all terms in question, without joints that are not seen."""
+    rows = whitened_rows(block, _TERMS, compliance)
+    triangle = Triangle(**rows.widths)
+    triangle.add(rows.targets, count=int(block.measurements.coordinates.sum()))
+    triangle.span[JOINTS.name] = np.flatnonzero(~null)
+    return triangle
+
+
+def _links_p_value(triangle: Triangle, n: int, beside: tuple[str, ...] = ()) -> float:
+    """Return the p-value of the F test of links beside the joints, and beside other terms."""
+    most = max(0, min(_LEADING, (triangle.rows - n) // 3))
+    return triangle.p_value(DIAGONAL_LINKS.name, (JOINTS.name, *beside), most=most, least=INDEPENDENT)
+
+
+def _followed(robot: Robot, part: Measurements, triangle: Triangle, kind: LoadMistakeKind) -> LoadMistake:
     """Follow a mistake by Gauss-Newton.
 
     Raises:
         SolverError: the load that it leads to has no balance.
     """
-    mistake = LoadMistake(kind, np.zeros(3), columns.p_value(kind), 1.0, np.zeros(robot.n), 1.0)
-    as_stated = columns.left()
+    mistake = LoadMistake(kind, np.zeros(3), triangle.p_value(kind), 1.0, np.zeros(robot.n), 1.0)
+    as_stated = triangle.residual_squares([JOINTS.name])
     for _ in range(_REFITS):
-        found, step = columns.step(kind)
-        compliance = np.maximum(found, 0.0)
+        compliance = np.zeros(robot.n)
+        compliance[triangle.span[JOINTS.name]], step = triangle.fit_beside_joints(kind)
+        compliance = np.maximum(compliance, 0.0)
         mistake = replace(mistake, correction=mistake.correction + step, compliance=compliance)
         block = next(regressor_blocks(robot, mistake.corrected(part), compliance))
         seen = Excitation(robot.joint_names)  # a load elsewhere may twist joints that it did not as stated
         seen.add(block)
-        columns = _Columns.of(robot, block, compliance, seen.observability().null)
+        triangle = _triangle(block, compliance, seen.observability().null)
         if np.linalg.norm(step) <= _STEADY * np.linalg.norm(mistake.correction):
             break
+    left = triangle.residual_squares([JOINTS.name, kind])
     return replace(
-        mistake, links_p_value=columns.links_p_value(kind), ratio=columns.left(kind) / max(as_stated, 1e-300)
+        mistake,
+        links_p_value=_links_p_value(triangle, robot.n, (kind,)),
+        ratio=left / max(as_stated, 1e-300),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """Triangle of all candidate columns, each of unit length, and of the deflections."""
-
-    triangle: FloatArray  # (K + 1, K + 1) triangle of [A, load point, constant force, links, d]
-    length: FloatArray  # (K,) length of the columns before they were scaled; 1 where a column is zero
-    joints: BoolArray  # (n,) joints whose columns take part
-    rows: int  # coordinates that were read
-
-    @classmethod
-    def of(cls, robot: Robot, block: RegressorBlock, compliance: FloatArray, null: BoolArray) -> _Columns:
-        part = block.measurements
-        torque = np.concatenate(
-            [
-                # A point that is off by e adds the moment e × F, e along the flange's axes.
-                block.configurations.angular_jacobian.transpose(0, 2, 1)
-                @ -skew(part.force)
-                @ block.configurations.flange_rotation,
-                block.load_jacobian.transpose(0, 2, 1),
-            ],
-            axis=2,
-        )
-        load = block.jacobian @ (compliance[:, None] * torque)[:, None]
-        # Deflections by the diagonal compliances of each joint's link
-        moves, wrench, _ = link_motion(robot, block)
-        links = np.concatenate(list(moves * wrench[:, :, None, None]), axis=-1)
-        rows = np.concatenate([block.A, load, links, part.deflection[..., None]], axis=-1)
-        rows = (whitener(part.covariance) @ rows)[part.present].reshape(-1, rows.shape[-1])
-        length = np.linalg.norm(rows[:, :-1], axis=0)
-        length[length == 0.0] = 1.0
-        rows[:, :-1] /= length
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
-        return cls(triangle, length, ~null, int(part.coordinates.sum()))
-
-    def p_value(self, kind: LoadMistakeKind) -> float:
-        """Return the p-value of the F test of a mistake beside the joints."""
-        return self._test(self._joint_columns, self._load_columns(kind), 3, _TOLD_APART)
-
-    def links_p_value(self, beside: LoadMistakeKind | None = None) -> float:
-        """Return the p-value of the F test of links beside the joints, and beside a mistake if given."""
-        others = self._joint_columns
-        if beside is not None:
-            others = np.concatenate([others, self._load_columns(beside)], axis=1)
-        n = len(self.joints)
-        most = min(_LEADING, (self.rows - n) // 3)
-        return self._test(others, self.triangle[:, n + 6 : -1], most, _INDEPENDENT)
-
-    def step(self, kind: LoadMistakeKind) -> tuple[FloatArray, FloatArray]:
-        """Fit joints and a mistake together: compliances (n,) [rad/(N·m)], and the mistake's (3,) step."""
-        joints, load, d = self._joint_columns, self._load_columns(kind), self.triangle[:, -1]
-        known = _basis(joints)
-        U, s, Vt = np.linalg.svd(load - known @ (known.T @ load), full_matrices=False)
-        distinct = s > _TOLD_APART
-        step = Vt[distinct].T @ ((U[:, distinct].T @ d) / s[distinct])
-        compliance = np.zeros(len(self.joints))
-        compliance[self.joints] = np.linalg.lstsq(joints, d - load @ step, rcond=_INDEPENDENT)[0]
-        at = len(compliance) + 3 * _KINDS.index(kind)
-        return compliance / self.length[: len(compliance)], step / self.length[at : at + 3]
-
-    def left(self, kind: LoadMistakeKind | None = None) -> float:
-        """Return the residual sum of squares of joints, and of a mistake if given, together [m²]."""
-        load = self.triangle[:, :0] if kind is None else self._load_columns(kind)
-        both = _basis(np.concatenate([self._joint_columns, load], axis=1))
-        d = self.triangle[:, -1]
-        return float(d @ d - np.square(both.T @ d).sum())
-
-    @property
-    def _joint_columns(self) -> FloatArray:
-        return self.triangle[:, : len(self.joints)][:, self.joints]
-
-    def _load_columns(self, kind: LoadMistakeKind) -> FloatArray:
-        at = len(self.joints) + 3 * _KINDS.index(kind)
-        return self.triangle[:, at : at + 3]
-
-    def _test(self, others: FloatArray, tested: FloatArray, most: int, least: float) -> float:
-        """F test of at most so many leading combinations of columns beside others."""
-        known = _basis(others)
-        rest = tested - known @ (known.T @ tested)
-        d = self.triangle[:, -1] - known @ (known.T @ self.triangle[:, -1])
-        leading = _basis(rest, least)[:, :most]
-        freedom = self.rows - known.shape[1] - leading.shape[1]
-        if not leading.shape[1] or freedom < 1:
-            return 1.0
-        explained = float(np.square(leading.T @ d).sum())
-        left = max(float(d @ d) - explained, 0.0) + freedom * _RESOLUTION**2
-        return float(
-            special.fdtrc(leading.shape[1], freedom, explained / leading.shape[1] / (left / freedom))
-        )
-
-
-def _basis(columns: FloatArray, least: float = _INDEPENDENT) -> FloatArray:
-    """Orthonormal basis of what columns tell by more than the least singular value, largest first."""
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(U[:, s > least])

@@ -11,10 +11,9 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.finding import rounded_down
-from jointstiff.solver.fitting.fit import Fit
-from jointstiff.solver.fitting.scale import Scale
+from jointstiff.solver.fitting.fit import Fit, Scale
 from jointstiff.solver.inference.profile import profile_ends
-from jointstiff.solver.observability.identifiability import Observability, noise_reason
+from jointstiff.solver.observability import Observability, noise_reason
 
 
 def stiffness_of(compliance: float | None) -> float | None:

@@ -11,8 +11,8 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.integrity.view import median
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import whole_block
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import whole_block
 
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9

@@ -18,9 +18,9 @@ from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import unloaded_configurations
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import unloaded_configurations
 
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""

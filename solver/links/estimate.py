@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.fitting.scale import student_quantile
+from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.links.model import ElasticModel, Formulation
 

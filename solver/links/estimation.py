@@ -253,12 +253,11 @@ def _explained(
     """Return what each element explains of the measured deflections, and all of them together."""
     places = list(_places(model))
     predicted, along = [], []
-    for block in elastic_blocks(robot, measurements, model.columns):
-        deflection = block.base.measurements.deflection
+    for block, rows in elastic_blocks(robot, measurements, model.columns):
         # Whatever was not read is zero, in the rows as in the deflections.
-        weighed = np.einsum("btip,bti->bp", block.rows, deflection) * compliances
+        weighed = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
         along.append(np.stack([weighed[:, own].sum(axis=1) for _, _, own in places]))
-        predicted.append(block.rows @ compliances)
+        predicted.append(rows[..., :-1] @ compliances)
     moved = np.square(measurements.deflection).sum(axis=(1, 2))
     worked = np.concatenate(along, axis=1)
     share = np.divide(worked, moved, out=np.zeros_like(worked), where=moved > 0.0)

@@ -8,11 +8,12 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.semidefinite.cone import to_matrix
-from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks, products
+from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.terms.links import products
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +106,8 @@ def elastic_residuals(
         compliances: (P,).
     """
     residuals, rows = [], []
-    for block in elastic_blocks(robot, measurements, columns):
-        part = block.base.measurements
-        rows.append(block.rows[part.present])
+    for block, columns_of in elastic_blocks(robot, measurements, columns):
+        part = block.measurements
+        rows.append(columns_of[part.present][..., :-1])
         residuals.append(part.deflection[part.present] - rows[-1] @ compliances)
     return np.concatenate(residuals), np.concatenate(rows)

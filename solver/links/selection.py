@@ -181,9 +181,9 @@ def _compensation(
         (M,) compensation; (M, N) mean norm of the residuals of each observation's targets [m].
     """
     left, moved, norms = np.zeros(len(compliances)), 0.0, []
-    for block in elastic_blocks(robot, measurements, folds.columns):
-        part = block.base.measurements
-        predicted = np.einsum("btip,mp->mbti", block.rows, compliances)
+    for block, rows in elastic_blocks(robot, measurements, folds.columns):
+        part = block.measurements
+        predicted = np.einsum("btip,mp->mbti", rows[..., :-1], compliances)
         residual = np.linalg.norm(part.deflection - predicted, axis=-1)
         count = np.maximum(part.present.sum(axis=1), 1)
         norms.append(np.where(part.present, residual, 0.0).sum(axis=-1) / count)

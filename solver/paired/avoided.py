@@ -12,7 +12,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.paired.sides import Matches, PairSide
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.terms.block import regressor_blocks
 
 _NO_EFFECT = 1e-9
 """Norm of a joint's column, relative to the largest, that counts as rounding."""

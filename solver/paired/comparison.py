@@ -17,7 +17,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.paired.avoided import (
     ConfigurationShare,
@@ -46,7 +46,6 @@ from jointstiff.solver.paired.ratio import (
 )
 from jointstiff.solver.paired.sides import Matches, PairSide, match, refuse_other_joints
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling.blocks import gram_blocks
 from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 _Both = tuple[Estimate, Estimate]
@@ -119,7 +118,7 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     Raises:
         RequestError: the robots' joints differ, a prior takes part, or the order does not go with the
             settings.
-        JointstiffError: as `jointstiff.solver.identification.identify` does of either campaign.
+        JointstiffError: as `jointstiff.solver.estimate.identify` does of either campaign.
     """
     refuse_other_joints(first.robot, second.robot)
     sides = first, second
@@ -136,7 +135,7 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     positive = all(bool((side.settings.bounds.lower >= 0).all()) for side in sides)
     together = intervals = None
     if ordered:
-        together = _together(first, second, free)
+        together = _together(sides, estimates, free)
         quantile = two_sided_quantile(confidence, min(map(_freedom, free)))
         intervals = ordered_intervals(free, (first.settings, second.settings), together, quantile)
     compliances = estimates[0].compliance, estimates[1].compliance
@@ -186,10 +185,12 @@ def _free(side: PairSide, *, without_hook: bool) -> Estimate:
     return identify(side.robot, measurements, replace(side.settings, bounds=unconstrained, order=()))
 
 
-def _together(first: PairSide, second: PairSide, free: _Both) -> OrderedFit:
+def _together(sides: tuple[PairSide, PairSide], estimates: list[Estimate], free: _Both) -> OrderedFit:
     campaigns = []
-    ordered_constraints((first.settings, second.settings))  # refuses contradictions before any work is done
-    for side, estimate in zip((first, second), free, strict=True):
+    ordered_constraints(
+        (sides[0].settings, sides[1].settings)
+    )  # refuses contradictions before any work is done
+    for side, estimate, sigma in zip(sides, estimates, (each.sigma for each in free), strict=True):
         # one convex problem of both sets cannot take everything in
         arm = side.robot.n - WRIST_JOINTS
         decoupled = side.settings.method == "decoupled_partial_pose"
@@ -205,14 +206,13 @@ def _together(first: PairSide, second: PairSide, free: _Both) -> OrderedFit:
                 where="ordered",
                 remedy="omit it, or set `ordered` to false",
             )
-        if not estimate.sigma:
+        if not sigma:
             raise RequestError(
                 "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
                 where="noise",
                 remedy="state `noise.sigma`, or add observations",
             )
-        blocks = gram_blocks(side.robot, side.measurements, replace(side.settings, order=()))
-        campaigns.append(WhitenedCampaign(blocks, estimate.sigma or 1.0, side.settings))
+        campaigns.append(WhitenedCampaign(estimate, sigma, side.settings))
     return fit_ordered(*campaigns)
 
 

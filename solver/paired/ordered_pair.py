@@ -25,19 +25,21 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.inference.verdict import stiffness_of
-from jointstiff.solver.observability.identifiability import Spectrum
-from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
-from jointstiff.solver.robot.wrist import WRIST_JOINTS
+from jointstiff.solver.observability import Spectrum
 
 
 @dataclass(frozen=True, eq=False)
 class WhitenedCampaign:
     """One of the campaigns, ready to be fitted."""
 
-    blocks: GramBlocks  #: its rows in units of sigma, stage by stage
+    estimate: Estimate  #: with its rows, stage by stage
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]
     settings: Settings  #: method, bounds and orders of its joints
+
+    @property
+    def seen(self) -> BoolArray:
+        """(n,) joints that its readings see."""
+        return ~self.estimate.observability.null
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,56 +140,35 @@ def fit_ordered(first: WhitenedCampaign, second: WhitenedCampaign) -> OrderedFit
             where="ordered",
             remedy="identify both by the same method, or set `ordered` to false",
         )
-    n = first.blocks.parameters
+    n = first.estimate.parameters
     c = np.zeros((2, n))
     increase, certificates = 0.0, []
-    for joints in _stages(first, n):
-        sides = [_rows(side, joints, c[k]) for k, side in enumerate((first, second))]
+    for stage in range(len(first.estimate.triangles.stages)):
+        sides = [_rows(side, stage, c[k]) for k, side in enumerate((first, second))]
         if not any(side.visible.any() for side in sides):
             continue
-        stage, certificate = _solve_together(*sides)
-        increase += sum(_squares(side, x) for side, x in zip(sides, stage, strict=True))
+        solved, certificate = _solve_together(*sides)
+        increase += sum(_squares(side, x) for side, x in zip(sides, solved, strict=True))
         increase -= sum(_least_squares(side) for side in sides)
-        c += stage
+        c += solved
         certificates.append(certificate)
-    seen = np.stack([np.isin(np.arange(n), side.blocks.visible) for side in (first, second)])
+    seen = np.stack([first.seen, second.seen])
     equal = seen.all(axis=0) & (c[0] == c[1])
     one, two = np.where(seen, c, np.nan)
     return OrderedFit(one, two, equal, max(0.0, increase), tuple(certificates))
 
 
-def _stages(side: WhitenedCampaign, n: int) -> tuple[BoolArray, ...]:
-    """The joints of each stage of the method."""
-    everything = np.ones(n, dtype=np.bool_)
-    if side.settings.method != "decoupled_partial_pose":
-        return (everything,)
-    arm = np.arange(n) < n - WRIST_JOINTS
-    return arm, ~arm
-
-
-def _rows(side: WhitenedCampaign, joints: BoolArray, known: FloatArray) -> _Rows:
-    """The stage that estimates some joints, less the deflection of those that are known."""
-    n = len(joints)
-    stage = next((s for s in side.blocks.stages if joints[s.joints].all()), None)
-    visible = np.zeros(n, dtype=np.bool_)
-    if stage is None:
-        R, z = np.zeros((0, n)), np.zeros(0)
-    else:
-        visible[stage.joints] = True
-        R, z = _compressed(stage, known, side.sigma)
+def _rows(side: WhitenedCampaign, number: int, known: FloatArray) -> _Rows:
+    """Return a stage in units of sigma, less the deflection of joints (n,) that an earlier one estimated."""
+    triangles = side.estimate.triangles
+    stage, triangle = triangles.method.stages[number], triangles.stages[number]
+    visible = np.isin(np.arange(len(known)), stage.joints) & side.seen
+    before = stage.known[side.seen[stage.known]]
+    R = np.zeros(triangle.matrix.shape)
+    R[:, visible] = Spectrum(triangle.matrix[:, visible] / side.sigma).determined
+    z = (triangle.rhs - triangle.matrix[:, before] @ known[before]) / side.sigma
     order = tuple((i, j) for i, j in side.settings.order if visible[i] and visible[j])
     return _Rows(R, z, visible, side.settings.bounds, order)
-
-
-def _compressed(stage: StageBlocks, known: FloatArray, sigma: float) -> tuple[FloatArray, FloatArray]:
-    """R (m, n) and z (m,) in units of sigma, without directions that the rows do not see."""
-    rows = Compression(stage.rows.shape[-1])
-    rows.add(stage.rows)
-    weight, own = stage.size / sigma, len(stage.joints)
-    scaled = weight * rows.matrix / stage.unit
-    R = np.zeros((len(scaled), len(known)))
-    R[:, stage.joints] = Spectrum(scaled[:, :own]).determined
-    return R, weight * rows.rhs - scaled[:, own:] @ known[stage.known]
 
 
 def _solve_together(one: _Rows, two: _Rows) -> tuple[FloatArray, Certificate]:

@@ -93,6 +93,10 @@ class CommonUncertainty:
         """Return what was stated: of campaigns under one hook, an assumed error of its place is the same."""
         return replace(self, load_point=0.0, load_point_assumed=False) if self.load_point_assumed else self
 
+    def source(self, term: str) -> str:
+        """Return the source of uncertainty that a budget names for a term: what was not stated is assumed."""
+        return f"assumed_{term}" if self.load_point_assumed and term == "load_point" else term
+
     def __post_init__(self) -> None:
         for where, value in (
             ("force.scale", self.scale),

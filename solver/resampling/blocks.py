@@ -17,17 +17,16 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.methods import displacement_readings
+from jointstiff.solver.estimate import identify
+from jointstiff.solver.fitting.method import Method
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify, spherical_wrist
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.observability.identifiability import Excitation
+from jointstiff.solver.observability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.pose import fit_displacement
-from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks
-from jointstiff.solver.regression.stage_rows import encoder_readings, target_readings, wrist_centre_readings
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.wrist import WRIST_JOINTS
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.term import whitened_rows
 
 TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
@@ -112,7 +111,7 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
         settings: method, weighting and K_c; without K_c its bounds play no part, and its confidence never.
 
     Raises:
-        JointstiffError: as `jointstiff.solver.identification.identify` does on the full set.
+        JointstiffError: as `jointstiff.solver.estimate.identify` does on the full set.
         UnsupportedMethodError: a loss or a model that is not linear in the readings.
     """
     refuse_nonlinear(settings)
@@ -133,25 +132,31 @@ def blocks_of_identified(
         estimate: of the full set: its characteristic length, if the weighting uses one, and the compliances
             at which K_c is taken, so that the rows are linear.
     """
-    length = estimate.characteristic_length
+    method = Method(robot, settings, estimate.characteristic_length)
     compliance = estimate.compliance if settings.complementary_stiffness else None
     excitation = Excitation(robot.joint_names)
-    weighted, regressors, deflections = [], [], []
+    fitted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, compliance):
         excitation.add(block)
-        weighted.append(_weighted_rows(robot, settings, length, block))
+        whitened = whitened_rows(block, [JOINTS], estimate.compliance)
+        fitted.append([rows.fitted for rows in method.rows(block, whitened)])
         present = block.measurements.present
         regressors.append(block.A[present])
         deflections.append(block.measurements.deflection[present])
-    visible = np.flatnonzero(~excitation.observability().null)
-    rows = [np.concatenate([of_block[s] for of_block in weighted]) for s in range(len(weighted[0]))]
+    seen = ~excitation.observability().null
+    visible = np.flatnonzero(seen)
+    stages = (
+        _stage(np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]])
+        for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
+        if seen[stage.joints].any()
+    )
     return GramBlocks(
         parameters=robot.n,
-        stages=_stages(rows, visible, robot.n - WRIST_JOINTS),
+        stages=tuple(stages),
         visible=visible,
         regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
         deflection=np.ascontiguousarray(np.concatenate(deflections).T),
-        characteristic_length=length,
+        characteristic_length=estimate.characteristic_length,
     )
 
 
@@ -173,43 +178,6 @@ def refuse_nonlinear(settings: Settings) -> None:
             where="resampling",
             remedy="omit `resampling`, or `priors` and `stiffness_order`",
         )
-
-
-def _weighted_rows(
-    robot: Robot, settings: Settings, length: float | None, block: RegressorBlock
-) -> list[FloatArray]:
-    """(B, r, n + 1) rows for each stage, weighted as `jointstiff.solver.fitting.methods` does.
-
-    After those of a stage come the rows of the encoders of its joints.
-    """
-    uniform, joints = settings.weighting == "uniform", np.arange(robot.n)
-    equal = np.ones(3) if uniform else None
-    if settings.method == "partial_pose":
-        stages = [(target_readings(block), equal, joints)]
-    elif settings.method == "complete_pose":
-        length = 1.0 if uniform else length
-        weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
-        stages = [(displacement_readings(block), weight, joints)]
-    else:
-        centre, *_ = wrist_centre_readings(block, fit_displacement(block), spherical_wrist(robot).centre)
-        arm, wrist = joints[:-WRIST_JOINTS], joints[-WRIST_JOINTS:]
-        stages = [(centre, equal, arm), (target_readings(block), equal, wrist)]
-    parts = []
-    for readings, root_weight, own in stages:
-        rows = readings.whitened() if root_weight is None else readings.weighted(root_weight)
-        rows = rows.reshape(len(block.torque), -1, rows.shape[-1])
-        encoders = encoder_readings(block, own)
-        parts.append(rows if encoders is None else np.concatenate([rows, encoders.whitened()], axis=1))
-    return parts
-
-
-def _stages(rows: list[FloatArray], visible: IndexArray, arm_joints: int) -> tuple[StageBlocks, ...]:
-    """One stage for all joints, or two: the arm from the wrist centre, then the wrist from the targets."""
-    if len(rows) == 1:
-        return (_stage(rows[0], visible, visible[:0]),)
-    arm, wrist = visible[visible < arm_joints], visible[visible >= arm_joints]
-    stages = ((rows[0], arm, arm[:0]), (rows[1], wrist, arm))
-    return tuple(_stage(of_stage, joints, known) for of_stage, joints, known in stages if len(joints))
 
 
 def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageBlocks:

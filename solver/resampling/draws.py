@@ -18,9 +18,9 @@ from jointstiff.solver.convex.batch import exactly_at_bounds, solve_batch
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
 from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.observability.identifiability import NULL_COLUMN, Spectrum, analyse
-from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.observability import NULL_COLUMN, Spectrum, analyse
 from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
+from jointstiff.solver.triangle import triangle_of
 
 MAX_REPETITIONS = 100_000
 MAX_SEED = 2**63 - 1
@@ -208,9 +208,7 @@ def _solve_rows(
     """
     p = len(stage.joints)
     x, active = np.full(p, np.nan), np.zeros(p, dtype=np.int8)
-    rows = Compression(stage.rows.shape[2])
-    rows.add(stage.rows[drawn])
-    triangle = rows.triangle
+    triangle = triangle_of(stage.rows[drawn].reshape(-1, stage.rows.shape[2]))
     null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
     # What is not known of an earlier joint does no harm where that joint leaves no trace, either.
     offset = np.where(null[p:-1] & np.isnan(offset), 0.0, offset)

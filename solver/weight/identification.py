@@ -22,7 +22,7 @@ from jointstiff.solver.convex.weighed import ends
 from jointstiff.solver.deflection.own_weight import IdentifiedWeight
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.finding import length_text
-from jointstiff.solver.fitting.scale import student_quantile
+from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseState
@@ -30,9 +30,10 @@ from jointstiff.solver.inference.fit_reasons import unidentified
 from jointstiff.solver.inference.reason import Reason
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.regressor import regressor_blocks
-from jointstiff.solver.regression.stage_rows import encoder_readings, target_readings
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.weight.bodies import WeightReadings
 from jointstiff.solver.weight.fit import WeightFit, fit_weight
 from jointstiff.solver.weight.regressor import Frames, torques_of
@@ -201,8 +202,9 @@ def identify_weight(
         """Return the rows of deflections by known loads, in units of their sigma."""
         parts = [np.zeros((0, robot.n + 1))]
         for block in [] if loaded is None else regressor_blocks(robot, loaded, compliance):
-            read = (target_readings(block), encoder_readings(block, np.arange(robot.n)))
-            parts += [part.whitened().reshape(-1, robot.n + 1) for part in read if part is not None]
+            rows = whitened_rows(block, [JOINTS], compliance)
+            read = (rows.targets, rows.encoders)
+            parts += [part.reshape(-1, robot.n + 1) for part in read if part is not None]
         return np.concatenate(parts) / (1.0 if loaded is None else loaded.sigma or 1.0)
 
     rigid = calibrate(robot.chain, poses, start=base, hold_out=False)

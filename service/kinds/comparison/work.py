@@ -22,7 +22,7 @@ from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.problems.table import problem_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
-from jointstiff.solver.identification import refuse_unsupported
+from jointstiff.solver.estimate import refuse_unsupported
 from jointstiff.solver.resampling.draws import Resamples
 
 Part = Resamples | Problem

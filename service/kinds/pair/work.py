@@ -22,7 +22,7 @@ from jointstiff.service.kinds.run.budgets import to_joint_budgets
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.identification import refuse_unsupported
+from jointstiff.solver.estimate import refuse_unsupported
 from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge

@@ -12,10 +12,9 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.solver.convex.constraints import Order
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.fitting.prior import Prior
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
-from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify
+from jointstiff.solver.fitting.settings import Prior, Settings
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.robot.model import Robot
 
@@ -64,7 +63,7 @@ def identified(prepared: PreparedSet, settings: Settings) -> tuple[Settings, Est
         The settings that were used, and the estimate.
 
     Raises:
-        JointstiffError: as `jointstiff.solver.identification.identify`.
+        JointstiffError: as `jointstiff.solver.estimate.identify`.
     """
     robot, measurements = prepared.robot, prepared.measurements
     try:

@@ -22,8 +22,7 @@ from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting.fit import Likelihood
-from jointstiff.solver.fitting.scale import sigma_test
+from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.inference.assessment import assessed
 from jointstiff.solver.robot.model import Robot

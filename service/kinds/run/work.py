@@ -25,8 +25,8 @@ from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
+from jointstiff.solver.estimate import refuse_unsupported
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.lack_of_fit import widened

@@ -14,7 +14,7 @@ from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import minimise
-from jointstiff.solver.regression.regressor import whitener
+from jointstiff.solver.triangle import whitener
 
 SIGNIFICANCE = 1e-4
 """p-value below which a drift, or a base target that moved, is reported."""

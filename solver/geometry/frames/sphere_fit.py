@@ -16,7 +16,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.gauss_newton import minimise
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
-from jointstiff.solver.regression.regressor import whitener
+from jointstiff.solver.triangle import whitener
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, Poses, PoseState, fit_poses
-from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.triangle import whitener
 
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named

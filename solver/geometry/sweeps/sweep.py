@@ -9,8 +9,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.regression.regressor import whitener
 from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.triangle import whitener
 
 MIN_POSITIONS = 4
 """Least number of positions: three points always lie on a circle, the fourth can contradict it."""

@@ -25,7 +25,7 @@ from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import TOLERANCE, Bounds, IdentificationProblem, Inequalities, Scaled
 from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.terms.block import regressor_blocks
 
 
 def random_problem(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

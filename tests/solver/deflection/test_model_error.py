@@ -15,8 +15,8 @@ from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.prediction import predict
 
 ROBOT = robot_of(default_arm())

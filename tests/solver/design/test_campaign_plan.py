@@ -17,7 +17,7 @@ from jointstiff.solver.design.experiment import Equipment, Loads
 from jointstiff.solver.design.feasibility import Cell, feasible, segment_distance
 from jointstiff.solver.design.pool import PlanRequest, Pool
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument
 

@@ -12,14 +12,14 @@ from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.conversion.message import message as message_of
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.fitting.prior import Prior
-from jointstiff.solver.identification import identify
+from jointstiff.solver.estimate import identify
+from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.resampling.blocks import gram_blocks
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
 
 STIFFNESS = {"joint_5": (4e5, 4e4), "joint_2": (3e6, 1e6)}
 PRIORS = {name: {"stiffness": k, "standard_uncertainty": u} for name, (k, u) in STIFFNESS.items()}

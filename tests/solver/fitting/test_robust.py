@@ -20,9 +20,9 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import linear_deflections, torques
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting import robust
-from jointstiff.solver.fitting.prior import Prior
-from jointstiff.solver.identification import identify
+from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain

@@ -13,9 +13,9 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.finding import Finding
-from jointstiff.solver.fitting.prior import Prior
-from jointstiff.solver.identification import identify
+from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.inference.alternatives import better_alternative
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate

@@ -18,7 +18,7 @@ from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.campaign import TARGETS, deflections, linear_deflections
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.fitting.prior import Prior
+from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.paired.avoided import measured_share
 from jointstiff.solver.paired.comparison import compare_pair
 from jointstiff.solver.paired.sides import PairSide, match, models_differ

@@ -16,14 +16,14 @@ from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
-from jointstiff.solver.identification import spherical_wrist
-from jointstiff.solver.observability.identifiability import Spectrum, analyse
+from jointstiff.solver.estimate import spherical_wrist
+from jointstiff.solver.fitting.method import fit_displacement
+from jointstiff.solver.observability import Spectrum, analyse
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression.compression import Compression
-from jointstiff.solver.regression.pose import fit_displacement
-from jointstiff.solver.regression.regressor import regressor_blocks, whitener
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.wrist import find_wrist
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.triangle import Triangle, whitened, whitener
 
 
 @pytest.fixture(scope="module")
@@ -70,21 +70,29 @@ class TestConfigurations:
             Configurations(campaign[0], q)
 
 
-class TestCompression:
+class TestTriangle:
     @examples(50)
     @given(cuts=st.lists(st.integers(0, 40), max_size=4), seed=st.integers(0, 2**32 - 1))
     def test_any_partition_keeps_every_residual(self, cuts, seed):
         rng = np.random.default_rng(seed)
         rows = rng.standard_normal((40, 5)) * 10.0 ** rng.uniform(-6, 6, 5)
-        compression = Compression(5)
+        triangle = Triangle(joints=4)
         for part in np.split(rows, sorted(cuts)):
-            compression.add(part)
-        assert compression.rows == 40
+            triangle.add(part)
+        assert triangle.rows == 40
         scale = np.linalg.norm(rows, axis=0)
         for _ in range(5):
             x = rng.standard_normal(5) / scale
-            full, compressed = (np.linalg.norm(M @ x) for M in (rows, compression.triangle))
+            full, compressed = (np.linalg.norm(M @ x) for M in (rows, triangle.R))
             assert compressed == pytest.approx(full, rel=1e-12)
+
+
+def displacement(block):
+    """Rigid displacement (B, 6) of the barycentre, R of its covariance (RᵀR)⁻¹, and the barycentre."""
+    Q, R, barycentre = fit_displacement(block)
+    part = block.measurements
+    d = whitened(part.covariance, part.deflection[..., None]).reshape(len(Q), -1, 1)
+    return np.linalg.solve(R, Q.transpose(0, 2, 1) @ d)[..., 0], R, barycentre
 
 
 class TestPose:
@@ -100,8 +108,8 @@ class TestPose:
         ones = np.ones((4, targets), dtype=bool)
         changed = replace(measurements, position=position, deflection=moved, present=ones, in_flange=~ones)
         (block,) = regressor_blocks(robot, changed)
-        found = fit_displacement(block)
-        np.testing.assert_allclose(found.x, np.hstack([translation, rotation]), atol=1e-14)
+        x, _, _ = displacement(block)
+        np.testing.assert_allclose(x, np.hstack([translation, rotation]), atol=1e-14)
 
     def test_covariance_follows_that_of_each_target(self, campaign):
         """A poor target counts little: the pose and its covariance are those of generalised least squares."""
@@ -111,17 +119,17 @@ class TestPose:
         root = rng.standard_normal((*shape, 3, 3))
         covariance = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3)
         (block,) = regressor_blocks(robot, replace(measurements, covariance=covariance))
-        found = fit_displacement(block)
+        poses, R, barycentre = displacement(block)
         for i in range(len(measurements)):
-            arm = block.points[i] - found.reference[i]
+            arm = block.points[i] - barycentre[i]
             G = np.vstack([np.hstack([np.eye(3), -_cross_matrix(a)]) for a in arm])
             S = np.zeros((9, 9))
             for t in range(3):
                 S[3 * t : 3 * t + 3, 3 * t : 3 * t + 3] = covariance[i, t]
             information = G.T @ np.linalg.inv(S) @ G
             x = np.linalg.solve(information, G.T @ np.linalg.inv(S) @ measurements.deflection[i].ravel())
-            np.testing.assert_allclose(found.x[i], x, rtol=1e-8)
-            np.testing.assert_allclose(found.factor[i].T @ found.factor[i], information, rtol=1e-9)
+            np.testing.assert_allclose(poses[i], x, rtol=1e-8)
+            np.testing.assert_allclose(R[i].T @ R[i], information, rtol=1e-9)
 
     def test_equal_estimates_of_all_methods_need_equal_targets_only_for_partial_pose(self, campaign):
         """Anisotropic covariance: complete and partial pose still agree, the model being rigid."""

@@ -19,8 +19,8 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import batch
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.identification import identify
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import draws as module

@@ -10,7 +10,7 @@ import numpy as np
 from support.campaigns import prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.terms.block import regressor_blocks
 
 
 def test_the_same_set_has_the_same_regressors_and_others_have_their_own():

@@ -1,7 +1,6 @@
-"""The linear model of method.md §2: deflections of the targets as a linear function of compliance.
+"""Kinematics and loads of a block of observations, from which every term makes its columns (method.md §2).
 
-Everything is built for a block of configurations at once; a block is small enough that memory stays flat
-however many observations there are.
+A block is small enough that memory stays flat however many observations there are.
 """
 
 from __future__ import annotations
@@ -15,22 +14,19 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError, RequestError, SolverError
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
-from jointstiff.solver.regression.balance import balance
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.terms.balance import balance
 
 BLOCK_LENGTH = 3072
 """Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _MOST_KEPT = 256
 """Observations of a set whose regressors are kept as long as the set: they take a MB at most."""
-_KEPT: WeakKeyDictionary[Measurements, dict[bool, tuple[Robot, FloatArray | None, dict[str, Any]]]] = (
-    WeakKeyDictionary()
-)
-"""By set, without K_c and with it: the robot, the compliance at which it is taken, and the block's fields."""
+_KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDictionary()
+"""Fields of the last block of a set, without K_c and with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +37,8 @@ class RegressorBlock:
     balance of springs and load, and the torques are those in that balance.
     """
 
+    robot: Robot  #: n joints
+    compliance: FloatArray | None  #: (n,) at which it is taken [rad/(N·m)]; None without K_c
     configurations: Configurations  #: the kinematics
     torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
     load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
@@ -92,14 +90,15 @@ def whole_block(
     if len(measurements.joints) > _MOST_KEPT:
         return _block(robot, measurements, compliance)
     kept = _KEPT.setdefault(measurements, {})
-    of, at, fields = kept.get(compliance is not None, (None, None, {}))
-    same = compliance is at or (compliance is not None and at is not None and (compliance == at).all())
-    if of is robot and same:
-        return RegressorBlock(measurements=measurements, **fields)
-    block = _block(robot, measurements, compliance)
-    fields = {name: part for name, part in vars(block).items() if name != "measurements"}
-    kept[compliance is not None] = robot, None if compliance is None else compliance.copy(), fields
-    return block
+    fields = kept.get(compliance is not None)
+    same = fields is not None and fields["robot"] is robot
+    if same and compliance is not None:
+        same = np.array_equal(fields["compliance"], compliance)
+    if fields is None or not same:
+        block = _block(robot, measurements, compliance)
+        fields = {name: part for name, part in vars(block).items() if name != "measurements"}
+        kept[compliance is not None] = fields
+    return RegressorBlock(measurements=measurements, **fields)
 
 
 def keep_for(measurements: Measurements, compliance: FloatArray) -> None:
@@ -107,10 +106,9 @@ def keep_for(measurements: Measurements, compliance: FloatArray) -> None:
 
     They are those of the fit before, which differ by 1e-10 m a deflection once the fits agree.
     """
-    kept = _KEPT.get(measurements, {})
-    if True in kept:
-        robot, _, fields = kept[True]
-        kept[True] = robot, compliance.copy(), fields
+    fields = _KEPT.get(measurements, {}).get(True)
+    if fields is not None:
+        fields["compliance"] = compliance.copy()
 
 
 def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configurations:
@@ -122,7 +120,7 @@ def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configu
 
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
     if compliance is None:
-        return unloaded_block(Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
+        return unloaded_block(robot, Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
     unloaded = unloaded_configurations(robot, part)
     try:
         equilibrium = balance(robot, compliance, part, None, unloaded, unloaded)
@@ -137,19 +135,23 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
     in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
     in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
-    return _assembled(halfway, load_jacobian, torque, halfway.to_base(in_flange), part)
+    return _assembled(
+        robot, compliance.copy(), halfway, load_jacobian, torque, halfway.to_base(in_flange), part
+    )
 
 
-def unloaded_block(configurations: Configurations, part: Measurements) -> RegressorBlock:
+def unloaded_block(robot: Robot, configurations: Configurations, part: Measurements) -> RegressorBlock:
     """Return the regressors of observations whose kinematics are known, without K_c."""
     points = part.position
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
     load_jacobian, torque = configurations.load(part.load_point, part.force, part.moment)
-    return _assembled(configurations, load_jacobian, torque, points, part)
+    return _assembled(robot, None, configurations, load_jacobian, torque, points, part)
 
 
 def _assembled(
+    robot: Robot,
+    compliance: FloatArray | None,
     configurations: Configurations,
     load_jacobian: FloatArray,
     torque: FloatArray,
@@ -160,63 +162,4 @@ def _assembled(
     A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
         A[~part.present] = 0.0
-    return RegressorBlock(configurations, torque, load_jacobian, points, jacobian, A, part)
-
-
-def link_motion(robot: Robot, block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return how the links' frames move the targets, and how the load pulls at them (method.md §7).
-
-    Returns:
-        (n, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each joint;
-        (n, B, 6) wrench of the load in it, force then moment about its origin [N, N·m]; and (B, n, 3) the
-        load point from the origins, axes of R0 [m].
-    """
-    part = block.measurements
-    axes, origin = joint_frames(robot, block.configurations.q)
-    lever = block.configurations.to_base(part.load_point[:, None]) - origin
-    moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
-    R = axes.transpose(1, 0, 2, 3)  # (n, B, 3, 3)
-    wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
-    turn = -skew(block.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
-    moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
-    return (
-        moves if part.direction is None else np.array([part.shown(each) for each in moves]),
-        wrench[:, :, 0],
-        lever,
-    )
-
-
-_ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))
-_ISOTROPIC.setflags(write=False)
-
-
-def whitener(covariance: FloatArray) -> FloatArray:
-    """W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
-
-    Args:
-        covariance: (..., m, m).
-
-    Returns:
-        (..., m, m) lower triangular.
-
-    Raises:
-        MeasurementError: if a covariance is not finite, symmetric and positive definite.
-    """
-    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets, and asked for many times
-        return _ISOTROPIC
-    scale = np.abs(covariance).max()
-    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
-        raise _not_a_covariance()
-    try:
-        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError:
-        raise _not_a_covariance() from None
-    return inverse
-
-
-def _not_a_covariance() -> MeasurementError:
-    return MeasurementError(
-        "a covariance is not finite, symmetric and positive definite",
-        where="noise",
-        remedy="check the stated uncertainties",
-    )
+    return RegressorBlock(robot, compliance, configurations, torque, load_jacobian, points, jacobian, A, part)

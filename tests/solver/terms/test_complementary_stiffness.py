@@ -13,18 +13,18 @@ from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
 from jointstiff.simulator.equilibrium import deflections, torques
+from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting import iteration
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.regression import regressor
-from jointstiff.solver.regression.complementary_stiffness import complementary_stiffness, neglected_readings
-from jointstiff.solver.regression.regressor import regressor_blocks
 from jointstiff.solver.resampling.blocks import gram_blocks
 from jointstiff.solver.resampling.draws import ResamplingPlan, resample
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms import block as regressor
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.complementary_stiffness import NEGLECTED_STIFFNESS, complementary_stiffness
 
 METHODS_AND_WEIGHTS = [
     ("complete_pose", "covariance"),
@@ -95,7 +95,7 @@ class TestMatrix:
             robot, measurements = exact(force=force, moment=0.2 * force)
             (block,) = regressor_blocks(robot, measurements)
             missing = measurements.deflection - block.A @ ARM.compliances
-            found = neglected_readings(block, ARM.compliances).deflection
+            found = NEGLECTED_STIFFNESS.motion(block, ARM.compliances).targets[..., 0]
             assert np.abs(found - missing).max() < 0.02 * np.abs(missing).max()
             errors.append(np.abs(found - missing).max())
         assert errors[0] / errors[1] == pytest.approx(1000.0, rel=0.05)

@@ -1,1 +1,0 @@
-"""Observability of joints and of their combinations."""

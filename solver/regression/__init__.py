@@ -1,1 +1,0 @@
-"""Regressors: linear maps from joint compliances to what is read."""

@@ -1,0 +1,187 @@
+"""Triangle: readings and the columns of all terms, whitened and compressed (method.md §5, §18).
+
+For rows M = [A d] the triangle T satisfies ``Tᵀ T = Mᵀ M``, so ``‖A x − d‖ = ‖T (x, −1)‖`` for every x: a
+fit, an F test and an order of two campaigns need nothing else of the readings. Householder QR is backward
+stable column by column: columns of very different scale do not disturb each other, which the normal equations
+would let them. This module alone whitens readings and compresses rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE
+
+_LEAF = 256
+"""Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
+INDEPENDENT: Final = 1e-6
+"""Least singular value of unit columns that counts for more than rounding."""
+TOLD_APART: Final = 1e-2
+"""Least singular value of a load's unit columns beside the joints': below it is the load's own size."""
+_RESOLUTION: Final = 1e-7
+"""Residual [m] of a coordinate below which nothing is left to explain."""
+
+_ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))
+_ISOTROPIC.setflags(write=False)
+
+
+def whitener(covariance: FloatArray) -> FloatArray:
+    """Return W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
+
+    Args:
+        covariance: (..., m, m).
+
+    Returns:
+        (..., m, m) lower triangular.
+
+    Raises:
+        MeasurementError: if a covariance is not finite, symmetric and positive definite.
+    """
+    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets, and asked for many times
+        return _ISOTROPIC
+    refused = MeasurementError(
+        "a covariance is not finite, symmetric and positive definite",
+        where="noise",
+        remedy="check the stated uncertainties",
+    )
+    scale = np.abs(covariance).max()
+    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
+        raise refused
+    try:
+        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise refused from None
+    return inverse
+
+
+def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
+    W = whitener(covariance)
+    if W.ndim == 2 and np.array_equal(W, W[0, 0] * np.eye(len(W))):  # isotropic: one product instead of three
+        return np.asarray(W[0, 0] * rows)
+    return np.asarray(W @ rows)
+
+
+def triangle_of(rows: FloatArray) -> FloatArray:
+    """Return the triangular factor of rows (m, k) by a tree of small QRs, which start no threads."""
+    width = rows.shape[1]
+    leaf = max(_LEAF, 4 * width)
+    while len(rows) > 4 * leaf:
+        whole = len(rows) // leaf * leaf
+        leaves = np.asarray(np.linalg.qr(rows[:whole].reshape(-1, leaf, width), mode="r"))
+        rows = np.concatenate([leaves.reshape(-1, width), rows[whole:]])
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+
+
+class Triangle:
+    """Triangular factor of all rows added so far, its columns by the names of their terms.
+
+    Attributes:
+        R: (K + 1, K + 1) upper triangular, the readings' own column last.
+        rows: number of readings behind it.
+        span: columns of each term.
+    """
+
+    def __init__(self, **widths: int) -> None:
+        """Start without rows.
+
+        Args:
+            widths: number of columns of each term, in their order.
+        """
+        ends = accumulate(widths.values(), initial=0)
+        self.span = {name: np.arange(*part) for name, part in zip(widths, pairwise(ends), strict=True)}
+        width = sum(widths.values()) + 1
+        self.R: FloatArray = np.zeros((width, width))
+        self.rows = 0
+
+    def add(self, rows: FloatArray, *, count: int | None = None) -> None:
+        """Take in rows.
+
+        Args:
+            rows: (..., K + 1); leading dimensions are flattened.
+            count: number of readings among them, if some are padding of zeros; all if None.
+        """
+        flat = rows.reshape(-1, self.R.shape[1])
+        self.R = triangle_of(np.concatenate([self.R, triangle_of(flat)]))
+        self.rows += len(flat) if count is None else count
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(K + 1, K) compressed regressor."""
+        return self.R[:, :-1]
+
+    @property
+    def rhs(self) -> FloatArray:
+        """(K + 1,) compressed readings."""
+        return self.R[:, -1]
+
+    def unit_columns(self, names: Sequence[str]) -> FloatArray:
+        """Return the columns of some terms, each of unit length; zero columns stay zero."""
+        columns = self.R[:, np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])]
+        length = np.linalg.norm(columns, axis=0)
+        return columns / np.where(length > 0.0, length, 1.0)
+
+    def residual_squares(self, names: Sequence[str]) -> float:
+        """Return the sum of squared residuals of some terms fitted together."""
+        known = basis(self.unit_columns(names))
+        return float(self.rhs @ self.rhs - np.square(known.T @ self.rhs).sum())
+
+    def p_value(
+        self,
+        name: str,
+        beside: Sequence[str] = ("joints",),
+        *,
+        most: int | None = None,
+        least: float = TOLD_APART,
+    ) -> float:
+        """Return the p-value of the F test of a term beside others; 1 where the readings cannot tell.
+
+        Args:
+            name: term that is tested.
+            beside: terms that are fitted in any case.
+            most: largest number of its leading combinations that are tested; all if None.
+            least: singular value of its unit columns beside the others above which a combination counts.
+        """
+        known, tested = basis(self.unit_columns(beside)), self.unit_columns([name])
+        d = self.rhs - known @ (known.T @ self.rhs)
+        leading = basis(tested - known @ (known.T @ tested), least)[:, :most]
+        freedom = self.rows - known.shape[1] - leading.shape[1]
+        if not leading.shape[1] or freedom < 1:
+            return 1.0
+        explained = float(np.square(leading.T @ d).sum())
+        left = max(float(d @ d) - explained, 0.0) + freedom * _RESOLUTION**2
+        ratio = explained / leading.shape[1] / (left / freedom)
+        return float(special.fdtrc(leading.shape[1], freedom, ratio))
+
+    def fit_beside_joints(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Fit the joints and one more term by least squares, without bounds.
+
+        Returns:
+            Unknowns of the joints' columns, and those of the term; combinations of the term's that the joints
+            explain as well are zero.
+        """
+        joints, columns, d = self.R[:, self.span["joints"]], self.R[:, self.span[name]], self.rhs
+        length = np.linalg.norm(columns, axis=0)
+        length = np.where(length > 0.0, length, 1.0)
+        known = basis(self.unit_columns(["joints"]))
+        unit = columns / length
+        U, s, Vt = np.linalg.svd(unit - known @ (known.T @ unit), full_matrices=False)
+        distinct = s > TOLD_APART
+        step = Vt[distinct].T @ ((U[:, distinct].T @ d) / s[distinct])
+        scale = np.linalg.norm(joints, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        fitted = np.linalg.lstsq(joints / scale, d - unit @ step, rcond=INDEPENDENT)[0]
+        return fitted / scale, step / length
+
+
+def basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:
+    """Return an orthonormal basis of what columns tell by more than a singular value, largest first."""
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, s > least])
