@@ -91,10 +91,9 @@ def whole_block(
         return _block(robot, measurements, compliance)
     kept = _KEPT.setdefault(measurements, {})
     fields = kept.get(compliance is not None)
-    same = fields is not None and fields["robot"] is robot
-    if same and compliance is not None:
-        same = np.array_equal(fields["compliance"], compliance)
-    if fields is None or not same:
+    at = None if fields is None else fields["compliance"]
+    same = compliance is None or (at is not None and np.array_equal(at, compliance))
+    if fields is None or fields["robot"] is not robot or not same:
         block = _block(robot, measurements, compliance)
         fields = {name: part for name, part in vars(block).items() if name != "measurements"}
         kept[compliance is not None] = fields

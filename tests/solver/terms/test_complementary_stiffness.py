@@ -237,8 +237,7 @@ class TestReported:
     def test_of_a_set_of_many_blocks(self, monkeypatch, loss):
         robot, measurements = exact("dead_weight", configurations=60)
         whole = estimate(robot, measurements, loss=loss).complementary_stiffness
-        for module in (regressor, iteration):
-            monkeypatch.setattr(module, "BLOCK_LENGTH", 7)
+        monkeypatch.setattr(regressor, "BLOCK_LENGTH", 7)
         blocks = estimate(robot, measurements, loss=loss).complementary_stiffness
         assert blocks.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-9)
         assert blocks.largest_shift == pytest.approx(whole.largest_shift, rel=1e-9)
@@ -246,8 +245,7 @@ class TestReported:
     def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
         robot, measurements = exact("dead_weight", configurations=200)
         whole = estimate(robot, measurements).complementary_stiffness
-        for module in (regressor, iteration):
-            monkeypatch.setattr(module, "BLOCK_LENGTH", 30)
+        monkeypatch.setattr(regressor, "BLOCK_LENGTH", 30)
         monkeypatch.setattr(iteration, "SHIFT_OBSERVATIONS", 100)
         part = estimate(robot, measurements).complementary_stiffness
         assert part.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-12)
