@@ -938,8 +938,10 @@ export const en = {
     typed: "typed",
     place: "Load point and tool, x, y, z, flange frame",
     view: "Robot bent by the force. Arrow keys orbit, plus and minus zoom.",
-    along: (axis: string, level: string) => `Along ${axis}, ${level} interval of the readings`,
-    ball: (level: string) => `With model error, within (${level})`,
+    expanded: (level: string, factor: string) => `U, readings only (${level}, k = ${factor})`,
+    expandedWithModel: (level: string, factor: string) => `U, with model error (${level}, k = ${factor})`,
+    modelAlone: (level: string) => `Model error alone, radius (${level})`,
+    along: (axis: string, level: string) => `Along ${axis}, readings only (${level} interval)`,
   },
   evidence: {
     title: "Evidence",

@@ -145,25 +145,38 @@ function Bent({ found: { posture, point, force, answer }, result }: { found: Pre
   );
 }
 
-function Answer({ answer: { cases, confidence, remarks } }: { answer: DeflectionResult }) {
+export function Answer({ answer: { cases, confidence, remarks } }: { answer: DeflectionResult }) {
   const [found] = cases;
   if (!found) return null;
   const level = percent(confidence);
   const { micrometre } = text.units;
-  const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
-  const { displacement, readings_only: readings, with_model_error: model } = found;
+  const um = (value: number, u: number) => fixed(value * 1e6, Math.max(0, decimalsFor(u * 1e6)));
+  const micro = (length: number) => `${significant(length * 1e6, 2)} ${micrometre}`;
+  const { displacement, readings_only: readings, with_model_error: model, budget } = found;
+  const factor = significant(budget?.coverage_factor ?? 0, 3);
+  const size = norm(displacement ?? [0, 0, 0]);
+  const length = budget ? um(size, budget.expanded_uncertainty) : significant(size * 1e6, 3);
   return (
     <>
       {displacement && (
         <Facts
           facts={[
-            { label: text.map.deflection, value: <b>{`${significant(norm(displacement) * 1e6, 3)} ${micrometre}`}</b> },
-            ...(model
-              ? [{ label: words.ball(level), value: `± ${significant(model.radius * 1e6, 2)} ${micrometre}` }]
+            { label: text.map.deflection, value: <b>{`${length} ${micrometre}`}</b> },
+            ...(budget
+              ? [{ label: words.expanded(level, factor), value: `± ${micro(budget.expanded_uncertainty)}` }]
               : []),
+            ...(budget && model
+              ? [
+                  {
+                    label: words.expandedWithModel(level, factor),
+                    value: `± ${micro(budget.expanded_with_model_error)}`,
+                  },
+                ]
+              : []),
+            ...(!budget && model ? [{ label: words.modelAlone(level), value: micro(model.radius) }] : []),
             ...(readings?.displacement ?? []).map(([low, high], i) => ({
               label: words.along("xyz"[i] ?? "", level),
-              value: `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}`,
+              value: `${um(low, (high - low) / 4)} … ${um(high, (high - low) / 4)} ${micrometre}`,
             })),
           ]}
         />
