@@ -98,6 +98,12 @@ class Assessment(Message):
 
     verdict: Verdict = Field(description="Worst verdict of the reasons; `use` without reasons.")
     reasons: list[Reason] = Field(description="Reasons, most severe first.")
+    joints_identified: int | None = Field(
+        default=None,
+        description="Number of joints of status `identified`; the least of several fits; null for "
+        "geometries.",
+    )
+    joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     notes: list[str] = Field(
         default_factory=list,
         description="Checks that these readings do not allow, and assumptions in their place.",

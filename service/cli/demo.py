@@ -7,12 +7,13 @@ import signal
 from typing import Final
 
 from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.report import job_report
+from jointstiff.service.kinds.report import job_parts
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.server import run_server
-from jointstiff.service.tables.terminal import console, problem_text
+from jointstiff.service.tables.table import Line
+from jointstiff.service.tables.terminal import console, printed, problem_text
 from jointstiff.simulator import default_arm, simulate_campaign
 
 _FAILED: Final = 1
@@ -77,9 +78,9 @@ def _tour(address: str, *, once: bool) -> int:
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return _FAILED
-    out.print(job_report(RUN, run))
-    out.print()
-    out.print(job_report(COMPARISON, comparison))
+    parts = job_parts(RUN, run)
+    others = [part for part in job_parts(COMPARISON, comparison) if part not in parts]
+    out.print(printed([*parts, Line(""), *others]))
     # with --once, the address ends with the service
     last = "Run {id}; to open its page: the same command without --once" if once else "Open the page: {page}"
     out.print("\n" + last.format(id=run.id, page=f"{address}/#/runs/{run.id}"), markup=False, soft_wrap=True)

@@ -14,10 +14,14 @@ from jointstiff.solver.inference.reason import Action, Place, Usability
 from jointstiff.solver.inference.verdict import JointCompliance
 
 
-def to_assessment(assessment: Assessment, readings: ReadingArrays) -> messages.Assessment:
-    """Return verdict and reasons of an identification."""
+def to_assessment(
+    assessment: Assessment, joints: Sequence[JointCompliance], readings: ReadingArrays
+) -> messages.Assessment:
+    """Return verdict and reasons of an identification, and how many of its joints have a number."""
     return messages.Assessment(
         verdict=assessment.verdict,
+        joints_identified=sum(joint.status == "identified" for joint in joints),
+        joint_count=len(joints),
         notes=list(assessment.notes),
         reasons=[
             message(
@@ -65,7 +69,15 @@ def combined(assessments: Sequence[messages.Assessment]) -> messages.Assessment:
     reasons: dict[tuple[str, str | None], messages.Reason] = {}
     for reason in (reason for assessment in assessments for reason in assessment.reasons):
         reasons.setdefault((reason.code, reason.where), reason)
+    counts = [
+        (each.joints_identified, each.joint_count)
+        for each in assessments
+        if each.joints_identified is not None
+    ]
+    identified, count = min(counts, default=(None, None))
     return messages.Assessment(
+        joints_identified=identified,
+        joint_count=count,
         verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
         reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
         notes=list(dict.fromkeys(note for assessment in assessments for note in assessment.notes)),

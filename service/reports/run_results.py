@@ -18,7 +18,7 @@ from jointstiff.service.reports.wording import percent
 from jointstiff.service.tables.numbers import NO_NUMBER, figure, rounded
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import text_table
-from jointstiff.service.tables.verdict import VERDICTS
+from jointstiff.service.tables.verdict import VERDICTS, support
 
 _UNIT = UNITS["MNm/rad"]
 _MICRO = 1e6
@@ -200,7 +200,7 @@ def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
             *([("The robot is in alarm", "\n".join(alarms))] if alarms else []),
         ],
         notes=[
-            *(lines[:_MOST_WARNINGS] or ["Every number passed the checks."]),
+            *(lines[:_MOST_WARNINGS] or [f"{support(result.assessment).capitalize()}."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),
             *result.assessment.notes,
         ],

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any, Final
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group, RenderableType
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressBar
 from rich.table import Table as RichTable
@@ -24,7 +28,9 @@ METHOD_NAMES: Final = {
     "decoupled_partial_pose": "decoupled partial pose",
 }
 _NARROWEST = 80
-_FEW_COLUMNS: Final = 6  # of a table without lines; with more, units stand in a second line of the head
+_NARROW: Final = 16
+"""Characters in a line of a column of text that a narrow terminal leaves at least."""
+_INDENT: Final = re.compile(r"^ *(?:\d+\. )?")
 _STYLES: Final = {
     "": "",
     "title": "bold",
@@ -61,37 +67,113 @@ def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
 
 def problem_text(problem: Problem) -> Text:
     """Lay out an error for the terminal."""
-    return _text(problem_line(problem))
+    return _styled(problem_line(problem))
 
 
 def printed(parts: Sequence[Part]) -> RenderableType:
     """Lay out parts for the terminal; text is never taken for markup."""
-    return Group(*(_text(part) if isinstance(part, Line) else _rich_table(part) for part in parts))
+    return Group(*(_text(part) if isinstance(part, Line) else _FittedTable(part) for part in parts))
 
 
-def _text(line: Line) -> Text:
+def _text(line: Line) -> RenderableType:
+    """Lay out a line; what is wrapped goes on below its first word."""
+    return Group(*(_indented(Line(text, line.style)) for text in line.text.split("\n")))
+
+
+def _indented(line: Line) -> RenderableType:
+    indent = len(line.text) - len(_INDENT.sub("", line.text))
+    if not indent:
+        return _styled(line)
+    row = RichTable.grid()
+    row.add_column(no_wrap=True)
+    row.add_column(overflow="fold")
+    row.add_row(*(_styled(Line(text, line.style)) for text in (line.text[:indent], line.text[indent:])))
+    return row
+
+
+@dataclass(frozen=True)
+class _FittedTable:
+    """A table in the first layout that fits: with lines, without, with a folded head, in parts.
+
+    Texts are folded where they must, numbers never: one that is cut short misleads.
+    """
+
+    table: Table
+
+    def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RichTable]:
+        """Yield the table, or the parts that its columns are distributed to."""
+        head, width = self.table.head(), options.max_width
+        places = range(len(head))
+        rows = self.table.rows()
+        cells = [max((_width(row[place].text) for row in rows), default=0) for place in places]
+        folded = [_folded(header, cells[place]) for place, header in enumerate(head)]
+        texts = self.table.text_columns()
+        most = [_NARROW if place in texts else width - _NARROW - 1 for place in places]
+
+        def least(head: Sequence[str]) -> list[int]:
+            return [min(most[place], max(cells[place], _width(head[place]))) for place in places]
+
+        if not self.table.plain and sum(least(head)) + 3 * len(head) + 1 <= width:
+            yield self._part(head, places, plain=False)
+        elif sum(least(head)) + len(head) - 1 <= width:
+            yield self._part(head, places, plain=True)
+        else:
+            parts = _distributed(least(folded), width)
+            for part in parts:
+                yield self._part(folded, part, plain=True, first=part is parts[0], last=part is parts[-1])
+
+    def _part(
+        self,
+        head: Sequence[str],
+        places: Sequence[int],
+        *,
+        plain: bool,
+        first: bool = True,
+        last: bool = True,
+    ) -> RichTable:
+        """Return the columns at some places; the first part has the title, the last one the caption."""
+        table, texts = self.table, self.table.text_columns()
+        layout: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if plain else {}
+        rich: RichTable = RichTable(
+            title=Text(table.title) if table.title and first else None,
+            caption=Text(table.caption) if table.caption and last else None,
+            caption_justify="left",
+            **layout,
+        )
+        for place in places:
+            rich.add_column(
+                Text(head[place]),
+                justify="left" if place in texts else "right",
+                overflow="fold",
+                max_width=None if table.upright else table.columns[place].widest,
+                no_wrap=place not in texts,
+            )
+        for row in table.rows():
+            rich.add_row(*(_styled(row[place]) for place in places))
+        return rich
+
+
+def _styled(line: Line) -> Text:
     return Text(line.text, style=_STYLES[line.style])
 
 
-def _rich_table(table: Table) -> RichTable:
-    layout: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if table.plain else {}
-    rich: RichTable = RichTable(
-        title=Text(table.title) if table.title else None,
-        caption=Text(table.caption) if table.caption else None,
-        caption_justify="left",
-        **layout,
-    )
-    texts = table.text_columns()
-    many = table.plain and len(table.columns) > _FEW_COLUMNS
-    for place, header in enumerate(table.head()):
-        widest = None if table.upright else table.columns[place].widest
-        rich.add_column(
-            Text(header.replace(" [", "\n[") if many else header),
-            justify="left" if place in texts else "right",
-            overflow="fold",
-            max_width=widest,
-            no_wrap=table.plain and place not in texts,  # names are folded before numbers
-        )
-    for row in table.rows():
-        rich.add_row(*map(_text, row))
-    return rich
+def _width(text: str) -> int:
+    return max(map(cell_len, text.split("\n")))
+
+
+def _folded(header: str, width: int) -> str:
+    """Fold a header to the width of its cells, between words; its unit has a line of its own."""
+    name, bracket, unit = header.partition(" [")
+    longest = max(map(cell_len, [*name.split(), bracket.strip() + unit]))
+    lines = wrap(name, max(width, longest), break_long_words=False)
+    return "\n".join([*lines, f"[{unit}"] if bracket else lines)
+
+
+def _distributed(widths: Sequence[int], width: int) -> list[list[int]]:
+    """Return the places of columns of some widths, in parts that fit; each begins with the first column."""
+    parts = [[0]]
+    for place in range(1, len(widths)):
+        if sum(widths[i] + 1 for i in parts[-1]) + widths[place] > width:
+            parts.append([0])
+        parts[-1].append(place)
+    return parts

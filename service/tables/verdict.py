@@ -20,14 +20,10 @@ VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
 )
 """Words of the verdicts."""
-_HEADLINES: Final[Mapping[Verdict, tuple[str, Style]]] = MappingProxyType(
-    {
-        "use": ("Use: every number below passed the checks", "verdict_use"),
-        "use_with_care": ("Use with care", "verdict_care"),
-        "do_not_use": ("Do not use", "verdict_not"),
-    }
+_HEAD_STYLES: Final[Mapping[Verdict, Style]] = MappingProxyType(
+    {"use": "verdict_use", "use_with_care": "verdict_care", "do_not_use": "verdict_not"}
 )
-"""First line of a report, and its style."""
+"""Styles of the first line of a report."""
 _STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
 _UNEXPLAINED: Final = frozenset({"low_compensation", "deflections_unexplained", "residual_outlier"})
 _SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
@@ -50,9 +46,17 @@ def judged(sheet: Sheet, assessment: Assessment | None) -> Sheet:
 
 def verdict_line(assessment: Assessment) -> Line:
     """Return the verdict in one line."""
-    headline, style = _HEADLINES[assessment.verdict]
-    count = len(assessment.reasons)
-    return Line(headline + (f": {_counted(count, 'reason')}" if count else ""), style)
+    verdict, count = assessment.verdict, len(assessment.reasons)
+    why = _counted(count, "reason") if count else support(assessment)
+    return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
+
+
+def support(assessment: Assessment) -> str:
+    """Return what passed the checks of a result without reasons against it."""
+    identified, count = assessment.joints_identified, assessment.joint_count
+    if identified is None:
+        return "the checks found no fault"
+    return f"{'all' if identified == count else f'{identified} of'} {count} joints passed the checks"
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:

@@ -120,9 +120,8 @@ def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> As
 def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     if estimate.common is not None and estimate.common.of("assumed_load_point").any():
         yield (
-            f"The uncertainty of the load point is not stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm in each "
-            "direction is assumed. Measure where the force acts on the flange, and give the standard "
-            "uncertainty of that point in the measurement set: `noise.load_point`, in its unit of length."
+            f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
+            "flange, and enter its uncertainty (on the page: Advanced, Position of the load point)."
         )
     if measurements.in_flange[measurements.present].all():
         yield (

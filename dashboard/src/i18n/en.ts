@@ -582,6 +582,8 @@ export const en = {
       use_with_care: "Use these stiffnesses only with the reservations below.",
       do_not_use: "Do not use these stiffnesses before the cause below is removed.",
     } satisfies Record<Usability, string>,
+    supported: (identified: number, count: number) =>
+      `The readings support the stiffness of ${identified === count ? "all" : `${identified} of`} ${count} joints.`,
     more: (count: number) => plural(count, "further finding", "further findings"),
     doing: "Identifying…",
     sure: (reasons: string[]) =>

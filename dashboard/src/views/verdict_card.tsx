@@ -21,12 +21,13 @@ export function VerdictCard({
   /** What each verdict means, where it is not about stiffnesses. */
   sentences?: Record<Usability, string>;
 }) {
-  const { verdict, reasons, notes } = assessment;
+  const { verdict, reasons, notes, joints_identified: identified, joint_count: count } = assessment;
+  const counted = verdict === "use" && identified != null && count != null;
   return (
     <section class={`verdict-card ${verdict}`} aria-label={words.title}>
       <h2>
         <Badge verdict={verdict} large />
-        <span>{sentences[verdict]}</span>
+        <span>{counted ? words.supported(identified, count) : sentences[verdict]}</span>
       </h2>
       {reasons.length > 0 && (
         <ul>

@@ -169,7 +169,7 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
             ),
             Column("stiffness", stiffness, number(".0f", 1e-3), "N/mm"),
         ],
-        title="Deflections in R0, with the expanded uncertainty U from the readings alone",
+        title="Deflections in R0, with U from the readings only",
         caption=f"U and model error at {percent}; stiffness along the force, free to move sideways",
         plain=True,
     )

@@ -101,7 +101,7 @@ class Side:
         warnings = to_warnings(judge(estimate, prediction), self.prepared.readings)
         assessment = self.prepared.assess(campaign.settings, estimate, prediction)
         budget = UncertaintyBudget.of(estimate, campaign.settings.confidence)
-        judgement = to_assessment(assessment, self.prepared.readings)
+        judgement = to_assessment(assessment, estimate.joints, self.prepared.readings)
         return AssessedSide(
             assessment=judgement.model_copy(
                 update={"reasons": [self._placed(each) for each in judgement.reasons]}

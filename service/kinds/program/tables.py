@@ -50,7 +50,7 @@ def _worst(result: ProgramResult) -> Table:
     return Table(
         [
             Column("point", [point.number for point in points]),
-            Column("name", [point.name for point in points]),
+            Column("name", [point.name for point in points], text=True),
             Column("line", [point.line for point in points]),
             Column("deflection", [point.deflection for point in points], number(".3f", 1e3), "mm"),
             Column(

@@ -44,7 +44,7 @@ def to_result(
     return message(
         runs.RunResult,
         estimate,
-        assessment=to_assessment(assessment, readings),
+        assessment=to_assessment(assessment, estimate.joints, readings),
         joints=to_joints(estimate.joints, assessment.joints, to_joint_budgets(budget, len(names))),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,

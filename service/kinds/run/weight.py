@@ -63,7 +63,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         model = to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
-        assessment=to_assessment(assessment, prepared.readings),
+        assessment=to_assessment(assessment, joints, prepared.readings),
         joints=to_joints(joints, assessment.joints, [None] * len(joints)),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),

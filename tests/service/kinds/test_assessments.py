@@ -72,7 +72,7 @@ def test_a_clean_run_is_for_use(clean):
     assert run.result.assessment.verdict == "use"
     assert run.result.assessment.reasons == []
     assert {joint.verdict for joint in run.result.joints} == {"use"}
-    assert first_line(job_report(RUN, run)) == "Use: every number below passed the checks"
+    assert first_line(job_report(RUN, run)) == "Use: all 6 joints passed the checks"
 
 
 def test_exchanged_columns_cap_every_joint_and_can_be_exchanged_back(exchanged):

@@ -193,7 +193,7 @@ def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_pa
     table, report = done.stdout.split("Use: ")
     for words in ("Before and after", "do not use", "joint_2"):
         assert words in table
-    assert "every number below passed" in report
+    assert "joints passed the checks" in report
     assert old.read_bytes() == content
     mended = Campaign.model_validate_json((tmp_path / "campaign-exchange-columns.json").read_bytes())
     joints = [each.joints for each in mended.measurement_set.observations]

@@ -97,7 +97,7 @@ def test_details_are_printed_on_demand(run):
     for text in ("observability O1", "complementary stiffness", "χ²/dof"):
         assert text not in short
         assert text in whole
-    assert short.splitlines()[0] == whole.splitlines()[0] == "Use: every number below passed the checks"
+    assert short.splitlines()[0] == whole.splitlines()[0] == "Use: 5 of 6 joints passed the checks"
 
 
 def test_at_most_three_things_to_do_and_nothing_twice(bumped):
