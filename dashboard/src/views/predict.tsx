@@ -9,6 +9,7 @@ import { typedOf, vectorIn } from "../lib/entered";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { loadOf } from "../lib/places";
 import { numbersIn } from "../lib/program";
+import { sentence } from "../lib/said";
 import { roundStep } from "../lib/scale";
 import { degrees, factors, radians } from "../lib/units";
 import { type Vector, add, fromFlange, norm, times } from "../lib/vector";
@@ -176,14 +177,14 @@ export function Answer({ answer: { cases, confidence, remarks } }: { answer: Def
             ...(!budget && model ? [{ label: words.modelAlone(level), value: micro(model.radius) }] : []),
             ...(readings?.displacement ?? []).map(([low, high], i) => ({
               label: words.along("xyz"[i] ?? "", level),
-              value: `${um(low, (high - low) / 4)} … ${um(high, (high - low) / 4)} ${micrometre}`,
+              value: `${um(low, (high - low) / 4)} … ${um(high, (high - low) / 4)}\u00a0${micrometre}`,
             })),
           ]}
         />
       )}
       {[...found.remarks, ...remarks].map((remark) => (
         <p class="note warn">
-          <Prose text={remark} />
+          <Prose text={sentence(remark)} />
         </p>
       ))}
     </>
