@@ -25,7 +25,7 @@ const predicted: DeflectionResult["cases"][number] = {
 
 const facts = async (changes: Partial<typeof predicted>) => {
   const result = {
-    assessment: { verdict: "use" as const, reasons: [], notes: [] },
+    assessment: { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, notes: [] },
     confidence: 0.95,
     model_error_postures: 19,
     postures_needed: 19,
