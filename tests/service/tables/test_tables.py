@@ -14,10 +14,13 @@ from support.shared_data import shared
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
+from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import in_process
+from jointstiff.service.reports.run_results import assessment
 from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.verdict import support
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -98,6 +101,18 @@ def test_details_are_printed_on_demand(run):
         assert text not in short
         assert text in whole
     assert short.splitlines()[0] == whole.splitlines()[0] == "Use: 5 of 6 joints passed the checks"
+
+
+def test_the_report_counts_the_joints_as_the_terminal_does(run):
+    section = assessment(run.result, [])
+    assert section.notes[0] == "5 of 6 joints passed the checks."
+
+
+def test_several_fits_count_the_joints_of_the_least(run):
+    known = run.result.assessment
+    fits = [known, known.model_copy(update={"joints_identified": 3})]
+    assert support(combined(fits)) == "3 of 6 joints passed the checks"
+    assert support(combined([])) == "the checks found no fault"
 
 
 def test_at_most_three_things_to_do_and_nothing_twice(bumped):
