@@ -124,7 +124,8 @@ class LinksResult(Message):
     links: list[LinkCompliance] = Field(description="Compliances of the elastic links.")
     elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
     unexplained: Dimensionless[float] = Field(
-        description="Share of the measured deflection that no element explains."
+        description="Share of the measured deflection that no element explains, by squares as the shares of "
+        "the elements; `compensation` compares lengths."
     )
     effective_freedom: Dimensionless[float] = Field(
         description="Effective number of parameters of the whole model that the readings determine."

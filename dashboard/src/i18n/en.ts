@@ -767,7 +767,8 @@ export const en = {
   losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
   links: {
     elements: "Contribution of each joint and link",
-    elementsNote: "Share of the measured deflection; with the unexplained share they sum to one.",
+    elementsNote:
+      "Shares of the squared deflection; with the unexplained share they sum to 100 %. What the run explains of the mean deflection is a share of lengths.",
     element: "Element",
     kinds: { coupling: "coupling", joint: "joint", link: "link" } satisfies Record<ElementKind, string>,
     link: (joint: string) => `link ${joint}`,

@@ -43,7 +43,9 @@ def links_line(links: LinksResult, selection: ModelSelection | None) -> Line:
         losses = {**selection.losses, links.model: links.loss}
         scores = {e.model: e.compensation for e in selection.models if e.loss == losses[e.model]}
     if selection is None or not {"joints", links.model} <= set(scores):
-        return Line(f"  {_MODEL_NAMES[links.model]}: {percent(1.0 - links.unexplained)} of the deflection")
+        return Line(
+            f"  {_MODEL_NAMES[links.model]}: {percent(1.0 - links.unexplained)} of the squared deflection"
+        )
     chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
     return Line(
         f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {percent(scores[links.model])} of "
@@ -66,7 +68,8 @@ def _elements_table(links: LinksResult) -> Table:
             Column("least", [*least, None], percent),
             Column("greatest", [*greatest, None], percent),
         ],
-        title="Share of the measured deflection",
+        title="Share of the squared deflection",
+        caption="sum 100 %; what the run explains of the mean deflection is a share of lengths",
     )
 
 
