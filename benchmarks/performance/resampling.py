@@ -15,8 +15,7 @@ from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.fitting.settings import Method, Settings
-from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks
-from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
+from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]
 

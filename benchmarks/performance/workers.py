@@ -21,8 +21,7 @@ from benchmarks.services import Service, ServiceError, numbers, post_campaign, p
 from benchmarks.timing import Times, interleaved
 from jointstiff.schemas.run.resampling import MAX_REPETITIONS
 from jointstiff.service.threads import ONE_THREAD
-from jointstiff.solver.resampling.blocks import gram_blocks
-from jointstiff.solver.resampling.draws import ResamplingPlan, resample
+from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]
 

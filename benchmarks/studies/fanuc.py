@@ -18,9 +18,14 @@ from jointstiff.service.conversion.robots import build_robot, dh_kinematics
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks
-from jointstiff.solver.resampling.draws import ResamplingPlan, resample
-from jointstiff.solver.resampling.summary import ResamplingSummary, summarise
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    ResamplingPlan,
+    ResamplingSummary,
+    gram_blocks,
+    resample,
+    summarise,
+)
 from jointstiff.solver.robot.model import Robot
 
 __all__ = ["CAMPAIGN", "prepared", "run"]

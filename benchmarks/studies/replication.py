@@ -28,7 +28,7 @@ from benchmarks.studies.resampled_ways import (
 )
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import Encoders
-from jointstiff.solver.resampling.summary import ResamplingSummary
+from jointstiff.solver.resampling import ResamplingSummary
 
 __all__ = ["run"]
 

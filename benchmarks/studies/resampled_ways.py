@@ -15,9 +15,14 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.fitting.settings import Method, Settings, Weighting
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks
-from jointstiff.solver.resampling.draws import ResamplingPlan, resample
-from jointstiff.solver.resampling.summary import ResamplingSummary, summarise
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    ResamplingPlan,
+    ResamplingSummary,
+    gram_blocks,
+    resample,
+    summarise,
+)
 
 __all__ = [
     "DRAWN",

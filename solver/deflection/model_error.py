@@ -26,8 +26,7 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.budget import LeftOut
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling.blocks import blocks_of_identified
-from jointstiff.solver.resampling.draws import fit_subsets
+from jointstiff.solver.resampling import blocks_of_identified, fit_subsets
 from jointstiff.solver.robot.model import Robot
 
 MOST_LEFT_OUT: Final = 200

@@ -23,7 +23,7 @@ from jointstiff.service.problems.table import problem_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.estimate import refuse_unsupported
-from jointstiff.solver.resampling.draws import Resamples
+from jointstiff.solver.resampling import Resamples
 
 Part = Resamples | Problem
 """Some draws of one fit, or why it has none."""

@@ -12,8 +12,14 @@ from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import Span
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.resampling.blocks import GramBlocks, blocks_of_identified, refuse_nonlinear
-from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    Resamples,
+    ResamplingPlan,
+    blocks_of_identified,
+    refuse_nonlinear,
+    resample,
+)
 
 STEP_SECONDS: Final = 0.25
 _SECONDS_A_REPETITION: Final = 8e-6

@@ -23,7 +23,7 @@ from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Contributions, Prediction
 from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
-from jointstiff.solver.resampling.summary import ResamplingSummary
+from jointstiff.solver.resampling import ResamplingSummary
 
 MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""

@@ -34,8 +34,7 @@ from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict, predict_encoders
 from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.links.estimation import refuse_unsupported_elastic
-from jointstiff.solver.resampling.draws import Resamples
-from jointstiff.solver.resampling.summary import summarise
+from jointstiff.solver.resampling import Resamples, summarise
 
 
 class RunWork(SteppedWork[Resamples]):

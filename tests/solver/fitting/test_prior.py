@@ -16,7 +16,7 @@ from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.resampling import gram_blocks
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks

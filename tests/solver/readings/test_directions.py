@@ -13,7 +13,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.resampling import gram_blocks
 
 ARM = default_arm()
 SPREAD = {"P0": (0.15, 0.0, 0.1), "P1": (-0.1, 0.12, 0.1), "P2": (-0.1, -0.12, 0.05)}

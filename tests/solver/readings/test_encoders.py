@@ -16,8 +16,7 @@ from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
 from jointstiff.solver.inference.prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.readings.measurements import EncoderReadings
-from jointstiff.solver.resampling.blocks import gram_blocks
-from jointstiff.solver.resampling.draws import ResamplingPlan, resample
+from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
 ARM = default_arm()
 SIGMA, ENCODER_SIGMA = 2e-5, 5e-6

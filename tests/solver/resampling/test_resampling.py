@@ -16,6 +16,7 @@ from support.campaigns import METHODS, prepare
 from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver import resampling as module
 from jointstiff.solver.convex import batch
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
@@ -23,10 +24,15 @@ from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling import draws as module
-from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks, gram_blocks
-from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
-from jointstiff.solver.resampling.summary import summarise
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    Resamples,
+    ResamplingPlan,
+    StageBlocks,
+    gram_blocks,
+    resample,
+    summarise,
+)
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
 
@@ -259,7 +265,7 @@ class TestSameNumbers:
         parts = [resample(blocks, plan, POSITIVE, *cut) for cut in pairwise(cuts)]
         assert _bytes(Resamples.concatenate(parts)) == _bytes(whole)
         monkeypatch.setattr(module, "TILE", 7)
-        monkeypatch.setattr("jointstiff.solver.resampling.blocks.TILE_RESIDUALS", 600)
+        monkeypatch.setattr("jointstiff.solver.resampling.TILE_RESIDUALS", 600)
         assert _bytes(resample(blocks, plan, POSITIVE)) == _bytes(whole)
 
     @pytest.mark.process

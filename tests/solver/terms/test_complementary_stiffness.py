@@ -18,8 +18,7 @@ from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling.blocks import gram_blocks
-from jointstiff.solver.resampling.draws import ResamplingPlan, resample
+from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms import block as regressor

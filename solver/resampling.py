@@ -1,0 +1,528 @@
+"""Resampling: fit m of the N configurations drawn at random, R times (method.md §6; paper: 10 of 19).
+
+How far the estimates of different draws lie apart shows what the choice of configurations decides. The
+least-squares problem of some of the configurations is a sum over them (method.md §5): with the weighted rows
+M_i = [A_i d_i] of configuration i and its weight w_i (how often it was drawn), ``Σ w_i M_iᵀ M_i`` holds all
+that the fit takes from the readings. So all repetitions are fitted together, tile by tile; those that a Gram
+matrix cannot answer go back to the rows. Repetition r has the same numbers to the last bit whichever range of
+repetitions it is computed in, so that any number of workers may share them: sums over configurations and
+joints are written without BLAS, which groups them by the size of the matrix and the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.convex.batch import exactly_at_bounds, solve_batch
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.solution import solve_step
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.estimate import identify
+from jointstiff.solver.fitting.method import Method
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.observability import NULL_COLUMN, Excitation, Spectrum, analyse
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.term import whitened_rows
+from jointstiff.solver.triangle import triangle_of
+
+TILE_RESIDUALS = 2**17
+"""Maximum number of residuals per block, 1 MB: they stay in the cache."""
+MAX_REPETITIONS = 100_000
+MAX_SEED = 2**63 - 1
+
+TILE = 1024
+"""Number of repetitions per block."""
+_TILE_WEIGHTS = 2**22
+"""Maximum number of weights per block, 32 MB, however many configurations there are."""
+_CACHED_NUMBERS = 2**16
+"""Random numbers per block, 512 kB: they stay in a processor's own cache, so that workers do not wait for
+each other's memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageBlocks:
+    """One least-squares problem of a method, configuration by configuration.
+
+    Columns are divided by their norms over the full set, so that no square under- or overflows, and a
+    diagonal entry of a sum of `gram` is the share of the full set's information on that column.
+    """
+
+    joints: IndexArray  #: (p,) the joints that it estimates
+    known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
+    #: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read
+    rows: FloatArray
+    gram: FloatArray  #: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows
+    unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
+    size: float = 1.0  #: norm of the weighted readings d, by which they are divided
+
+    def total(self, weights: FloatArray) -> FloatArray:
+        """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
+        upper = np.triu_indices(self.gram.shape[1])
+        sums: FloatArray = np.zeros((len(upper[0]), len(weights)))
+        for weight, gram in zip(np.ascontiguousarray(weights.T), self.gram[:, *upper], strict=True):
+            sums += gram[:, None] * weight
+        total: FloatArray = np.empty((len(weights), *self.gram.shape[1:]))
+        total[:, *upper] = sums.T
+        total[:, upper[1], upper[0]] = sums.T
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class GramBlocks:
+    """A method on a measurement set, ready to be fitted to any of its N configurations."""
+
+    parameters: int  #: n, number of joints
+    stages: tuple[StageBlocks, ...]  #: stages of the method, in the order in which they are solved
+    visible: IndexArray  #: (v,) the joints that leave a trace in the full set
+    #: (v, 3, M) regressor of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
+    #: compensation is judged on these whatever a method fits
+    regressor: FloatArray
+    deflection: FloatArray  #: (3, M) deflection of the same readings, axes of R0 [m]
+    characteristic_length: float | None  #: [m], that of the full set, if the weighting uses one
+
+    def __len__(self) -> int:
+        return len(self.stages[0].rows)
+
+    def compensation(self, compliance: FloatArray) -> FloatArray:
+        """``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
+
+        Args:
+            compliance: (K, n) [rad/(N·m)].
+
+        Returns:
+            (K,) dimensionless; NaN where a visible joint has no number.
+        """
+        moved = np.linalg.norm(self.deflection, axis=0).mean()
+        left = np.empty(len(compliance))
+        step = max(1, TILE_RESIDUALS // self.deflection.size)
+        for first in range(0, len(left), step):
+            part = compliance[first : first + step, self.visible]
+            residual = np.repeat(self.deflection[None], len(part), axis=0)
+            for c, column in zip(part.T, self.regressor, strict=True):
+                residual -= c[:, None, None] * column
+            left[first : first + step] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
+        shares: FloatArray = 1.0 - left / moved
+        return shares
+
+
+def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
+    """Compute the blocks of a method.
+
+    The full set is identified first: what it cannot support is refused in its words. A characteristic length
+    that is to be found, and the compliances at which K_c is taken, are those of the full set for all
+    resamples.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: method, weighting and K_c; without K_c its bounds play no part, and its confidence never.
+
+    Raises:
+        JointstiffError: as `jointstiff.solver.estimate.identify` does on the full set.
+        UnsupportedMethodError: a loss or a model that is not linear in the readings.
+    """
+    refuse_nonlinear(settings)
+    if not settings.complementary_stiffness:
+        settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
+    return blocks_of_identified(robot, measurements, settings, identify(robot, measurements, settings))
+
+
+def blocks_of_identified(
+    robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
+) -> GramBlocks:
+    """Compute the blocks of a method on a set that was identified by it.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: method, weighting and K_c; all else plays no part.
+        estimate: of the full set: its characteristic length, if the weighting uses one, and the compliances
+            at which K_c is taken, so that the rows are linear.
+    """
+    method = Method(robot, settings, estimate.characteristic_length)
+    compliance = estimate.compliance if settings.complementary_stiffness else None
+    excitation = Excitation(robot.joint_names)
+    fitted, regressors, deflections = [], [], []
+    for block in regressor_blocks(robot, measurements, compliance):
+        excitation.add(block)
+        whitened = whitened_rows(block, [JOINTS], estimate.compliance)
+        fitted.append([rows.fitted for rows in method.rows(block, whitened)])
+        present = block.measurements.present
+        regressors.append(block.A[present])
+        deflections.append(block.measurements.deflection[present])
+    seen = ~excitation.observability().null
+    visible = np.flatnonzero(seen)
+    stages = (
+        _stage(np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]])
+        for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
+        if seen[stage.joints].any()
+    )
+    return GramBlocks(
+        parameters=robot.n,
+        stages=tuple(stages),
+        visible=visible,
+        regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
+        deflection=np.ascontiguousarray(np.concatenate(deflections).T),
+        characteristic_length=estimate.characteristic_length,
+    )
+
+
+def refuse_nonlinear(settings: Settings) -> None:
+    """Sums over configurations serve every draw only where no draw changes the rows.
+
+    Raises:
+        UnsupportedMethodError: a loss or a model that is not linear in the readings.
+    """
+    if settings.loss != "squared":
+        raise UnsupportedMethodError(
+            f"resampling supports only the squared loss, not loss {settings.loss}",
+            where="resampling",
+            remedy="omit `resampling`, or use loss squared and omit the suspicious readings",
+        )
+    if settings.prior is not None or settings.order:
+        raise UnsupportedMethodError(
+            "resampling supports neither `priors` nor `stiffness_order`",
+            where="resampling",
+            remedy="omit `resampling`, or `priors` and `stiffness_order`",
+        )
+
+
+def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageBlocks:
+    columns = np.concatenate([joints, known])
+    chosen = rows[..., [*columns, -1]]
+    largest = np.abs(chosen).max(axis=(0, 1))
+    # Scaled first: the squares of a column in other units may under- or overflow.
+    largest = np.where(largest > 0, largest, 1.0)
+    norms = np.sqrt(np.square(chosen / largest).sum(axis=(0, 1))) * largest
+    norms = np.where(norms > 0, norms, 1.0)
+    scaled = chosen / norms
+    gram = np.swapaxes(scaled, 1, 2) @ scaled
+    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1], float(norms[-1]))
+
+
+@dataclass(frozen=True)
+class ResamplingPlan:
+    """Size, number and seed of the draws.
+
+    With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
+    configurations at the m least numbers of row r; with replacement it draws ⌊N u⌋ of the first m.
+
+    Raises:
+        RequestError: a number out of range, naming it.
+    """
+
+    size: int  #: m, configurations in a draw
+    repetitions: int  #: R, how many draws
+    seed: int  #: seed of the draws
+    replacement: bool = False  #: whether a configuration may come more than once in a draw (bootstrap)
+
+    def __post_init__(self) -> None:
+        _refuse_outside("size", self.size, 1, None)
+        _refuse_outside("repetitions", self.repetitions, 1, MAX_REPETITIONS)
+        _refuse_outside("seed", self.seed, 0, MAX_SEED)
+
+    def draw(self, configurations: int, start: int, stop: int) -> IndexArray:
+        """The configurations of some of the repetitions.
+
+        Args:
+            configurations: N, from which to draw.
+            start: first repetition.
+            stop: one past the last.
+
+        Returns:
+            (stop − start, m) indices of configurations.
+
+        Raises:
+            RequestError: if m exceeds N, or there are no such repetitions.
+        """
+        _refuse_outside("size", self.size, 1, configurations)
+        if not 0 <= start <= stop <= self.repetitions:
+            raise RequestError(
+                f"the repetitions {start} to {stop} are outside the plan of {self.repetitions}",
+                where="resampling.repetitions",
+                remedy="ask for a range within the plan",
+            )
+        # One number of the generator makes one of the table, so a row is reached without those above.
+        generator = np.random.Generator(np.random.PCG64(self.seed).advance(start * configurations))
+        drawn = np.empty((stop - start, self.size), dtype=np.intp)
+        rows = max(1, _CACHED_NUMBERS // configurations)
+        for first in range(0, len(drawn), rows):
+            part = drawn[first : first + rows]
+            table = generator.random((len(part), configurations))
+            if self.replacement:
+                part[:] = table[:, : self.size] * configurations
+            else:
+                part[:] = np.argpartition(table, self.size - 1, axis=1)[:, : self.size]
+        return drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Resamples:
+    """Estimates of K repetitions.
+
+    A joint has no number, but NaN, where it leaves no trace in what was drawn, where it shows there only
+    in combination with others, or where the deflection of such joints cannot be told from its own.
+    """
+
+    compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
+    active: Support  #: (K, n) -1 or 1 at a lower or upper bound, else 0
+    #: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN where a joint
+    #: that they show is undetermined
+    compensation: FloatArray
+
+    @property
+    def undetermined(self) -> BoolArray:
+        """(K, n) joints of which a draw says nothing."""
+        return np.isnan(self.compliance)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Resamples]) -> Resamples:
+        """Join parts, at least one, in the given order."""
+        return cls(
+            np.concatenate([part.compliance for part in parts]),
+            np.concatenate([part.active for part in parts]),
+            np.concatenate([part.compensation for part in parts]),
+        )
+
+
+def resample(
+    blocks: GramBlocks, plan: ResamplingPlan, bounds: Bounds, start: int = 0, stop: int | None = None
+) -> Resamples:
+    """Fit the repetitions from start to stop.
+
+    Args:
+        blocks: of the method, weighting and measurement set.
+        plan: what is drawn.
+        bounds: on all n compliances.
+        start: first repetition.
+        stop: one past the last; all to the end if None.
+
+    Returns:
+        Their estimates, each certified, in order.
+
+    Raises:
+        RequestError: if the plan does not suit the measurement set.
+        SolverError: if optimality of an estimate could not be certified.
+    """
+    stop = plan.repetitions if stop is None else stop
+    step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
+    starts = range(start, stop, step) or [start]
+    draws = (plan.draw(len(blocks), first, min(first + step, stop)) for first in starts)
+    parts = []
+    for drawn in draws:
+        compliance, active = fit_subsets(blocks, _counts(drawn, len(blocks)), bounds)
+        parts.append(Resamples(compliance, active, blocks.compensation(compliance)))
+    return Resamples.concatenate(parts)
+
+
+def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> tuple[FloatArray, Support]:
+    """Fit subsets of the configurations, stage by stage.
+
+    Args:
+        blocks: of the method, weighting and measurement set.
+        weights: (K, N) how often each configuration counts in each subset.
+        bounds: on all n compliances.
+
+    Returns:
+        (K, n) compliances [rad/(N·m)], NaN where undetermined, and the bounds that hold them.
+
+    Raises:
+        SolverError: if optimality of an estimate could not be certified.
+    """
+    compliance = np.full((len(weights), blocks.parameters), np.nan)
+    active = np.zeros(compliance.shape, dtype=np.int8)
+    for stage in blocks.stages:
+        known = compliance[:, stage.known]
+        solved = _solve_stage(stage, weights, known, bounds.select(stage.joints))
+        compliance[:, stage.joints], active[:, stage.joints] = solved
+    return compliance, active
+
+
+def _solve_stage(
+    stage: StageBlocks, weights: FloatArray, known: FloatArray, bounds: Bounds
+) -> tuple[FloatArray, Support]:
+    """Compliances (K, p) of a stage's joints, given those that are known (K, q) [rad/(N·m)].
+
+    ``h = A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the joints and A_k those of the known ones.
+    """
+    p = len(stage.joints)
+    unit, offset = stage.unit[:p], known / stage.unit[p:]
+    box = Bounds(bounds.lower / unit, bounds.upper / unit)
+    total = stage.total(weights)
+    gram = total[:, :p, :p]
+    moment = total[:, :p, -1] - (total[:, :p, p:-1] * offset[:, None, :]).sum(axis=2)
+    seen = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
+    fit = np.flatnonzero(seen & np.isfinite(offset).all(axis=1))
+    solution = solve_batch(gram[fit], moment[fit], box)
+    x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
+    x[fit], active[fit] = solution.compliance, solution.active
+    pending = np.ones(len(weights), dtype=np.bool_)
+    pending[fit] = ~solution.certified
+    for k in np.flatnonzero(pending):
+        drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
+        x[k], active[k] = _solve_rows(stage, drawn, offset[k], box)
+    return exactly_at_bounds(x * unit, active, bounds), active
+
+
+def _solve_rows(
+    stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: Bounds
+) -> tuple[FloatArray, Support]:
+    """One repetition from its rows, as `solver.fitting.methods` would: QR, rank, `solve_step`.
+
+    Returns:
+        (p,) scaled parameters, NaN where undetermined, and (p,) their bounds.
+    """
+    p = len(stage.joints)
+    x, active = np.full(p, np.nan), np.zeros(p, dtype=np.int8)
+    triangle = triangle_of(stage.rows[drawn].reshape(-1, stage.rows.shape[2]))
+    null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
+    # What is not known of an earlier joint does no harm where that joint leaves no trace, either.
+    offset = np.where(null[p:-1] & np.isnan(offset), 0.0, offset)
+    columns = np.flatnonzero(~null[:p])
+    if np.isnan(offset).any() or not len(columns):
+        return x, active
+    R, z = triangle[:, columns], triangle[:, -1] - triangle[:, p:-1] @ offset
+    spectrum = Spectrum(R)
+    solution = solve_step(IdentificationProblem(spectrum.determined, z, box.select(columns)))
+    combined = np.isin(columns, list(analyse(spectrum, columns, p).combined))
+    x[columns] = np.where(combined, np.nan, solution.compliance)
+    active[columns] = np.where(combined, 0, solution.active)
+    return x, active
+
+
+def _counts(drawn: IndexArray, configurations: int) -> FloatArray:
+    """(K, N) how often each configuration was drawn."""
+    flat = (np.arange(len(drawn))[:, None] * configurations + drawn).ravel()
+    counts = np.bincount(flat, minlength=len(drawn) * configurations)
+    return counts.reshape(len(drawn), configurations).astype(np.float64)
+
+
+def _refuse_outside(name: str, value: int, least: int, most: int | None) -> None:
+    if value < least or (most is not None and value > most):
+        limits = f"at least {least}" if most is None else f"from {least} to {most:,}"
+        raise RequestError(
+            f"{name} is {value:,}", where=f"resampling.{name}", remedy=f"give a number {limits}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ResamplingSummary:
+    """Statistics of the estimates of each of n joints over K repetitions.
+
+    All but `share_undetermined` and `share_any_negative` are over the repetitions that determine the
+    joint; NaN where there are too few: none for a mean, share or interval, one for a deviation.
+    """
+
+    compliance_mean: FloatArray  #: (n,) [rad/(N·m)]
+    compliance_deviation: FloatArray  #: (n,) standard deviation of one repetition [rad/(N·m)]
+    compliance_interval: FloatArray  #: (n, 2) percentile interval [rad/(N·m)]
+    stiffness_mean: FloatArray  #: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`
+    stiffness_deviation: FloatArray  #: (n,) standard deviation of one finite stiffness [N·m/rad]
+    #: (n, 2) what the interval of the compliance means for the stiffness [N·m/rad]; open upwards (inf)
+    #: where that reaches zero
+    stiffness_interval: FloatArray
+    share_negative: FloatArray  #: (n,) negative compliance, hence negative stiffness
+    #: (n,) compliance of exactly zero: these configurations cannot tell it from rigid
+    share_infinite: FloatArray
+    share_at_bound: FloatArray  #: (n,) held by a bound, zero or another
+    share_undetermined: FloatArray  #: (n,) share of the K repetitions that leave it undetermined
+    share_any_negative: float  #: share of the K repetitions with a negative stiffness
+    #: over all configurations, of the repetitions that determine every visible joint
+    compensation_mean: float
+    compensation_deviation: float  #: standard deviation of one repetition
+    compensation_interval: tuple[float, float]  #: percentile interval
+
+    def without(self, hidden: BoolArray) -> ResamplingSummary:
+        """Withhold the numbers of joints (n,) that the whole set does not show."""
+        return replace(
+            self,
+            compliance_mean=np.where(hidden, np.nan, self.compliance_mean),
+            compliance_deviation=np.where(hidden, np.nan, self.compliance_deviation),
+            compliance_interval=np.where(hidden[:, None], np.nan, self.compliance_interval),
+            stiffness_mean=np.where(hidden, np.nan, self.stiffness_mean),
+            stiffness_deviation=np.where(hidden, np.nan, self.stiffness_deviation),
+            share_negative=np.where(hidden, 0.0, self.share_negative),
+            share_infinite=np.where(hidden, 0.0, self.share_infinite),
+            share_undetermined=np.where(hidden, 1.0, self.share_undetermined),
+        )
+
+
+def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSummary:
+    """Summarise resamples.
+
+    Args:
+        resamples: K repetitions, at least one.
+        confidence: share of the repetitions within the percentile intervals.
+
+    Raises:
+        RequestError: if there is no repetition, or the confidence is not between 0 and 1.
+    """
+    if not len(resamples.compliance):
+        raise RequestError(
+            "there is no repetition to summarise",
+            where="resampling.repetitions",
+            remedy="request at least one",
+        )
+    if not 0 < confidence < 1:
+        raise RequestError(
+            f"the confidence level is {confidence:g}",
+            where="confidence",
+            remedy="give a number between 0 and 1",
+        )
+    columns = [c[~np.isnan(c)] for c in resamples.compliance.T]
+    compliance, c_deviation, c_interval = _statistics(columns, confidence)
+    stiffness, k_deviation, _ = _statistics([1.0 / c[c != 0] for c in columns], confidence)
+    compensation = resamples.compensation[~np.isnan(resamples.compensation)]
+    (explained,), (e_deviation,), (e_interval,) = _statistics([compensation], confidence)
+    return ResamplingSummary(
+        compliance_mean=compliance,
+        compliance_deviation=c_deviation,
+        compliance_interval=c_interval,
+        stiffness_mean=stiffness,
+        stiffness_deviation=k_deviation,
+        stiffness_interval=_stiffness_interval(c_interval),
+        share_negative=_share(resamples, resamples.compliance < 0),
+        share_infinite=_share(resamples, resamples.compliance == 0),
+        share_at_bound=_share(resamples, resamples.active != 0),
+        share_undetermined=resamples.undetermined.mean(axis=0),
+        share_any_negative=float((resamples.compliance < 0).any(axis=1).mean()),
+        compensation_mean=float(explained),
+        compensation_deviation=float(e_deviation),
+        compensation_interval=(float(e_interval[0]), float(e_interval[1])),
+    )
+
+
+def _statistics(
+    samples: Sequence[FloatArray], confidence: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of samples; NaN of too few."""
+    tail = (1.0 - confidence) / 2.0
+    mean, deviation, interval = np.full(len(samples), np.nan), np.full(len(samples), np.nan), []
+    for k, values in enumerate(samples):
+        mean[k] = values.mean() if len(values) else np.nan
+        deviation[k] = values.std(ddof=1) if len(values) > 1 else np.nan
+        interval.append(np.quantile(values, [tail, 1.0 - tail]) if len(values) else [np.nan, np.nan])
+    return mean, deviation, np.array(interval)
+
+
+def _share(resamples: Resamples, which: BoolArray) -> FloatArray:
+    """(n,) how many of the repetitions that determine a joint are among `which` (K, n)."""
+    determined = (~resamples.undetermined).sum(axis=0)
+    share: FloatArray = which.sum(axis=0) / np.where(determined > 0, determined, np.nan)
+    return share
+
+
+def _stiffness_interval(compliance: FloatArray) -> FloatArray:
+    """[1/c_hi, 1/c_lo] (n, 2), open upwards where the compliances (n, 2) reach zero."""
+    inverse = 1.0 / np.where(compliance == 0, np.nan, compliance)
+    reaches_zero = (compliance[:, 0] <= 0) & (compliance[:, 1] >= 0)
+    lower = np.where(compliance[:, 1] == 0, np.inf, inverse[:, 1])
+    return np.stack([lower, np.where(reaches_zero, np.inf, inverse[:, 0])], axis=1)

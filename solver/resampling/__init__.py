@@ -1,1 +1,0 @@
-"""Resampling: fits of many random subsets of a measurement set."""
