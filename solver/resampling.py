@@ -17,9 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex.batch import exactly_at_bounds, solve_batch
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solution import solve_step
+from jointstiff.solver.convex.solution import solve_batch, solve_step
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.method import Method
@@ -369,7 +368,7 @@ def _solve_stage(
     for k in np.flatnonzero(pending):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
         x[k], active[k] = _solve_rows(stage, drawn, offset[k], box)
-    return exactly_at_bounds(x * unit, active, bounds), active
+    return bounds.hold_exactly(x * unit, active), active
 
 
 def _solve_rows(

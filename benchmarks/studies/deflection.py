@@ -14,8 +14,7 @@ from benchmarks.studies.fanuc import CAMPAIGN, prepared
 from benchmarks.studies.verdicts import Way
 from jointstiff.simulator import LOAD_POINT, SpringArm, default_arm, equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases

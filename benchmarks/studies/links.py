@@ -22,7 +22,7 @@ from jointstiff.simulator.campaign import simulate_positions
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
 from jointstiff.simulator.experiment import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.cone import entries, to_matrix, to_vector, weights
+from jointstiff.solver.convex.conic import entries, to_matrix, to_vector, weights
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, chosen_weight, fit_fold, refined
 from jointstiff.solver.links.estimate import ElasticEstimate

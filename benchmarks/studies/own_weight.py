@@ -31,10 +31,8 @@ from jointstiff.solver import (
 )
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.perspective import Block, Cones
-from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.convex.weighed import GAP, least_squares
+from jointstiff.solver.convex.conic import GAP, Block, Cones, solve_weighed
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.robot.joint_map import JointMap
@@ -119,7 +117,7 @@ def false_certificates(seeds: range) -> tuple[int, float]:
         A = draws.standard_normal((size, size)) * 10.0 ** draws.uniform(-2.0, 0.0, size)
         A[:, cones.first] /= np.linalg.norm(A[:, cones.first], axis=0)  # as the fit scales them
         b = draws.standard_normal(size)
-        found = least_squares(A, b, cones)
+        found = solve_weighed(A, b, cones)
         truth = nnls(A @ block_diag(*corners), b)[1] ** 2
         gaps.append(found.certificate.gap)
         false += bool(found.loss > truth + GAP * float(b @ b))

@@ -8,41 +8,47 @@
     penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
     weighed          minimise ‖A x − b‖²                             stiffness without a load (§14)
     weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
+    worst_direction  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0             E-optimal design (§10)
+    worst_place      minimise t subject to tr(B_rᵀ M(w)⁻¹ B_r) ≤ t for all r     G-optimal design (§10)
 
 The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the last two to the cones of `perspective`.
-Variables are equilibrated. A program is compiled once for a shape,
-its data being parameters. `huber`, `sum_of_norms` and `penalised_end` are stated with their data, as that
-compiles faster. Ends of joints' intervals are found in batches, by `inference.profile`; tests hold them to
-the program that is stated here.
+with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last two to
+M(w) = M0 + Σ w_i K_i, Σ w = 1 and 0 ≤ w ≤ limit. Variables are equilibrated. A program is compiled once for a
+shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
+data, as that compiles faster. Ends of joints' intervals are found in batches, by `inference.profile`; tests
+hold them to the program that is stated here.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
-from the data.
+from the data. cvxpy takes a second to import: this module is imported where a program is needed first.
 """
 
 from __future__ import annotations
 
 import threading
+import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+import clarabel
+import cvxpy as cp
 import numpy as np
+from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
 from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.perspective import Block
+from jointstiff.solver.convex.conic import Block, to_matrix
 from jointstiff.solver.convex.problem import Scaled
-from jointstiff.solver.convex.semidefinite.cone import to_matrix
-
-if TYPE_CHECKING:
-    import cvxpy as cp  # takes a second to import: done where a program is stated
+from jointstiff.solver.errors import SolverError
 
 TOLERANCE: Final = 1e-10
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
 
 _CONE_TOLERANCE: Final = 1e-8
 """Near the tip of a second-order cone Clarabel does not always reach more."""
+_DESIGN_TOLERANCES: Final = (1e-9, 1e-7)
+"""Tolerances for designs, tried in this order."""
 
 SETTINGS: Final[Mapping[str, Any]] = {
     "verbose": False,
@@ -72,9 +78,6 @@ class Program:
             constraints: cones.
             x: the variable that is asked for.
         """
-        import cvxpy as cp
-        from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
-
         problem = cp.Problem(objective, list(constraints))
         for parameter in problem.parameters():
             parameter.value = np.zeros(parameter.shape)
@@ -106,8 +109,6 @@ class Program:
         self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE
     ) -> tuple[FloatArray, FloatArray] | None:
         """Solve by Clarabel; the point, and the multipliers of the second-order cones, or None."""
-        import clarabel
-
         settings = clarabel.DefaultSettings()
         for name, value in SETTINGS.items():
             setattr(settings, name, value)
@@ -145,8 +146,6 @@ def least_squares(scaled: Scaled) -> FloatArray | None:
 
 @lru_cache(maxsize=128)
 def _least_squares(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
-    import cvxpy as cp
-
     with COMPILING:
         x, r = cp.Variable(columns), cp.Variable(rows)
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
@@ -169,8 +168,6 @@ def huber(A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, scaled: Sc
     Returns:
         (n,) x, or None.
     """
-    import cvxpy as cp
-
     with COMPILING:
         x = cp.Variable(A.shape[2])
         residuals = d.ravel() - A.reshape(-1, A.shape[2]) @ x
@@ -191,8 +188,6 @@ def interval_end(objective: FloatArray, ball: Scaled) -> FloatArray | None:
 
 @lru_cache(maxsize=128)
 def _interval_end(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
-    import cvxpy as cp
-
     with COMPILING:
         x, a = cp.Variable(columns), cp.Parameter(columns, name="a")
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
@@ -215,18 +210,12 @@ def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
     Returns:
         The program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
     """
-    import cvxpy as cp
-
     with COMPILING:
         dimension = scalars + sum(size * (size + 1) // 2 for size in sizes)
         y, r = cp.Variable(dimension), cp.Variable(rows)
         T, z = cp.Parameter((rows, dimension), name="T"), cp.Parameter(rows, name="z")
         p, near = cp.Parameter(dimension, name="p"), cp.Parameter(dimension, name="near")
-        x = near + y
-        constraints = [r == T @ y - z]
-        if scalars:
-            constraints.append(x[:scalars] >= 0)
-        constraints += _semidefinite_blocks(x, scalars, sizes)
+        constraints = [r == T @ y - z, *_semidefinite(near + y, scalars, sizes)]
         return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
 
 
@@ -245,18 +234,14 @@ def sum_of_norms(A: FloatArray, d: FloatArray, scalars: int, sizes: tuple[int, .
     Returns:
         The program; its parameters are p (m,) and root (1,), the square root of h.
     """
-    import cvxpy as cp
-
     with COMPILING:
         K, _, m = A.shape
         x, t, s = cp.Variable(m), cp.Variable(K), cp.Variable(3 * K)
         p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
         residual = A.reshape(-1, m) @ x - d.ravel() - root[0] * s
-        constraints = [cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)]
-        if scalars:
-            constraints.append(x[:scalars] >= 0)
-        constraints += _semidefinite_blocks(x, scalars, sizes)
-        return Program(cp.Minimize(cp.sum(t) + 0.5 * cp.sum_squares(s) + p @ x), constraints, x)
+        norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
+        loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
+        return Program(cp.Minimize(loss + p @ x), [norms, *_semidefinite(x, scalars, sizes)], x)
 
 
 def penalised_end(
@@ -275,28 +260,21 @@ def penalised_end(
     Returns:
         The program; its parameter is a (m,).
     """
-    import cvxpy as cp
-
     with COMPILING:
         x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
         left = 1.0 - (p / limit) @ x  # ‖u‖² ≤ v as ‖(2u, 1 − v)‖ ≤ 1 + v
         norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - left, (1,), order="C")])
-        constraints = [cp.SOC(1.0 + left, norm)]
-        if scalars:
-            constraints.append(x[:scalars] >= 0)
-        constraints += _semidefinite_blocks(x, scalars, sizes)
-        return Program(cp.Minimize(a @ x), constraints, x)
+        near = cp.SOC(1.0 + left, norm)
+        return Program(cp.Minimize(a @ x), [near, *_semidefinite(x, scalars, sizes)], x)
 
 
 @lru_cache(maxsize=32)
 def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `perspective`).
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `conic.Cones`).
 
     Returns:
         The program; its parameters are A, b (rows,) and cap, one for each block.
     """
-    import cvxpy as cp
-
     with COMPILING:
         p = sum(block.size for block in blocks)
         x, r = cp.Variable(p), cp.Variable(rows)
@@ -311,8 +289,6 @@ def weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
     About the optimum, in units of the ball's radius, the program is scaled, which Clarabel asks for. The ball
     is the first of its cones.
     """
-    import cvxpy as cp
-
     with COMPILING:
         p = sum(block.size for block in blocks)
         y, a, near = cp.Variable(p), cp.Parameter(p, name="a"), cp.Parameter(p, name="near")
@@ -323,8 +299,6 @@ def weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
 
 def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
     """Return ``0 ≤ c ≤ cap``, ``|ζ_k| ≤ c`` and ``‖ν‖ ≤ c + ratio ζ_own`` for each block (c, ζ, ν)."""
-    import cvxpy as cp
-
     cap = cp.Parameter(len(blocks), name="cap")
     constraints, start = [], 0
     for number, block in enumerate(blocks):
@@ -340,11 +314,9 @@ def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constr
     return constraints
 
 
-def _semidefinite_blocks(x: cp.Expression, start: int, sizes: tuple[int, ...]) -> list[cp.Constraint]:
-    """Return Mat(x_b) ⪰ 0 for the blocks behind the first parameters."""
-    import cvxpy as cp
-
-    constraints = []
+def _semidefinite(x: cp.Expression, scalars: int, sizes: tuple[int, ...]) -> list[cp.Constraint]:
+    """Return x_j ≥ 0 for the first parameters, and Mat(x_b) ⪰ 0 for the blocks behind them."""
+    constraints, start = [x[:scalars] >= 0] if scalars else [], scalars
     for size in sizes:
         stop = start + size * (size + 1) // 2
         basis = to_matrix(np.eye(stop - start), size).reshape(stop - start, -1).T
@@ -360,13 +332,12 @@ _Places = tuple[int, ...]
 
 def _shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
     """Return all that a program is compiled for: sizes, and which parameters have bounds."""
-    below, above = (np.flatnonzero(np.isfinite(bound)).tolist() for bound in (scaled.lower, scaled.upper))
+    bounds = scaled.bounds
+    below, above = (np.flatnonzero(np.isfinite(bound)).tolist() for bound in (bounds.lower, bounds.upper))
     return *scaled.A.shape, tuple(below), tuple(above), len(scaled.d)
 
 
 def _constraints(x: cp.Variable, below: _Places, above: _Places, inequalities: int) -> list[cp.Constraint]:
-    import cvxpy as cp
-
     constraints = []
     if below:
         constraints.append(x[list(below)] >= cp.Parameter(len(below), name="lower"))
@@ -379,6 +350,93 @@ def _constraints(x: cp.Variable, below: _Places, above: _Places, inequalities: i
 
 
 def _constraint_data(scaled: Scaled) -> dict[str, FloatArray]:
-    lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.lower, scaled.upper))
+    lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.bounds.lower, scaled.bounds.upper))
     data = {"lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
     return {name: value for name, value in data.items() if value.size}
+
+
+def worst_direction(
+    base: FloatArray, K: FloatArray, metric: FloatArray, limit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``: the best design for the worst combination.
+
+    t is the least eigenvalue of V C V, C the information on the first s parameters.
+
+    Args:
+        base: M0 (p, p).
+        K: (k, p, p).
+        metric: V (s,).
+        limit: of a weight.
+
+    Returns:
+        Weights (k,) and Z (s, s), the dual variable.
+
+    Raises:
+        SolverError: Clarabel does not solve it.
+    """
+    s = len(metric)
+    E = np.zeros(base.shape)
+    E[:s, :s] = np.diag(metric**-2.0)
+    with COMPILING:
+        w, t = cp.Variable(len(K)), cp.Variable()
+        inequality = _information(base, K, w) - t * E >> 0
+        weights = _solve_design(cp.Maximize(t), [inequality], w, limit)
+        return weights, np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
+
+
+def worst_place(
+    base: FloatArray, K: FloatArray, places: FloatArray, limit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Solve ``minimise t subject to tr(B_rᵀ M(w)⁻¹ B_r) ≤ t for all r``: the best design for the worst place.
+
+    Args:
+        base: M0 (p, p).
+        K: (k, p, p).
+        places: W_r = B_r B_rᵀ (R, p, p), positive semidefinite.
+        limit: of a weight.
+
+    Returns:
+        Weights (k,) and π (R,), the dual variables.
+
+    Raises:
+        SolverError: Clarabel does not solve it.
+    """
+    roots = []
+    for W in places / float(np.trace(places.mean(axis=0))):
+        values, vectors = np.linalg.eigh(W)
+        kept = values > values[-1] * 1e-12
+        roots.append(vectors[:, kept] * np.sqrt(values[kept]))
+    with COMPILING:
+        w, t = cp.Variable(len(K)), cp.Variable()
+        M = _information(base, K, w)
+        below = [cp.matrix_frac(B, M) <= t for B in roots]
+        weights = _solve_design(cp.Minimize(t), below, w, limit)
+        return weights, np.array([float(each.dual_value) for each in below])
+
+
+def _information(base: FloatArray, K: FloatArray, w: cp.Variable) -> cp.Expression:
+    """Return ``M(w) = M0 + Σ w_i K_i``."""
+    p = len(base)
+    M = cp.reshape(K.reshape(len(K), -1).T @ w + base.ravel(), (p, p), order="C")
+    return 0.5 * (M + M.T)
+
+
+def _solve_design(
+    objective: cp.Minimize | cp.Maximize, constraints: list[cp.Constraint], w: cp.Variable, limit: float
+) -> FloatArray:
+    """Solve a program of a design by Clarabel and return its weights (k,), those that are rounding zero."""
+    simplex = [cp.sum(w) == 1, w >= 0, *([w <= limit] if limit < 1.0 else [])]
+    problem = cp.Problem(objective, [*constraints, *simplex])
+    for tolerance in _DESIGN_TOLERANCES:
+        settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
+        with suppress(cp.SolverError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the status says the same
+            problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
+        if problem.status == cp.OPTIMAL:
+            break
+    else:
+        raise SolverError(f"Clarabel ended a design's program as {problem.status}")
+    weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, limit)
+    weights[weights < 1e-7] = 0.0
+    scaled: FloatArray = weights / weights.sum()
+    return scaled

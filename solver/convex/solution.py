@@ -1,53 +1,142 @@
-"""Solution of an identification problem: Clarabel proposes, exact algebra polishes, a certificate decides.
+"""Solution of identification problems: Clarabel proposes, exact algebra polishes, a certificate decides.
 
 The steps are those of method.md §5. Columns and right-hand side are brought to unit norm, so that
 neither units nor twelve decades between the joints matter. The program stated in `programs` is solved by
 Clarabel; its answer tells which bounds and inequalities are active, and least squares on these are exact. The
-point is accepted only if the optimality conditions hold in the data. Where an interior point blurs a tie, an
-exact active set takes its place. By convexity it does not matter who proposed what is certified.
+point is accepted only if the conditions of Karush, Kuhn and Tucker hold in the data. Where an interior point
+blurs a tie, an exact active set takes its place. By convexity it does not matter who proposed what is
+certified.
+
+Many small problems with bounds alone are solved at once from their Gram matrices (`solve_batch`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, Support
-from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.certificate import (
-    Certificate,
-    Proposer,
-    active_rows,
-    certify_scaled,
-    exact_support,
-    multipliers_of,
-    polish,
-    tight_rows,
-)
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.problem import (
     FREE,
     LOWER,
+    MOST_PIVOTS,
     TOLERANCE,
     UPPER,
+    Bounds,
     IdentificationProblem,
     Scaled,
-    held,
-    pivot,
-    snap,
-    support_at,
 )
 from jointstiff.solver.errors import SolverError
 
-_NO_DIRECTION = 1e-13
-"""Relative singular value that counts as zero."""
+Proposer = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
+"""Algorithm that found the support: which bounds and inequalities are active."""
 
-_TOUCHES = 1e-6
+LEAST_EIGENVALUE: Final = 1e-6
+"""Largest condition of an equilibrated Gram matrix: rounding of 1e-16 in its entries grows to 1e-10 in the
+answer."""
+_ROUNDING: Final = 64 * np.finfo(float).eps
+"""Rounding of a gradient, relative to the largest variable."""
+_TOUCHES: Final = 1e-6
 """Largest slack of an interior point at a row that is active at the optimum."""
 
-MOST_PIVOTS = 8
-"""Maximum rounds of pivoting; starting from Clarabel's support, one round confirms it."""
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """Evidence that an answer is the optimum of a convex program, from the data at the answer itself.
+
+    Violations are dimensionless, and beyond rounding. For least squares in equilibrated variables a gradient
+    is the cosine between a column and the residual, times ‖residual‖/‖z‖.
+    """
+
+    primal: float  #: greatest violation of a constraint, of a cone by a scalar or an eigenvalue
+    #: greatest part of the gradient that the multipliers do not balance. For a cone, how far the slack was
+    #: outside of it before the multipliers were moved, over the weight of the penalty
+    dual: float
+    #: greatest min(multiplier, slack). For a cone, root of the objective's excess over what the multipliers
+    #: prove, with ‖z‖ = 1: the fitted readings differ from the optimum's by no more. For a robust loss, the
+    #: excess itself
+    gap: float
+    #: (n + k,) of the bounds, positive at a lower and negative at an upper one, then of the inequalities. For
+    #: a cone, (m,) or (K, 3) of the equations that define the residuals
+    multipliers: FloatArray
+    solved_by: Proposer  #: algorithm that found the support
+
+    def is_optimal(self, eps: float = TOLERANCE) -> bool:
+        """Return whether no violation exceeds a tolerance; rounding if none is given."""
+        return max(self.primal, self.dual, self.gap) <= eps
+
+
+@dataclass(frozen=True)
+class StagesCertificate:
+    """The greatest violations of the optimality conditions over the stages of a method, dimensionless."""
+
+    primal: float  #: greatest violation of a bound
+    dual: float  #: gradient of the wrong sign
+    complementarity: float  #: min(multiplier, slack)
+    solved_by: tuple[str, ...]  #: what found the support of each stage
+
+    @classmethod
+    def of(cls, stages: Sequence[Certificate]) -> StagesCertificate:
+        """Combine the certificates of the stages, at least one."""
+        return cls(
+            primal=max(stage.primal for stage in stages),
+            dual=max(stage.dual for stage in stages),
+            complementarity=max(stage.gap for stage in stages),
+            solved_by=tuple(stage.solved_by for stage in stages),
+        )
+
+
+def certify(problem: IdentificationProblem, compliance: FloatArray, solved_by: Proposer) -> Certificate:
+    """Evaluate the optimality conditions of a problem at compliances found elsewhere.
+
+    Args:
+        problem: as for `solve`.
+        compliance: (n,) [rad/(N·m)].
+        solved_by: algorithm that found them.
+    """
+    scaled = Scaled.of(problem)
+    return _certify(scaled, compliance / scaled.unit, solved_by)
+
+
+def _certify(scaled: Scaled, x: FloatArray, solved_by: Proposer) -> Certificate:
+    """Evaluate the optimality conditions at x (n,), in equilibrated variables."""
+    gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
+    if len(scaled.d):
+        # Multipliers that are not negative are sought for the tight rows alone, so complementarity holds by
+        # construction, and it does not matter that the rows may depend on each other.
+        G, h = scaled.rows
+        multipliers = scaled.multipliers_at(x)
+        left = np.abs(gradient - G.T @ multipliers)
+        # A balance is known to the rounding of its largest terms: rows that are nearly parallel, as where a
+        # joint hardly shows, pull against each other with multipliers far beyond the gradient.
+        largest = max(size, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
+        bounds = len(h) - len(scaled.d)
+        return Certificate(
+            primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * size),
+            dual=max(0.0, float(left.max()) - _ROUNDING * largest),
+            gap=0.0,
+            multipliers=np.concatenate([G[:bounds].T @ multipliers[:bounds], multipliers[bounds:]]),
+            solved_by=solved_by,
+        )
+    lower, upper = scaled.bounds.lower, scaled.bounds.upper
+    below, above = x - lower, upper - x
+    # The multiplier of a lower bound is the positive part of the gradient, of an upper the negative.
+    product = np.maximum(
+        np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
+    )
+    # A gradient is known to the rounding of the terms that cancel in it.
+    wrong = scaled.bounds.gradient_violation(x, gradient)
+    return Certificate(
+        primal=max(0.0, float(-np.minimum(below, above).min())),
+        dual=max(0.0, float(wrong.max()) - _ROUNDING * size),
+        gap=max(0.0, float(product.max()) - _ROUNDING * size),
+        multipliers=np.where((x <= lower) | (x >= upper), gradient, 0.0),
+        solved_by=solved_by,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +155,10 @@ class Solution:
         return bool(self.active.any()) or (self.tight is not None and bool(self.tight.any()))
 
 
+_Proposal = tuple[FloatArray, Proposer]
+"""A point (n,) in equilibrated variables, and the algorithm that found its support."""
+
+
 def solve(problem: IdentificationProblem) -> Solution:
     """Solve a problem by Clarabel, polish its answer exactly and prove it.
 
@@ -77,9 +170,8 @@ def solve(problem: IdentificationProblem) -> Solution:
         SolverError: if no candidate satisfies the optimality conditions.
     """
     scaled = Scaled.of(problem)
-    if len(scaled.d):
-        return _first_certified(problem, scaled, (_rows_from_clarabel, _rows_from_least_distance))
-    return _first_certified(problem, scaled, (_from_clarabel, _from_active_set))
+    exactly = _by_least_distance(scaled) if len(scaled.d) else _by_active_set(scaled)
+    return _first_certified(problem, scaled, chain(_by_clarabel(scaled), exactly))
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
@@ -92,8 +184,10 @@ def solve_step(problem: IdentificationProblem) -> Solution:
     """
     scaled = Scaled.of(problem)
     if len(scaled.d):
-        return _first_certified(problem, scaled, (_rows_from_least_distance, _rows_from_clarabel))
-    return _first_certified(problem, scaled, (_from_pivoting, _from_clarabel, _from_active_set))
+        proposals = chain(_by_least_distance(scaled), _by_clarabel(scaled))
+    else:
+        proposals = chain(_by_pivoting(scaled), _by_clarabel(scaled), _by_active_set(scaled))
+    return _first_certified(problem, scaled, proposals)
 
 
 def huber_point(
@@ -111,116 +205,239 @@ def huber_point(
     Returns:
         (n,) compliances [rad/(N·m)]; None if Clarabel fails.
     """
+    from jointstiff.solver.convex import programs  # takes a second to import
+
     scaled = Scaled.of(squared)
     x = programs.huber(A * scaled.unit, d, S * scaled.unit, t, scaled)
-    return None if x is None else snap(x, scaled.lower, scaled.upper) * scaled.unit
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A point (n,) in equilibrated variables, and the algorithm that found its support."""
-
-    x: FloatArray
-    solved_by: Proposer
-
-
-_Finder = Callable[[Scaled], list[_Candidate]]
+    return None if x is None else scaled.bounds.snap(x) * scaled.unit
 
 
 def _first_certified(
-    problem: IdentificationProblem, scaled: Scaled, finders: tuple[_Finder, ...]
+    problem: IdentificationProblem, scaled: Scaled, proposals: Iterable[_Proposal]
 ) -> Solution:
     certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")
-    for find in finders:
-        for candidate in find(scaled):
-            x = snap(candidate.x, scaled.lower, scaled.upper)
-            certificate = certify_scaled(scaled, x, candidate.solved_by)
-            if certificate.is_optimal():
-                # Solution in rad/(N·m), with the bounds exactly as they were asked for
-                bounds, active = problem.bounds, support_at(x, scaled.lower, scaled.upper)
-                compliance = np.where(
-                    active == FREE, x * scaled.unit, held(active, bounds.lower, bounds.upper)
-                )
-                tight = tight_rows(scaled, x)[-len(scaled.d) :] if len(scaled.d) else None
-                return Solution(np.clip(compliance, bounds.lower, bounds.upper), active, certificate, tight)
+    for point, solved_by in proposals:
+        x = scaled.bounds.snap(point)
+        certificate = _certify(scaled, x, solved_by)
+        if certificate.is_optimal():
+            active = scaled.bounds.support_at(x)
+            compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
+            tight = scaled.tight_rows(x)[-len(scaled.d) :] if len(scaled.d) else None
+            return Solution(compliance, active, certificate, tight)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
         f"{certificate.primal:.1e}, dual {certificate.dual:.1e})"
     )
 
 
-def _from_clarabel(scaled: Scaled) -> list[_Candidate]:
-    """Put a parameter at a bound where its multiplier exceeds its slack."""
-    near = programs.least_squares(scaled)
-    return [] if near is None else _within_bounds(scaled, near)
+def _by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
+    """Yield the points of the supports that Clarabel's answer tells."""
+    from jointstiff.solver.convex import programs  # takes a second to import
 
-
-def _within_bounds(scaled: Scaled, near: FloatArray) -> list[_Candidate]:
-    gradient = scaled.gradient(near)
-    active = np.zeros(len(near), dtype=np.int8)
-    active[gradient > near - scaled.lower] = LOWER
-    active[-gradient > scaled.upper - near] = UPPER
-    # Where the optimum is not unique, the shortest point may violate a bound that Clarabel's point keeps.
-    points = (_pivoted(scaled, active), _polished(scaled, active, near))
-    return [_Candidate(x, "clarabel") for x in points]
-
-
-def _from_active_set(scaled: Scaled) -> list[_Candidate]:
-    return [_Candidate(_polished(scaled, exact_support(scaled)), "active_set")]
-
-
-def _from_pivoting(scaled: Scaled) -> list[_Candidate]:
-    x = _pivoted(scaled, np.zeros(len(scaled.lower), dtype=np.int8))
-    inside = bool(((x > scaled.lower) & (x < scaled.upper)).all())
-    return [_Candidate(x, "least_squares" if inside else "pivoting")]
-
-
-def _pivoted(scaled: Scaled, active: Support) -> FloatArray:
-    """Return the polished point of a support that pivoting no longer changes, or of its last round."""
-    x = _polished(scaled, active)
-    for _ in range(MOST_PIVOTS):
-        moved = pivot(active, x, scaled.gradient(x), scaled.lower, scaled.upper)
-        if (moved == active).all():
-            break
-        active = moved
-        x = _polished(scaled, active)
-    return x
-
-
-def _polished(scaled: Scaled, active: Support, near: FloatArray | None = None) -> FloatArray:
-    """Solve least squares on the support, the others at their bounds; nearest to `near`, or shortest."""
-    free = active == FREE
-    x = held(active, scaled.lower, scaled.upper)
-    if near is not None:
-        x[free] = near[free]
-    if free.any():
-        rhs = scaled.b - scaled.A @ x
-        x[free] += np.linalg.lstsq(scaled.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
-    return x
-
-
-def _rows_from_clarabel(scaled: Scaled) -> list[_Candidate]:
-    """Take the rows with a multiplier among those that Clarabel's point all but touches."""
     near = programs.least_squares(scaled)
     if near is None:
-        return []
-    active = multipliers_of(scaled, near, _TOUCHES) > 0
-    if not active[-len(scaled.d) :].any():  # the inequalities have slack: the answer is that without them
-        return _within_bounds(scaled, near)
-    return _on_rows(scaled, active, near, "clarabel")
+        return
+    if len(scaled.d):  # the rows with a multiplier among those that the answer all but touches
+        rows = scaled.multipliers_at(near, _TOUCHES) > 0
+        if rows[-len(scaled.d) :].any():
+            yield from _on_rows(scaled, rows, near, "clarabel")
+            return
+        # The inequalities have slack: the answer is that without them.
+    gradient = scaled.gradient(near)
+    active = np.zeros(len(near), dtype=np.int8)  # at a bound where the multiplier exceeds the slack
+    active[gradient > near - scaled.bounds.lower] = LOWER
+    active[-gradient > scaled.bounds.upper - near] = UPPER
+    yield scaled.pivoted(active), "clarabel"
+    # Where the optimum is not unique, the shortest point may violate a bound that Clarabel's point keeps.
+    yield scaled.polished(active, near), "clarabel"
 
 
-def _rows_from_least_distance(scaled: Scaled) -> list[_Candidate]:
-    active = active_rows(scaled)
-    if active is None:
-        return []
-    return _on_rows(scaled, active, np.zeros(len(scaled.lower)), "least_distance")
+def _by_pivoting(scaled: Scaled) -> Iterator[_Proposal]:
+    x = scaled.pivoted(np.zeros(len(scaled.unit), dtype=np.int8))
+    inside = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
+    yield x, "least_squares" if inside else "pivoting"
 
 
-def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: Proposer) -> list[_Candidate]:
+def _by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
+    yield scaled.polished(exact_support(scaled)), "active_set"
+
+
+def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
+    active = exact_rows(scaled)
+    if active is not None:
+        yield from _on_rows(scaled, active, np.zeros(len(scaled.unit)), "least_distance")
+
+
+def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: Proposer) -> Iterator[_Proposal]:
     """Polish on the active rows, then also on those left out that hold up to rounding, and pull.
 
     The second comes first; it asks too much where a tiny variable holds a large one to its rounding.
     """
-    x = polish(scaled, active, near)
-    return [_Candidate(each, name) for each in (polish(scaled, multipliers_of(scaled, x) > 0, x), x)]
+    x = scaled.polished_on_rows(active, near)
+    yield scaled.polished_on_rows(scaled.multipliers_at(x) > 0, x), name
+    yield x, name
+
+
+def exact_support(scaled: Scaled) -> Support:
+    """Find the support (n,) under bounds alone, by bounded-variable least squares (Stark & Parker 1995)."""
+    from scipy.optimize import lsq_linear
+
+    bounds = scaled.bounds.lower, scaled.bounds.upper
+    outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
+    return np.asarray(outcome.active_mask, dtype=np.int8)
+
+
+def exact_rows(scaled: Scaled) -> BoolArray | None:
+    """Find the rows (k,) that are tight at the optimum; None where A has not full rank, or it failed.
+
+    The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
+    ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb the rows
+    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and w is wanted of least length: NNLS on ``E = [(G R⁻¹)ᵀ; gᵀ]``
+    with right-hand side (0, …, 0, 1) has its multipliers.
+    """
+    from scipy.optimize import nnls
+
+    Q, R = np.linalg.qr(scaled.A)
+    diagonal = np.abs(np.diagonal(R))
+    if len(R) < R.shape[1] or diagonal.min() <= 1e-9 * diagonal.max():
+        return None
+    G, h = scaled.rows
+    rows = np.linalg.solve(R.T, G.T).T
+    least = h - rows @ (Q.T @ scaled.b)
+    E = np.vstack([rows.T, least])
+    scale = np.linalg.norm(E, axis=0)
+    target = np.zeros(len(E))
+    target[-1] = 1.0
+    try:
+        multipliers, _ = nnls(E / scale, target)
+    except RuntimeError:
+        return None
+    return np.asarray(multipliers > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class BatchSolution:
+    """The optima of K problems over n parameters."""
+
+    compliance: FloatArray  #: (K, n) [rad/(N·m)]; NaN where not certified
+    active: Support  #: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0
+    #: (K,) whether the optimality conditions hold to `TOLERANCE`. False means that the Gram matrix is
+    #: singular or too ill-conditioned to answer.
+    certified: BoolArray
+
+
+def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSolution:
+    """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``, with G = AᵀA and h = Aᵀd.
+
+    The Gram matrix squares the condition number, so it is asked only where it can answer to about nine
+    digits; whoever has the rows goes back to them for the rest. As in `solve_step` no answer leaves without a
+    certificate, and where pivoting does not find it, `solve_step` does, one problem at a time.
+
+    Each problem is solved by itself, by operations of its own size: its numbers do not depend, to the
+    last bit, on which others are in the batch.
+
+    Args:
+        gram: (K, n, n) G, symmetric, in any unit.
+        moment: (K, n) h.
+        bounds: on the n parameters of every problem.
+
+    Returns:
+        The optima, certified from G and h.
+
+    Raises:
+        SolverError: if a number is not finite, or `solve_step` finds no certificate either.
+    """
+    if not (np.isfinite(gram).all() and np.isfinite(moment).all()):
+        raise SolverError(
+            "the Gram matrices overflow", remedy="check the units and magnitudes of the readings"
+        )
+    # Equilibrated variables x with c = unit · x (K, n); columns of zeros are left as they are
+    diagonal = np.diagonal(gram, axis1=1, axis2=2)
+    norms = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    b = moment / norms
+    greatest = np.abs(b).max(axis=1, keepdims=True, initial=0.0)
+    size = np.where(greatest > 0, greatest, 1.0)
+    unit = size / norms
+    A = gram / (norms[:, :, None] * norms[:, None, :])
+    problems = GramProblems(A, b / size, bounds.in_units(unit))
+    certified = problems.well_conditioned()
+    sound = problems.select(np.flatnonzero(certified))
+    x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
+    x[certified] = optima = sound.optima()
+    active[certified] = sound.bounds.support_at(optima)
+    return BatchSolution(bounds.hold_exactly(x * unit, active), active, certified)
+
+
+@dataclass(frozen=True, eq=False)
+class GramProblems:
+    """K problems in equilibrated variables: A has a unit diagonal, the greatest entry of |b| is one."""
+
+    A: FloatArray  #: (K, n, n)
+    b: FloatArray  #: (K, n)
+    bounds: Bounds  #: (K, n)
+
+    def select(self, which: IndexArray) -> GramProblems:
+        """Return some of the problems."""
+        return GramProblems(self.A[which], self.b[which], self.bounds.select(which))
+
+    def well_conditioned(self) -> BoolArray:
+        """Return whether the eigenvalues of each Gram matrix are at least `LEAST_EIGENVALUE`: (K,).
+
+        Their diagonals are one at most, so the mean of all eigenvalues but the least is n/(n − 1) at most,
+        and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: most need no eigenvalues.
+        """
+        n = self.A.shape[1]
+        sound = np.asarray(np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
+        sound[~sound] = np.linalg.eigvalsh(self.A[~sound])[:, 0] >= LEAST_EIGENVALUE
+        return sound
+
+    def optima(self) -> FloatArray:
+        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by the exact path."""
+        x = self.bounds.snap(self.pivoted())
+        # The conditions of Karush, Kuhn and Tucker at x, which keeps its bounds: the gradient vanishes off
+        # the bounds, is positive at a lower bound and negative at an upper one. It is known to the rounding
+        # of the terms that cancel in it.
+        wrong = self.bounds.gradient_violation(x, self.gradient(x))
+        rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
+        holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
+        for k in np.flatnonzero(~holds):
+            # Stated by a triangle R with RᵀR = A and z with Rᵀz = b
+            factor = np.linalg.cholesky(self.A[k])
+            z = np.linalg.solve(factor, self.b[k])
+            bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
+            x[k] = solve_step(IdentificationProblem(factor.T, z, bounds)).compliance
+        return x
+
+    def pivoted(self) -> FloatArray:
+        """Return the polished points (K, n) of the supports that pivoting no longer changes."""
+        points, active = np.empty(self.b.shape), np.zeros(self.b.shape, dtype=np.int8)
+        unsettled, part = np.arange(len(active)), self
+        for _ in range(MOST_PIVOTS):
+            side = active[unsettled]
+            points[unsettled] = x = part.polished(side)
+            moved = part.bounds.pivot(side, x, part.gradient(x))
+            changed = (moved != side).any(axis=1)
+            unsettled = unsettled[changed]
+            active[unsettled] = moved[changed]
+            if not len(unsettled):
+                return points
+            part = self.select(unsettled)
+        points[unsettled] = part.polished(active[unsettled])
+        return points
+
+    def polished(self, active: Support) -> FloatArray:
+        """Solve least squares on each support: rows and columns at a bound become those of the unit matrix.
+
+        The eigenvalues of what is left lie between those of A, so no system is singular.
+        """
+        free = active == FREE
+        at_bounds = self.bounds.held(active)
+        system = np.where(free[:, :, None] & free[:, None, :], self.A, np.eye(free.shape[1]))
+        right = np.where(free, -self.gradient(at_bounds), at_bounds)
+        x = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+        return np.where(free, x, at_bounds)
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Return A x − b (K, n), summed without BLAS, whose order of summation may depend on threads."""
+        product: FloatArray = (self.A * x[:, None, :]).sum(axis=2)
+        return product - self.b

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.cone import diagonal
+from jointstiff.solver.convex.conic import diagonal
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases

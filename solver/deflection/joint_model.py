@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Constraints
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases

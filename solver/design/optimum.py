@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.designs import best_for_worst_direction, best_for_worst_place
 from jointstiff.solver.design.candidates import Atoms
 from jointstiff.solver.design.criteria import EOptimality, GOptimality, SmoothCriterion
 from jointstiff.solver.design.newton import optimal_weights, worst_place_weights
@@ -145,12 +144,14 @@ def _solve_held(
     criterion, K = problem.criterion, problem.readings * held.information
     if isinstance(criterion, SmoothCriterion):
         return optimal_weights(criterion, problem.base, K, weights, problem.limit), None
+    from jointstiff.solver.convex import programs  # takes a second to import
+
     if isinstance(criterion, EOptimality):
-        return best_for_worst_direction(problem.base, K, criterion.metric, problem.limit)
+        return programs.worst_direction(problem.base, K, criterion.metric, problem.limit)
     if isinstance(criterion, GOptimality):
         if len(problem.base) > _CONES:
             return worst_place_weights(criterion, problem.base, K, weights, problem.limit)
-        return best_for_worst_place(problem.base, K, criterion.places, problem.limit)
+        return programs.worst_place(problem.base, K, criterion.places, problem.limit)
     raise NotImplementedError(type(criterion))
 
 

@@ -11,10 +11,8 @@ from scipy import special
 from scipy.linalg import block_diag
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex.certificate import Certificate
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import IdentificationProblem
-from jointstiff.solver.convex.solution import Solution, solve
+from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
+from jointstiff.solver.convex.solution import Certificate, Solution, solve
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.method import MethodTriangles
 from jointstiff.solver.fitting.settings import PriorRows

@@ -23,10 +23,8 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.certificate import Certificate, Proposer, certify
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import IdentificationProblem
-from jointstiff.solver.convex.solution import huber_point, solve_step
+from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
+from jointstiff.solver.convex.solution import Certificate, Proposer, certify, huber_point, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.observability import Spectrum

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.errors import RequestError
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
+from jointstiff.solver.convex.solution import Certificate, StagesCertificate
 from jointstiff.solver.fitting.fit import Likelihood, SigmaTest, sigma_test
 from jointstiff.solver.fitting.method import MethodTriangles
 from jointstiff.solver.fitting.robust import RobustFit

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Constraints
 from jointstiff.solver.finding import rounded_down
 from jointstiff.solver.fitting.fit import Fit, Scale
 from jointstiff.solver.inference.profile import profile_ends

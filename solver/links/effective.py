@@ -16,8 +16,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.semidefinite.cone import diagonal, entries, weights
-from jointstiff.solver.convex.semidefinite.solve import penalised_range, solve_cone
+from jointstiff.solver.convex.conic import diagonal, entries, penalised_range, solve_cone, weights
 from jointstiff.solver.links.model import Formulation
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.robot.model import Robot

@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.cone import diagonal, raised, to_matrix
-from jointstiff.solver.convex.semidefinite.face import effective_freedom
+from jointstiff.solver.convex.conic import diagonal, effective_freedom, raised, to_matrix
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.prediction import Prediction

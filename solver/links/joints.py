@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.certificate import Certificate
+from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.links.effective import EffectiveIntervals

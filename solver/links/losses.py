@@ -13,9 +13,16 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex.conic import (
+    ConeSolution,
+    NormSum,
+    RobustProgram,
+    certify_cone,
+    certify_robust,
+    solve_cone,
+    solve_robust,
+)
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.semidefinite.robust import NormSum, RobustProgram, certify_robust, solve_robust
-from jointstiff.solver.convex.semidefinite.solve import ConeSolution, certify_cone, solve_cone
 from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.robust import MEDIAN_NORM

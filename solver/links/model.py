@@ -18,7 +18,7 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.semidefinite.cone import (
+from jointstiff.solver.convex.conic import (
     Cone,
     LeastSquares,
     SemidefiniteProgram,

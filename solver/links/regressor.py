@@ -28,7 +28,7 @@ _BLOCK = 256
 class ElasticColumns:
     """Columns of each compliance among the P columns of the richest model.
 
-    Entries of matrices are vectors as in `jointstiff.solver.convex.semidefinite.cone`.
+    Entries of matrices are vectors as in `jointstiff.solver.convex.conic`.
     """
 
     n: int  #: joints

@@ -15,10 +15,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
-from jointstiff.solver.convex.solution import solve, solve_step
+from jointstiff.solver.convex.problem import Bounds, Constraints, IdentificationProblem, Inequalities
+from jointstiff.solver.convex.solution import Certificate, StagesCertificate, solve, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.fitting.settings import Settings

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.semidefinite.cone import entries, weights
+from jointstiff.solver.convex.conic import entries, weights
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.rotations import skew
 from jointstiff.solver.terms.block import RegressorBlock

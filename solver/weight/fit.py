@@ -14,8 +14,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.perspective import Block, Cones
-from jointstiff.solver.convex.weighed import Weighed, least_squares
+from jointstiff.solver.convex.conic import Block, Cones, Weighed, solve_weighed
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState
@@ -98,7 +97,7 @@ def fit_weight(
         nuisance = np.column_stack([rows.geometry, rows.gravity]) if free_gravity else rows.geometry
         linear = LinearFit.of(rows.residual, nuisance)
         reduced, columns = reduce(rows, linear, burden, differences(c))
-        optimum = least_squares(reduced.A, reduced.b, reduced.cones)
+        optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
         move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
         before, sag = sag, _sag(rows, reduced, burden, optimum.x)
         state = state.displaced(move[: rows.geometry.shape[1]])

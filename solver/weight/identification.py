@@ -17,8 +17,8 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.certificate import Certificate
-from jointstiff.solver.convex.weighed import ends
+from jointstiff.solver.convex.conic import weighed_ends
+from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.deflection.own_weight import IdentifiedWeight
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.finding import length_text
@@ -100,7 +100,7 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
         rise: of the loss that chance allows at the level of the intervals.
     """
     problem = fit.reduced
-    intervals = ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
+    intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
     first = problem.cones.first
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, first]), axis=1)
     joints = []
@@ -112,7 +112,7 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
         )
         joints.append(WeightedJoint(JointCompliance(name, "not_observable", reason=reason)))
     for k, j in enumerate(problem.seen.tolist()):
-        name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals.ends[k]
+        name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
         if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "

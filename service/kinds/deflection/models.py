@@ -20,8 +20,7 @@ from jointstiff.service.conversion.robots import refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.elastic import ElasticPredictor
 from jointstiff.solver.deflection.forward import ForwardModel
 from jointstiff.solver.deflection.joint_model import JointModel

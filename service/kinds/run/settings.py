@@ -9,8 +9,7 @@ import numpy as np
 
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.solver.convex.constraints import Order
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Order
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD

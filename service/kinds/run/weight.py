@@ -17,9 +17,8 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import IndexArray
-from jointstiff.solver.convex.certificate import StagesCertificate
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import StagesCertificate
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test

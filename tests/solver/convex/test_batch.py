@@ -10,10 +10,9 @@ import pytest
 from reference.exact_nnls import exact_nnls
 from reference.exact_problems import Problem, random_problem, tied_problem
 
-from jointstiff.solver.convex import batch as module
-from jointstiff.solver.convex.batch import LEAST_EIGENVALUE, solve_batch
+from jointstiff.solver.convex import solution as module
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solution import solve
+from jointstiff.solver.convex.solution import LEAST_EIGENVALUE, GramProblems, solve, solve_batch
 from jointstiff.solver.errors import SolverError
 
 
@@ -131,7 +130,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch):
     for wrong in (0, -1):
         support = partial(np.full, fill_value=wrong, dtype=np.int8)
         monkeypatch.setattr(
-            module, "_pivoted", lambda p, support=support: module._polish(p, support(p.b.shape))
+            GramProblems, "pivoted", lambda self, support=support: self.polished(support(self.b.shape))
         )
         found = solve_batch(gram, moment, Bounds.positive(5))
         np.testing.assert_array_equal(found.active, expected.active)

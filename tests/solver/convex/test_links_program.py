@@ -12,19 +12,24 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
 from support.examples import examples
 
-from jointstiff.solver.convex.semidefinite import solve as semidefinite
-from jointstiff.solver.convex.semidefinite.cone import (
+from jointstiff.solver.convex.conic import (
     Cone,
+    Face,
     LeastSquares,
+    NormSum,
+    RobustProgram,
     SemidefiniteProgram,
+    certify_cone,
+    certify_robust,
     diagonal,
+    effective_freedom,
+    penalised_range,
     raised,
+    solve_cone,
+    solve_robust,
     to_matrix,
     to_vector,
 )
-from jointstiff.solver.convex.semidefinite.face import effective_freedom
-from jointstiff.solver.convex.semidefinite.robust import NormSum, RobustProgram, certify_robust, solve_robust
-from jointstiff.solver.convex.semidefinite.solve import certify_cone, penalised_range, solve_cone
 from jointstiff.solver.errors import SolverError
 
 GAP = 1e-6
@@ -139,14 +144,14 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     wrong = program.cone.project(wrong)
     excess = objective(program, wrong) - objective(program, right)
     assert certify_cone(program, wrong).gap >= 0.99 * np.sqrt(excess)
-    monkeypatch.setattr(semidefinite, "_clarabel", lambda *_: wrong)
-    monkeypatch.setattr(semidefinite, "polished", lambda *_: None)
+    monkeypatch.setattr(SemidefiniteProgram, "interior_point", lambda *_: wrong)
+    monkeypatch.setattr(Face, "step", lambda *_: None)
     with pytest.raises(SolverError, match=r"its gap is \S+, above"):
         solve_cone(program, gap=GAP)
 
 
 def test_a_failure_of_the_solver_is_an_error(monkeypatch):
-    monkeypatch.setattr(semidefinite, "_clarabel", lambda *_: None)
+    monkeypatch.setattr(SemidefiniteProgram, "interior_point", lambda *_: None)
     with pytest.raises(SolverError, match="did not converge"):
         solve_cone(random_program(0), gap=GAP)
 

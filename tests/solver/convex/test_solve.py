@@ -19,10 +19,17 @@ from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.convex import problem as problem_module
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex import solution as module
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import TOLERANCE, Bounds, IdentificationProblem, Inequalities, Scaled
+from jointstiff.solver.convex.problem import (
+    TOLERANCE,
+    Bounds,
+    Constraints,
+    IdentificationProblem,
+    Inequalities,
+    Scaled,
+)
 from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.terms.block import regressor_blocks
@@ -66,13 +73,13 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
     """Whatever the proposals say, only the data decide: without a right one the solve must fail."""
 
     def fixed(scaled):
-        return np.full(len(scaled.lower), wrong, dtype=np.int8)
+        return np.full(len(scaled.unit), wrong, dtype=np.int8)
 
     # Optimum (1, 0), which is neither at all bounds nor at none, nor the projection of least squares.
     A, b = np.array([[1.0, 0.8], [0.0, 0.6]]), np.array([1.0, -1.0])
     problem = IdentificationProblem(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
     place = {0: 5.0, -1: 0.0, 1: 10.0}[wrong]
-    monkeypatch.setattr(module, "MOST_PIVOTS", 0)
+    monkeypatch.setattr(problem_module, "MOST_PIVOTS", 0)
     monkeypatch.setattr(programs, "least_squares", lambda _: np.full(2, place))
     found = solve(problem)
     assert found.certificate.solved_by == "active_set"
@@ -260,7 +267,7 @@ class TestOrder:
         assert order.hold(order.level(found.compliance, found.tight))
 
     def test_wrong_rows_are_never_certified(self, monkeypatch):
-        monkeypatch.setattr(module, "active_rows", lambda _: np.zeros(3, dtype=bool))
+        monkeypatch.setattr(module, "exact_rows", lambda _: np.zeros(3, dtype=bool))
         monkeypatch.setattr(programs, "least_squares", lambda _: None)
         A, b = np.eye(2), np.array([1.0, 0.0])
         with pytest.raises(SolverError, match="no solution satisfies"):
@@ -359,10 +366,11 @@ def test_what_is_solved_is_what_cvxpy_stated():
         A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
         scaled = Scaled.of(IdentificationProblem(A, b, order.bounds, order.inequalities))
         x = cp.Variable(n)
-        below, above = np.isfinite(scaled.lower), np.isfinite(scaled.upper)
+        lower, upper = scaled.bounds.lower, scaled.bounds.upper
+        below, above = np.isfinite(lower), np.isfinite(upper)
         constraints = [
-            x[below] >= scaled.lower[below],
-            x[above] <= scaled.upper[above],
+            x[below] >= lower[below],
+            x[above] <= upper[above],
             scaled.B @ x >= scaled.d,
         ]
         cp.Problem(cp.Minimize(cp.sum_squares(scaled.A @ x - scaled.b)), constraints).solve(

@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.perspective import Block, Cones
-from jointstiff.solver.convex.weighed import ends, least_squares
+from jointstiff.solver.convex.conic import Block, Cones, solve_weighed, weighed_ends
 from jointstiff.solver.errors import SolverError
 
 BLOCKS = (Block(2, ((1, 0.3), (-1, 0.0))), Block(0), Block(1))
@@ -59,7 +58,7 @@ def reference(A, b, start):
 @pytest.mark.parametrize("seed", range(8))
 def test_the_optimum_is_that_of_another_solver(seed):
     A, b, rng = problem(seed)
-    found = least_squares(A, b, CONES)
+    found = solve_weighed(A, b, CONES)
     start = inside(rng, 1)[0] + 1e-3
     assert found.certificate.gap <= 1e-8
     assert found.loss <= reference(A, b, start) + 1e-6
@@ -68,7 +67,7 @@ def test_the_optimum_is_that_of_another_solver(seed):
 @pytest.mark.parametrize("rows", [SIZE, 5])
 def test_no_point_of_the_set_is_better_than_the_gap_says(rows):
     A, b, rng = problem(3, rows)
-    found = least_squares(A, b, CONES)
+    found = solve_weighed(A, b, CONES)
     losses = np.square(inside(rng, 2000) @ A.T - b).sum(axis=1)
     assert losses.min() >= found.loss - found.certificate.gap * (b @ b)
     assert (CONES.projected(found.x) == found.x).all()
@@ -77,17 +76,23 @@ def test_no_point_of_the_set_is_better_than_the_gap_says(rows):
 @pytest.mark.parametrize("seed", range(4))
 def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
     A, b, rng = problem(seed)
-    optimum = least_squares(A, b, CONES)
-    found = ends(A, b, optimum, 0.5, CONES)
-    assert np.abs(found.gap).max() <= 1e-6
+    optimum = solve_weighed(A, b, CONES)
+    found = weighed_ends(A, b, optimum, 0.5, CONES)
+    program, radius = programs.weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
+    near, cap = optimum.x / radius, CONES.cap / radius
+    ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
+    for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
+        a = (1.0 - 2.0 * side) * np.eye(SIZE)[CONES.first[j]]
+        c = radius * (near + program.solve({"a": a, **ball}))[CONES.first[j]]
+        assert abs(max(c, 0.0) - end) <= 1e-6 * np.ptp(found[j])
     for start in inside(rng, 200):  # towards each point, as far as the level set allows
         step = start - optimum.x
         near, slope = A @ optimum.x - b, A @ step
         reach = np.roots([slope @ slope, 2 * near @ slope, -0.5]).real.max()
         x = optimum.x + min(1.0, reach) * step
         c = x[CONES.first]
-        assert (c >= found.ends[:, 0] - 1e-9).all()
-        assert (c <= found.ends[:, 1] + 1e-9).all()
+        assert (c >= found[:, 0] - 1e-9).all()
+        assert (c <= found[:, 1] + 1e-9).all()
 
 
 def test_a_lower_bound_holds_for_any_function():
@@ -99,8 +104,8 @@ def test_a_lower_bound_holds_for_any_function():
 
 def test_a_multiplier_that_is_wrong_only_widens_an_end(monkeypatch):
     A, b, _ = problem(1)
-    optimum = least_squares(A, b, CONES)
-    right = ends(A, b, optimum, 0.5, CONES).ends
+    optimum = solve_weighed(A, b, CONES)
+    right = weighed_ends(A, b, optimum, 0.5, CONES)
     solve = programs.Program.solve_with_duals
 
     def wrong(self, data, tolerance=programs.TOLERANCE):
@@ -108,7 +113,7 @@ def test_a_multiplier_that_is_wrong_only_widens_an_end(monkeypatch):
         return x, dual * 1.05
 
     monkeypatch.setattr(programs.Program, "solve_with_duals", wrong)
-    widened = ends(A, b, optimum, 0.5, CONES).ends
+    widened = weighed_ends(A, b, optimum, 0.5, CONES)
     assert (widened[:, 0] <= right[:, 0] + 1e-12).all()
     assert (widened[:, 1] >= right[:, 1] - 1e-12).all()
     assert (widened != right).any()
@@ -118,7 +123,7 @@ def test_an_answer_that_is_almost_solved_is_none(monkeypatch):
     A, b, _ = problem(2)
     monkeypatch.setattr(programs, "SETTINGS", {**programs.SETTINGS, "max_iter": 3})
     with pytest.raises(SolverError, match="could not be certified"):
-        least_squares(A, b, CONES)
+        solve_weighed(A, b, CONES)
 
 
 def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
@@ -128,4 +133,4 @@ def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
         programs.Program, "solve", lambda self, data, tolerance: 1.001 * solve(self, data, tolerance)
     )
     with pytest.raises(SolverError, match="its gap is"):
-        least_squares(A, b, CONES)
+        solve_weighed(A, b, CONES)

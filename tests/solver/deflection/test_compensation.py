@@ -11,8 +11,7 @@ from support.campaigns import prepare
 from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
 from jointstiff.solver.deflection.elastic import ElasticPredictor
 from jointstiff.solver.deflection.joint_model import JointModel

@@ -10,8 +10,7 @@ from support.campaigns import estimate
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm, equilibrium
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations

@@ -10,8 +10,7 @@ from support.campaigns import estimate
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.own_weight import OwnWeight

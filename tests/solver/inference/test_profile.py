@@ -17,8 +17,7 @@ from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds, Scaled
+from jointstiff.solver.convex.problem import Bounds, Constraints, Scaled
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.fit import Likelihood, rows_of
@@ -212,8 +211,7 @@ def _stated_program(R, centre, unit, order, j, side) -> float:
     for row, (i, k) in zip(B, order, strict=True):
         row[[i, k]] = -unit[i], unit[k]
     B /= np.linalg.norm(B, axis=1)[:, None]
-    free = np.full(n, np.inf)
-    problem = Scaled(R * unit, R @ centre, np.zeros(n), free, B, np.zeros(len(B)), unit)
+    problem = Scaled(R * unit, R @ centre, Bounds.positive(n), B, np.zeros(len(B)), unit)
     nearest = programs.least_squares(problem)
     radius = sqrt(np.sum((problem.A @ nearest - problem.b) ** 2) + RADII[0] ** 2)
     ball = replace(problem, A=problem.A / radius, b=problem.b / radius)

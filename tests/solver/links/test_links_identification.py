@@ -13,9 +13,8 @@ from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, beam_compliance, elastic_campaign
+from jointstiff.solver.convex.conic import entries, solve_cone, to_vector
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.convex.semidefinite.cone import entries, to_vector
-from jointstiff.solver.convex.semidefinite.solve import solve_cone
 from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import UnsupportedMethodError

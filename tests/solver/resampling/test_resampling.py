@@ -17,7 +17,7 @@ from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver import resampling as module
-from jointstiff.solver.convex import batch
+from jointstiff.solver.convex import solution
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
@@ -85,7 +85,7 @@ class TestAgainstIdentify:
         for plan in (ResamplingPlan(10, 8, 1), ResamplingPlan(19, 8, 2, replacement=True)):
             by_squares = resample(blocks, plan, bounds)
             with monkeypatch.context() as patch:
-                patch.setattr(batch, "LEAST_EIGENVALUE", np.inf)
+                patch.setattr(solution, "LEAST_EIGENVALUE", np.inf)
                 by_rows = resample(blocks, plan, bounds)
             for k, drawn in enumerate(plan.draw(19, 0, 8)):
                 expected = identify(robot, measurements[drawn], options)
@@ -363,7 +363,7 @@ def digest() -> str:
     blocks = gram_blocks(*pulled(500), settings("partial_pose"))
     plan = ResamplingPlan(250, 100, 0)
     together = resample(blocks, plan, POSITIVE)
-    batch.LEAST_EIGENVALUE = np.inf
+    solution.LEAST_EIGENVALUE = np.inf
     by_rows = resample(blocks, plan, POSITIVE)
     return hashlib.sha256(_bytes(together) + _bytes(by_rows)).hexdigest()
 

@@ -10,8 +10,7 @@ from support.sagging import LOAD_POINT, burden_of, campaign, robot_of
 
 from jointstiff.simulator import default_arm, random_configurations
 from jointstiff.simulator.own_weight import Balancer, default_bodies, sag
-from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases

@@ -1,1 +1,0 @@
-"""Semidefinite programs with a least-squares term."""
