@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from jointstiff.solver.inference.estimate import Estimate
     from jointstiff.solver.inference.prediction import predict
     from jointstiff.solver.readings.measurements import Measurements
-    from jointstiff.solver.robot.body import Body
     from jointstiff.solver.robot.chain import KinematicChain
-    from jointstiff.solver.robot.model import Robot
+    from jointstiff.solver.robot.model import Body, Robot
     from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
     from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
 
@@ -46,7 +45,7 @@ __all__ = [
 
 _HOMES = {
     "Balancer": "weight.bodies",
-    "Body": "robot.body",
+    "Body": "robot.model",
     "Burden": "weight.bodies",
     "Estimate": "inference.estimate",
     "JointstiffError": "errors",

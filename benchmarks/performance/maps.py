@@ -117,7 +117,7 @@ class _Arm:
 
     def __init__(self, robot: Robot) -> None:
         self.model, self.data = robot.model, robot.model.createData()
-        self.placement, self.last = robot.flange_placement, robot.flange_joint_id
+        self.placement, self.last = robot.flange_placement, robot.n
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the tool (3,) [m], its Jacobian (3, n), and the axes (3, n), in R0."""

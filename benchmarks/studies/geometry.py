@@ -22,7 +22,7 @@ from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, fi
 from jointstiff.solver.geometry.sweeps.findings import sweep_findings
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = ["run"]

@@ -19,8 +19,7 @@ from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import flange_poses
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = ["run_ur5", "run_worn"]

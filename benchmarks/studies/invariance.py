@@ -18,7 +18,7 @@ from jointstiff.simulator.campaign import LOAD_POINT, SpringArm
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fitting.method import fit_displacement
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.robot.configuration import skew
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.term import whitened_rows

@@ -35,7 +35,7 @@ from jointstiff.solver.convex.conic import GAP, Block, Cones, solve_weighed
 from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = [

@@ -23,10 +23,9 @@ from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
 from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.integrity.report import inspect
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.body import read_inertials
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.urdf import read_urdf, write_urdf
+from jointstiff.solver.robot.urdf import read_inertials, read_urdf, write_urdf
 
 
 @dataclass(frozen=True, eq=False)

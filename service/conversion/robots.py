@@ -10,13 +10,10 @@ from jointstiff.schemas import robot as robots
 from jointstiff.schemas.kinematics import Kinematics, Posture
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.robot.body import Body
 from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.wrist import find_wrist
+from jointstiff.solver.robot.model import Body, JointMap, Robot
 
 
 def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:

@@ -17,9 +17,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.deflection.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, rotation_vector
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import rotation_vector
 
 _BLOCK: Final = 4096
 """Postures worked on at a time: a few MB."""

@@ -26,9 +26,8 @@ from jointstiff.solver.links.estimate import Companion, ElasticEstimate
 from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, rotation_vector, skew
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import rotation_vector, skew
 from jointstiff.solver.triangle import whitened
 
 _SHARE_OF_TRACE: Final = 0.5

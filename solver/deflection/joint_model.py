@@ -20,9 +20,8 @@ from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
 from jointstiff.solver.observability import Spectrum
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, rotation_vector, skew
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import rotation_vector, skew
 from jointstiff.solver.terms.balance import Balance, balance, wrench_stiffness
 
 _UNSEEN: Final = 1e-9

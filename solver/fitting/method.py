@@ -25,9 +25,8 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import PriorRows, Settings
 from jointstiff.solver.observability import Excitation, Spectrum
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.rotations import skew
-from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 from jointstiff.solver.terms.block import RegressorBlock
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.term import Rows, Term, whitened_rows

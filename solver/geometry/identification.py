@@ -59,7 +59,7 @@ from jointstiff.solver.geometry.sweeps.swept_axes import (
     refine_axes,
 )
 from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.wrist import WRIST_JOINTS
+from jointstiff.solver.robot.configuration import WRIST_JOINTS
 
 
 def resting_angles(swept: SweptAxes, probability: float, *, first: int = 0) -> FloatArray:

@@ -46,7 +46,7 @@ from jointstiff.solver.paired.ratio import (
 )
 from jointstiff.solver.paired.sides import Matches, PairSide, match, refuse_other_joints
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.wrist import WRIST_JOINTS
+from jointstiff.solver.robot.configuration import WRIST_JOINTS
 
 _Both = tuple[Estimate, Estimate]
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from jointstiff.solver.arrays import FloatArray
@@ -60,22 +58,24 @@ class ChainJoint:
         place = f"joint '{self.name}'"
         check_name(self.child, f"{place} child")
         for field, shape in (("rotation", (3, 3)), ("translation", (3,)), ("axis", (3,))):
-            frozen = _frozen_array(getattr(self, field), shape, f"{place} {field}")
-            object.__setattr__(self, field, frozen)
-        where = f"{place} rotation"
+            array = np.array(getattr(self, field), dtype=np.float64)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise RobotError(
+                    f"needs finite numbers of shape {shape}, but has shape {array.shape}",
+                    remedy="give exactly these numbers",
+                    where=f"{place} {field}",
+                )
+            array.flags.writeable = False
+            object.__setattr__(self, field, array)
         skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
         if skewness > _UNIT_TOLERANCE or np.linalg.det(self.rotation) < 0.0:
-            raise RobotError(
-                "the matrix is not a rotation",
-                remedy="give an orthonormal matrix with determinant 1",
-                where=where,
-            )
+            remedy = "give an orthonormal matrix with determinant 1"
+            raise RobotError("the matrix is not a rotation", remedy=remedy, where=f"{place} rotation")
         if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
             raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
         if self.is_moving and self.name == _WORLD:
-            raise RobotError(
-                "this name is reserved for the world frame", remedy="rename the joint", where=place
-            )
+            reason = "this name is reserved for the world frame"
+            raise RobotError(reason, remedy="rename the joint", where=place)
         lower, upper = self.limits or (0.0, 0.0)
         finite = math.isfinite(lower) and math.isfinite(upper)
         if not finite or lower > upper or lower >= UNLIMITED_ANGLE or upper <= -UNLIMITED_ANGLE:
@@ -88,7 +88,7 @@ class ChainJoint:
     @property
     def is_moving(self) -> bool:
         """Return whether the joint has an angle."""
-        return self.kind == "revolute"
+        return self.kind != "fixed"
 
     @property
     def roll_pitch_yaw(self) -> tuple[float, float, float]:
@@ -114,9 +114,9 @@ class KinematicChain:
     def __post_init__(self) -> None:
         check_name(self.name, "the robot")
         check_name(self.base, "the base link")
-        moving = sum(joint.is_moving for joint in self.joints)
         if not self.joints:
             raise RobotError("the chain has no joint", remedy="add joints to the chain", where="chain")
+        moving = len(self.revolute)
         if moving == 0:
             raise RobotError(
                 f"a fixed-only chain: there is no revolute joint between '{self.base}' and '{self.flange}'",
@@ -133,11 +133,15 @@ class KinematicChain:
                     remedy=f"use at most {most}: choose a base and a flange closer to each other",
                     where="chain",
                 )
-        _check_unique((joint.name for joint in self.joints), "joint")
-        _check_unique((self.base, *(joint.child for joint in self.joints)), "link")
-        if self.joints[-1].child != self.flange:
+        links = (self.base, *(joint.child for joint in self.joints))
+        for what, names in (("joint", tuple(joint.name for joint in self.joints)), ("link", links)):
+            name, count = Counter(names).most_common(1)[0]
+            if count > 1:
+                reason, remedy = f"{count} {what}s are named '{name}'", f"give each {what} a unique name"
+                raise RobotError(reason, remedy=remedy, where=f"{what} '{name}'")
+        if links[-1] != self.flange:
             raise RobotError(
-                f"the last joint carries '{self.joints[-1].child}', not the flange '{self.flange}'",
+                f"the last joint carries '{links[-1]}', not the flange '{self.flange}'",
                 remedy="end the chain at the flange",
                 where="flange",
             )
@@ -163,36 +167,11 @@ def check_name(name: str, where: str) -> None:
     if not name:
         raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
     if len(name) > MAX_NAME_LENGTH:
-        raise RobotError(
-            f"the name has {len(name)} characters; it begins {name[:40]!r}",
-            remedy=f"use at most {MAX_NAME_LENGTH} characters",
-            where=where,
-        )
+        reason = f"the name has {len(name)} characters; it begins {name[:40]!r}"
+        raise RobotError(reason, remedy=f"use at most {MAX_NAME_LENGTH} characters", where=where)
     if not name.isprintable() or name != name.strip():
         raise RobotError(
             f"the name {name[:60]!a} has invisible characters, or spaces at an end",
             remedy="use printable characters and no space at either end",
             where=where,
-        )
-
-
-def _frozen_array(value: npt.ArrayLike, shape: tuple[int, ...], where: str) -> FloatArray:
-    array = np.array(value, dtype=np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise RobotError(
-            f"needs finite numbers of shape {shape}, but has shape {array.shape}",
-            remedy="give exactly these numbers",
-            where=where,
-        )
-    array.flags.writeable = False
-    return array
-
-
-def _check_unique(names: Iterable[str], what: str) -> None:
-    name, count = Counter(names).most_common(1)[0]
-    if count > 1:
-        raise RobotError(
-            f"{count} {what}s are named '{name}'",
-            remedy=f"give each {what} a unique name",
-            where=f"{what} '{name}'",
         )

@@ -15,12 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.chain import (
-    MAX_MOVING_JOINTS,
-    UNLIMITED_ANGLE,
-    ChainJoint,
-    KinematicChain,
-)
+from jointstiff.solver.robot.chain import MAX_MOVING_JOINTS, UNLIMITED_ANGLE, ChainJoint, KinematicChain
 
 Convention = Literal["standard", "modified"]
 
@@ -70,90 +65,55 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
         RobotError: too few or too many rows, or a number that is not finite or absurdly large.
     """
     if not 1 <= len(rows) <= MAX_MOVING_JOINTS:
-        raise RobotError(
-            f"{len(rows)} rows",
-            remedy=f"give 1 to {MAX_MOVING_JOINTS} rows, one per joint",
-            where="model.rows",
-        )
+        remedy = f"give 1 to {MAX_MOVING_JOINTS} rows, one per joint"
+        raise RobotError(f"{len(rows)} rows", remedy=remedy, where="model.rows")
+    joints, z = [], np.array([0.0, 0.0, 1.0])
+    before = pin.SE3.Identity()  # what of the rows so far comes before the next joint
     for index, row in enumerate(rows):
-        _check_row(row, f"model.rows[{index}]")
-    placements = _modified(rows) if convention == "modified" else _standard(rows)
-    *moving, flange = placements
-    joints = [
-        _joint(f"joint_{index}", "revolute", placement, _limits(row), f"link_{index}")
-        for index, (row, placement) in enumerate(zip(rows, moving, strict=True), start=1)
-    ]
-    joints.append(_joint("joint_flange", "fixed", flange, None, "flange"))
+        limits = _checked_limits(row, f"model.rows[{index}]")
+        # Rx(alpha) Tx(a), which commute, as the other two do
+        about_x = pin.SE3(pin.utils.rotate("x", row.alpha), np.array([row.a, 0.0, 0.0]))
+        if convention == "modified":
+            place = about_x * _about_z(row.theta, row.d)
+        else:  # the joint turns about z of frame i-1: what follows its own joint in row i-1 comes before it
+            place = before * _about_z(row.theta, 0.0)
+            before = _about_z(0.0, row.d) * about_x
+        own, link = f"joint_{index + 1}", f"link_{index + 1}"
+        joints.append(ChainJoint(own, "revolute", place.rotation, place.translation, z, limits, link))
+    joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
 
 
-def _modified(rows: Sequence[DhRow]) -> list[pin.SE3]:
-    """Return the placements of the joints, Rx(alpha) Tx(a) Rz(theta) Tz(d), then of the flange, identity."""
-    placements = [_about_x(row.alpha, row.a) * _about_z(row.theta, row.d) for row in rows]
-    return [*placements, pin.SE3.Identity()]
-
-
-def _standard(rows: Sequence[DhRow]) -> list[pin.SE3]:
-    """Return the placements of the joints, then of the flange.
-
-    Joint i turns about z of frame i-1, so the transforms of row i-1 after its own joint, Tz(d) Tx(a)
-    Rx(alpha), come before joint i: [Tz(d) Tx(a) Rx(alpha)]_{i-1} Rz(theta_i).
-    """
-    placements = []
-    before = pin.SE3.Identity()
-    for row in rows:
-        placements.append(before * _about_z(row.theta, 0.0))
-        before = _about_z(0.0, row.d) * _about_x(row.alpha, row.a)
-    return [*placements, before]
-
-
-def _about_x(angle: float, length: float) -> pin.SE3:
-    """Return Rx(angle) Tx(length), which commute."""
-    return pin.SE3(pin.utils.rotate("x", angle), np.array([length, 0.0, 0.0]))
-
-
 def _about_z(angle: float, length: float) -> pin.SE3:
-    """Return Rz(angle) Tz(length), which commute."""
+    """Return Rz(angle) Tz(length)."""
     return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
 
 
-def _joint(
-    name: str,
-    kind: Literal["revolute", "fixed"],
-    placement: pin.SE3,
-    limits: tuple[float, float] | None,
-    child: str,
-) -> ChainJoint:
-    axis = np.array([0.0, 0.0, 1.0])
-    return ChainJoint(name, kind, placement.rotation, placement.translation, axis, limits, child)
-
-
-def _limits(row: DhRow) -> tuple[float, float] | None:
-    if row.lower is None and row.upper is None:
-        return None
-    lower = -UNLIMITED_ANGLE if row.lower is None else row.lower
-    upper = UNLIMITED_ANGLE if row.upper is None else row.upper
-    return lower, upper
-
-
-def _check_row(row: DhRow, where: str) -> None:
-    for field, value, largest, unit in (
-        ("a", row.a, LARGEST_LENGTH, "m"),
-        ("alpha", row.alpha, LARGEST_TWIST, "rad"),
-        ("d", row.d, LARGEST_LENGTH, "m"),
-        ("theta", row.theta, LARGEST_TWIST, "rad"),
-        ("lower", row.lower, LARGEST_ANGLE, "rad"),
-        ("upper", row.upper, LARGEST_ANGLE, "rad"),
+def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
+    """Return the limits of a row's joint [rad], unless a number of the row makes no sense."""
+    for field, largest, unit in (
+        ("a", LARGEST_LENGTH, "m"),
+        ("alpha", LARGEST_TWIST, "rad"),
+        ("d", LARGEST_LENGTH, "m"),
+        ("theta", LARGEST_TWIST, "rad"),
+        ("lower", LARGEST_ANGLE, "rad"),
+        ("upper", LARGEST_ANGLE, "rad"),
     ):
+        value = getattr(row, field)
         if value is not None and not (math.isfinite(value) and abs(value) <= largest):
             raise RobotError(
                 f"{value:g} {unit} is not a finite number within ±{largest:g} {unit}",
                 remedy="check the number; lengths are in m, angles in rad, not in degrees",
                 where=f"{where}.{field}",
             )
-    if row.lower is not None and row.upper is not None and row.lower > row.upper:
+    if row.lower is None and row.upper is None:
+        return None
+    lower = -UNLIMITED_ANGLE if row.lower is None else row.lower
+    upper = UNLIMITED_ANGLE if row.upper is None else row.upper
+    if lower > upper:
         raise RobotError(
-            f"the lower limit {row.lower:g} rad is above the upper limit {row.upper:g} rad",
+            f"the lower limit {lower:g} rad is above the upper limit {upper:g} rad",
             remedy="exchange the limits, or correct a sign",
             where=f"{where}.lower",
         )
+    return lower, upper

@@ -13,8 +13,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import entries, weights
-from jointstiff.solver.robot.configuration import joint_frames
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.robot.configuration import joint_frames, skew
 from jointstiff.solver.terms.block import RegressorBlock
 from jointstiff.solver.terms.term import Motion, Term
 

@@ -7,7 +7,7 @@ adds torques τ, which move the targets by ``J (c ∘ τ)``.
 from __future__ import annotations
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.robot.configuration import skew
 from jointstiff.solver.terms.block import RegressorBlock
 from jointstiff.solver.terms.term import Motion, Term, by_torque
 

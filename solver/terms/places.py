@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.robot.configuration import skew
 from jointstiff.solver.robot.model import displaced_axis
-from jointstiff.solver.robot.rotations import skew
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
 from jointstiff.solver.terms.term import Motion, Term
 

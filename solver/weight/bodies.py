@@ -17,7 +17,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.own_weight import unit_levers
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.sweeps.pose_fit import Poses
-from jointstiff.solver.robot.body import Body
+from jointstiff.solver.robot.model import Body
 
 
 @dataclass(frozen=True)

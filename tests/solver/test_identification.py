@@ -16,9 +16,8 @@ from jointstiff.solver.errors import NotObservableError, UnsupportedMethodError
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, find_wrist
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.wrist import find_wrist
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
 

@@ -18,7 +18,7 @@ from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
 from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = [

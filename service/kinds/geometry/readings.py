@@ -15,8 +15,7 @@ from jointstiff.solver.geometry.identified_geometry import Conventions
 from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.readings.tracker_noise import at_read_places
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import JointMap, Robot
 
 
 class _Readings:

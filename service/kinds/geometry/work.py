@@ -28,7 +28,7 @@ from jointstiff.solver.geometry.model.kinematic_calibration import CalibratedAxe
 from jointstiff.solver.geometry.model.link_parameters import DhTable
 from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.geometry.sweeps.sweep import SweepSet
-from jointstiff.solver.robot.joint_map import JointMap as RobotJointMap
+from jointstiff.solver.robot.model import JointMap as RobotJointMap
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import write_urdf
 

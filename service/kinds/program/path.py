@@ -20,8 +20,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.configuration_choice import Unreached, choose_postures
-from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures
 from jointstiff.solver.robot.model import Robot
 
 _SAME: Final = 1e-6

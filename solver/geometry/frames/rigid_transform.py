@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.robot.configuration import skew
 
 ROTATION_TOLERANCE = 1e-5
 """Tolerance of a stated rotation's orthonormality: 10 µm in a metre."""

@@ -32,7 +32,7 @@ from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
 from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
-from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist
+from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from scipy import special
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
-from jointstiff.solver.robot.rotations import skew
+from jointstiff.solver.robot.configuration import skew
 
 AnomalyKind = Literal["bump", "position", "reading"]
 

@@ -19,7 +19,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 from jointstiff.solver.geometry.sweeps.sweep import refuse_other_sigma, refuse_other_unit
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 
 
 @dataclass(frozen=True, eq=False)

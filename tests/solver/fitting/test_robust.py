@@ -26,8 +26,7 @@ from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import JointMap, Robot
 
 ARM = default_arm()
 SIGMA = 2e-5

@@ -34,7 +34,7 @@ from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.findings import angle_probability, geometry_findings
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
 WAYS = ["one by one", "together", "together, controller's angles"]

@@ -30,7 +30,7 @@ from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
 from jointstiff.solver.geometry.sweeps.identified_axes import posed
 from jointstiff.solver.geometry.sweeps.pose_fit import Poses
 from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
 LIMITS = default_arm().limits

@@ -18,7 +18,7 @@ from jointstiff.solver.geometry.sweeps.axis import Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AxisFit, fit_axis
 from jointstiff.solver.geometry.sweeps.findings import sweep_findings
 from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
-from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import JointMap
 
 CELL = Cell(imperfect_arm(1))
 NAMES = ("P10", "P11", "P12")

@@ -37,8 +37,7 @@ from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.dh import dh_chain
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))

@@ -23,8 +23,7 @@ from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.inference.reason import Place
 from jointstiff.solver.integrity.report import inspect
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import JointMap, Robot
 
 TRUTH = default_arm().compliances
 COLUMNS = [(0, 1), (0, 3), (1, 2), (1, 4), (2, 3), (2, 5), (3, 4), (3, 5), (4, 5)]

@@ -20,8 +20,7 @@ from jointstiff.solver.estimate import spherical_wrist
 from jointstiff.solver.fitting.method import fit_displacement
 from jointstiff.solver.observability import Spectrum, analyse
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.wrist import find_wrist
+from jointstiff.solver.robot.configuration import Configurations, find_wrist
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.triangle import Triangle, whitened, whitener
 

@@ -58,7 +58,7 @@ def flange_by_textbook(rows: list[DhRow], convention: str, q: np.ndarray) -> np.
 def flange_by_robot(robot: Robot, q: np.ndarray) -> np.ndarray:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
-    return (data.oMi[robot.flange_joint_id] * robot.flange_placement).homogeneous
+    return (data.oMi[robot.n] * robot.flange_placement).homogeneous
 
 
 LENGTHS = st.floats(-2.0, 2.0)

@@ -7,7 +7,7 @@ import pytest
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.dh import DhRow, dh_chain
-from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures, flange_poses
 from jointstiff.solver.robot.model import Robot
 
 HALF = np.pi / 2
@@ -50,7 +50,7 @@ def test_the_angles_come_back_among_the_branches(name, crookedness):
     q = np.random.default_rng(1).uniform(-2.8, 2.8, (200, 6))
     poses = flange_poses(robot, q)
     inverse = InverseKinematics(robot)
-    branches = inverse.branches(poses)
+    branches = inverse.solutions(poses)[0]
     turned = np.abs((branches - q[:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=2)
     far = np.nan_to_num(turned, nan=np.inf).min(axis=1)
     assert np.count_nonzero(far < 1e-8) >= 196  # a few postures are at a singularity
@@ -58,19 +58,25 @@ def test_the_angles_come_back_among_the_branches(name, crookedness):
     np.testing.assert_allclose(flange_poses(robot, branches[case, branch]), poses[case], atol=1e-9)
 
 
-def test_nearest_adds_full_turns():
+def chosen(robot, poses, start):
+    free = np.tile([-np.inf, np.inf], (len(poses), 6, 1))
+    given, tested = np.full((len(poses), 6), np.nan), np.zeros(len(poses), dtype=bool)
+    return choose_postures(InverseKinematics(robot), poses, given, free, tested, start)
+
+
+def test_the_nearest_solution_has_full_turns_added():
     robot = arm("r2000ic")
     q = np.array([[0.3, -0.2, 0.4, 5.0, 1.1, -6.0]])
-    found, reached = InverseKinematics(robot).nearest(flange_poses(robot, q), q + 0.1)
-    assert reached.all()
-    np.testing.assert_allclose(found, q, atol=1e-9)
+    found = chosen(robot, flange_poses(robot, q), q[0] + 0.1)
+    assert found.unreached.tolist() == [Unreached.NO]
+    np.testing.assert_allclose(found.joints, q, atol=1e-9)
 
 
 def test_what_is_out_of_reach_is_said():
     robot = arm("ur5")
     pose = np.eye(4)[None].copy()
     pose[0, 0, 3] = 5.0
-    assert not InverseKinematics(robot).nearest(pose, np.zeros((1, 6)))[1].any()
+    assert chosen(robot, pose, np.zeros(6)).unreached.tolist() == [Unreached.OUT_OF_REACH]
 
 
 def test_a_pose_half_a_turn_away_is_not_reached_where_the_flange_stands():

@@ -12,8 +12,7 @@ from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
-from jointstiff.solver.robot.joint_map import JointMap
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import JointMap, Robot
 
 
 def joint(name: str, child: str, **changes: object) -> ChainJoint:
@@ -45,7 +44,7 @@ def test_model_follows_the_chain() -> None:
 
     assert robot.n == robot.model.nq == robot.model.nv == 2
     assert robot.joint_names == ("zeta", "alpha")  # in the order of the chain, not of the alphabet
-    assert robot.flange_joint_id == 2
+    assert robot.n == 2
     assert robot.chain is chain
     one = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
     np.testing.assert_allclose(robot.flange_placement.homogeneous, (one * one).homogeneous, atol=1e-15)
@@ -57,7 +56,7 @@ def test_model_follows_the_chain() -> None:
 
 def test_flange_joint_is_the_last_even_without_a_fixed_joint_behind_it() -> None:
     robot = Robot(KinematicChain("arm", "b", "f", (joint("a", "l"), joint("c", "f"))))
-    assert robot.flange_joint_id == 2
+    assert robot.n == 2
     np.testing.assert_array_equal(robot.flange_placement.homogeneous, np.eye(4))
 
 
@@ -73,7 +72,7 @@ def test_a_one_sided_limit() -> None:
 def test_names_that_could_be_misunderstood(joint_name: str, flange: str) -> None:
     robot = Robot(KinematicChain("<&>", "b", flange, (joint(joint_name, flange),)))
     assert tuple(robot.model.names)[1:] == (joint_name,)
-    assert robot.flange_joint_id == 1
+    assert robot.n == 1
 
 
 def test_pinocchios_own_name_is_refused() -> None:
@@ -144,7 +143,7 @@ def test_kinematics_are_pinocchios(count: int) -> None:
     np.testing.assert_allclose(found.jacobian, jacobian, rtol=0.0, atol=1e-14)
     for i in (0, count - 1):
         pin.forwardKinematics(model, data, angles[i])
-        flange = data.oMi[robot.flange_joint_id] * robot.flange_placement
+        flange = data.oMi[robot.n] * robot.flange_placement
         np.testing.assert_allclose(found.flange_rotation[i], flange.rotation, rtol=0.0, atol=1e-14)
         np.testing.assert_allclose(found.flange_translation[i], flange.translation, rtol=0.0, atol=1e-14)
         for j in range(robot.n):

@@ -80,7 +80,7 @@ def test_kinematics_are_those_of_the_original_document(base: str, flange: str) -
         np.testing.assert_allclose(flange_by_chain(chain, angles), original, atol=1e-14)
 
         pin.forwardKinematics(robot.model, data, q)
-        ours = data.oMi[robot.flange_joint_id] * robot.flange_placement
+        ours = data.oMi[robot.n] * robot.flange_placement
         np.testing.assert_allclose(ours.homogeneous, original, atol=1e-14)
 
 

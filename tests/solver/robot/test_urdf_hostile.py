@@ -57,7 +57,6 @@ READ_ALL = """
 from pathlib import Path
 from support.hostile_urdfs import HOSTILE, LARGE
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.urdf import read_urdf
 
 for text in [*(text for text, *_ in HOSTILE.values()), *LARGE.values()]:
     try:

@@ -15,8 +15,8 @@ from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseState
-from jointstiff.solver.robot.body import Body
 from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Body
 from jointstiff.solver.weight import bodies as solver_bodies
 from jointstiff.solver.weight.regressor import Frames, rows_at
 

@@ -13,7 +13,7 @@ from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.body import Body
+from jointstiff.solver.robot.model import Body
 from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
 from jointstiff.solver.weight.bodies import Burden
 from jointstiff.solver.weight.identification import identify_weight
