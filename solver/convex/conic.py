@@ -98,8 +98,7 @@ def to_vector(matrix: FloatArray) -> FloatArray:
     """(..., size (size + 1) / 2) of symmetric matrices (..., size, size)."""
     size = matrix.shape[-1]
     rows, columns = entries(size)
-    vector: FloatArray = matrix[..., rows, columns] * weights(size)
-    return vector
+    return np.asarray(matrix[..., rows, columns] * weights(size))
 
 
 def raised(vector: FloatArray, size: int) -> FloatArray:
@@ -198,8 +197,7 @@ class SemidefiniteProgram:
 
     def slack(self, x: FloatArray) -> FloatArray:
         """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
-        gradient: FloatArray = 2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z)
-        return gradient + self.penalty
+        return np.asarray(2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z) + self.penalty)
 
     def interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
         """Solve by Clarabel in y = (x − near) / unit, so that the objective does not drown in ‖z‖².
@@ -238,8 +236,7 @@ class NormSum:
 
     def residuals(self, x: FloatArray) -> FloatArray:
         """(K, 3) ``A x − d``."""
-        residuals: FloatArray = self.A @ x - self.d
-        return residuals
+        return np.asarray(self.A @ x - self.d)
 
 
 @dataclass(frozen=True, eq=False)

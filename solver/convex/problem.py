@@ -232,7 +232,7 @@ class IdentificationProblem:
     """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper, and to linear inequalities if there are any.
 
     Raises:
-        SolverError: if a number is not finite, shapes disagree, or a column is zero.
+        SolverError: if a number is not finite, or a column is zero.
     """
 
     R: FloatArray  #: (m, n) compressed, weighted regressor; every column has a positive norm
@@ -241,9 +241,6 @@ class IdentificationProblem:
     inequalities: Inequalities | None = None  #: inequalities that hold besides, or None
 
     def __post_init__(self) -> None:
-        shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}
-        if len(shapes) != 1 or self.R.shape[:1] != self.z.shape:
-            raise SolverError("shapes disagree")
         if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
             raise SolverError(
                 "the regressor contains numbers that are too large",
@@ -258,8 +255,7 @@ class IdentificationProblem:
         largest = np.abs(self.R).max(axis=0, initial=0.0)
         # Scaled first: the squares of a column in other units may under- or overflow.
         safe = np.where(largest > 0, largest, 1.0)
-        norms: FloatArray = np.linalg.norm(self.R / safe, axis=0) * largest
-        return norms
+        return np.asarray(np.linalg.norm(self.R / safe, axis=0) * largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,8 +296,7 @@ class Scaled:
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Return ``Aᵀ(A x − b)`` (n,), half the gradient of the objective."""
-        gradient: FloatArray = self.A.T @ (self.A @ x - self.b)
-        return gradient
+        return np.asarray(self.A.T @ (self.A @ x - self.b))
 
     def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
         """Return which rows (k,) hold with equality up to a slack relative to the variables; to rounding."""

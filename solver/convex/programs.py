@@ -424,7 +424,7 @@ def _information(base: FloatArray, K: FloatArray, w: cp.Variable) -> cp.Expressi
 def _solve_design(
     objective: cp.Minimize | cp.Maximize, constraints: list[cp.Constraint], w: cp.Variable, limit: float
 ) -> FloatArray:
-    """Solve a program of a design by Clarabel and return its weights (k,), those that are rounding zero."""
+    """Solve a program of a design by Clarabel and return its weights (k,), zero where they are rounding."""
     simplex = [cp.sum(w) == 1, w >= 0, *([w <= limit] if limit < 1.0 else [])]
     problem = cp.Problem(objective, [*constraints, *simplex])
     for tolerance in _DESIGN_TOLERANCES:
@@ -438,5 +438,4 @@ def _solve_design(
         raise SolverError(f"Clarabel ended a design's program as {problem.status}")
     weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, limit)
     weights[weights < 1e-7] = 0.0
-    scaled: FloatArray = weights / weights.sum()
-    return scaled
+    return np.asarray(weights / weights.sum())

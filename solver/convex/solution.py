@@ -170,8 +170,8 @@ def solve(problem: IdentificationProblem) -> Solution:
         SolverError: if no candidate satisfies the optimality conditions.
     """
     scaled = Scaled.of(problem)
-    exactly = _by_least_distance(scaled) if len(scaled.d) else _by_active_set(scaled)
-    return _first_certified(problem, scaled, chain(_by_clarabel(scaled), exactly))
+    exact = _by_least_distance(scaled) if len(scaled.d) else _by_active_set(scaled)
+    return _first_certified(problem, scaled, chain(_by_clarabel(scaled), exact))
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
@@ -184,9 +184,8 @@ def solve_step(problem: IdentificationProblem) -> Solution:
     """
     scaled = Scaled.of(problem)
     if len(scaled.d):
-        proposals = chain(_by_least_distance(scaled), _by_clarabel(scaled))
-    else:
-        proposals = chain(_by_pivoting(scaled), _by_clarabel(scaled), _by_active_set(scaled))
+        return _first_certified(problem, scaled, chain(_by_least_distance(scaled), _by_clarabel(scaled)))
+    proposals = chain(_by_pivoting(scaled), _by_clarabel(scaled), _by_active_set(scaled))
     return _first_certified(problem, scaled, proposals)
 
 
@@ -259,36 +258,16 @@ def _by_pivoting(scaled: Scaled) -> Iterator[_Proposal]:
 
 
 def _by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
-    yield scaled.polished(exact_support(scaled)), "active_set"
-
-
-def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
-    active = exact_rows(scaled)
-    if active is not None:
-        yield from _on_rows(scaled, active, np.zeros(len(scaled.unit)), "least_distance")
-
-
-def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: Proposer) -> Iterator[_Proposal]:
-    """Polish on the active rows, then also on those left out that hold up to rounding, and pull.
-
-    The second comes first; it asks too much where a tiny variable holds a large one to its rounding.
-    """
-    x = scaled.polished_on_rows(active, near)
-    yield scaled.polished_on_rows(scaled.multipliers_at(x) > 0, x), name
-    yield x, name
-
-
-def exact_support(scaled: Scaled) -> Support:
-    """Find the support (n,) under bounds alone, by bounded-variable least squares (Stark & Parker 1995)."""
+    """Find the support under bounds alone by bounded-variable least squares (Stark & Parker 1995)."""
     from scipy.optimize import lsq_linear
 
     bounds = scaled.bounds.lower, scaled.bounds.upper
     outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
-    return np.asarray(outcome.active_mask, dtype=np.int8)
+    yield scaled.polished(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
 
 
-def exact_rows(scaled: Scaled) -> BoolArray | None:
-    """Find the rows (k,) that are tight at the optimum; None where A has not full rank, or it failed.
+def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
+    """Find the rows (k,) that are tight at the optimum, unless A has not full rank, or it failed.
 
     The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
     ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb the rows
@@ -300,7 +279,7 @@ def exact_rows(scaled: Scaled) -> BoolArray | None:
     Q, R = np.linalg.qr(scaled.A)
     diagonal = np.abs(np.diagonal(R))
     if len(R) < R.shape[1] or diagonal.min() <= 1e-9 * diagonal.max():
-        return None
+        return
     G, h = scaled.rows
     rows = np.linalg.solve(R.T, G.T).T
     least = h - rows @ (Q.T @ scaled.b)
@@ -311,8 +290,18 @@ def exact_rows(scaled: Scaled) -> BoolArray | None:
     try:
         multipliers, _ = nnls(E / scale, target)
     except RuntimeError:
-        return None
-    return np.asarray(multipliers > 0)
+        return
+    yield from _on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
+
+
+def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: Proposer) -> Iterator[_Proposal]:
+    """Polish on the active rows, then also on those left out that hold up to rounding, and pull.
+
+    The second comes first; it asks too much where a tiny variable holds a large one to its rounding.
+    """
+    x = scaled.polished_on_rows(active, near)
+    yield scaled.polished_on_rows(scaled.multipliers_at(x) > 0, x), name
+    yield x, name
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,5 +428,4 @@ class GramProblems:
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Return A x − b (K, n), summed without BLAS, whose order of summation may depend on threads."""
-        product: FloatArray = (self.A * x[:, None, :]).sum(axis=2)
-        return product - self.b
+        return np.asarray((self.A * x[:, None, :]).sum(axis=2) - self.b)

@@ -141,14 +141,13 @@ class Configurations:
 
     def joint_torque(self, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray) -> FloatArray:
         """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2; paper, eq. 12), with J_v as `load` returns it."""
-        by_force: FloatArray = np.einsum("nij,ni->nj", load_jacobian, force)
-        by_moment: FloatArray = np.einsum("nij,ni->nj", self.angular_jacobian, moment)
-        return by_force + by_moment
+        by_force = np.einsum("nij,ni->nj", load_jacobian, force)
+        return np.asarray(by_force + np.einsum("nij,ni->nj", self.angular_jacobian, moment))
 
     def to_base(self, points: FloatArray) -> FloatArray:
         """Transform points (N, T, 3) from the flange frame to R0 [m]."""
-        turned: FloatArray = points @ self.flange_rotation.transpose(0, 2, 1)
-        return turned + self.flange_translation[:, None]
+        turned = points @ self.flange_rotation.transpose(0, 2, 1)
+        return np.asarray(turned + self.flange_translation[:, None])
 
 
 def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:

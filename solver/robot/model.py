@@ -96,14 +96,12 @@ class JointMap:
 
     def model_angles(self, controller: FloatArray) -> FloatArray:
         """Map controller angles (N, n) to model angles (N, n), both in rad."""
-        angles: FloatArray = controller @ self.matrix.T + self.offset
-        return angles
+        return np.asarray(controller @ self.matrix.T + self.offset)
 
     def controller_angles(self, model: FloatArray) -> FloatArray:
         """Return the angles (..., n) that the controller shows [rad] of angles of the model [rad]."""
         wanted = (model - self.offset).reshape(-1, self.n)  # columns of one system: factorised once
-        angles: FloatArray = np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
-        return angles
+        return np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
 
 
 @dataclass(frozen=True)
@@ -255,5 +253,4 @@ def displaced_axis(robot: Robot, joint: int, translation: FloatArray, turn: Floa
 def _orthonormal(rotation: FloatArray) -> FloatArray:
     """Return the nearest rotation: products of rotations keep within rounding of one."""
     left, _, right = np.linalg.svd(rotation)
-    nearest: FloatArray = left @ right
-    return nearest
+    return np.asarray(left @ right)

@@ -43,8 +43,6 @@ def test_tests_import_neither_tests_nor_benchmarks():
 PATCHED = {
     "service/api/test_progress.py": 1,
     "service/store/test_store_opening.py": 1,
-    "solver/convex/test_batch.py": 1,
-    "solver/convex/test_links_program.py": 2,
 }
 """How often private names are still replaced: the numbers may fall and never rise."""
 
