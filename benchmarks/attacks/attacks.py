@@ -12,6 +12,7 @@ import socket
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
@@ -34,6 +35,7 @@ from benchmarks.services import Service, cpu, locked, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.problems.table import invalid_request
 from jointstiff.service.resources.imports import import_files
@@ -173,35 +175,48 @@ def _connections(database: str, count: int) -> Section:
 
 
 def _at_once(database: str, fewer: int) -> Section:
-    """Slow readers, silent connections and large bodies together: the memory that they cost."""
+    """Slow readers, silent connections and large bodies, taken or refused, together: the memory they cost."""
     manners = {manner.name: manner for manner in _MANNERS}
     counts = {"slow reader": 300 // fewer, "silent": _CLIENTS // fewer}
-    with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=120) as client:
-        path, body, _ = _loads(client)["4 × largest legal set"]
-        idle, peak, done = _memory(service), 0.0, threading.Event()
+    rows, figures = [], []
+    for what in (_LEGAL, _REFUSED):
+        with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=120) as client:
+            path, legal, _ = _loads(client)[f"4 × {_LEGAL}"]
+            body = legal if what == _LEGAL else b" " * (MAX_SET_BYTES + 1)
+            idle, peak, done = _memory(service), 0.0, threading.Event()
 
-        def look() -> None:
-            nonlocal peak
-            while not done.wait(0.1):
-                peak = max(peak, _memory(service))
+            def look(service: Service = service, done: threading.Event = done) -> None:
+                nonlocal peak
+                while not done.wait(0.1):
+                    peak = max(peak, _memory(service))
 
-        with _asking(service.port) as seconds, ThreadPoolExecutor(4) as pool:
-            pool.submit(look)
-            held = [pool.submit(asyncio.run, _held(service, manners[each], counts[each])) for each in counts]
-            posted = _repeated(service.url + path, body, 64 // fewer, 20.0)
-            for each in held:
-                each.result()
-            done.set()
-    p95 = float(np.percentile(seconds, 95))
-    what = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent, {64 // fewer} large bodies"
+            with _asking(service.port) as seconds, ThreadPoolExecutor(4) as pool:
+                pool.submit(look)
+                held = [
+                    pool.submit(asyncio.run, _held(service, manners[each], counts[each])) for each in counts
+                ]
+                address = service.url + path
+                posted = _repeated(address, body, 64 // fewer, 20.0, is_declared=what == _LEGAL)
+                for each in held:
+                    each.result()
+                done.set()
+        p95 = float(np.percentile(seconds, 95))
+        answers = ", ".join(f"{count:,} × {status}" for status, count in sorted(posted.items()))
+        rows.append(
+            (what, answers, f"{idle:.0f} MB", f"{peak:.0f} MB", f"{1e3 * p95:.0f} ms of {len(seconds)}")
+        )
+        figures += [
+            Figure(f"at once, {what}: memory above idle", peak - idle, "at most", 150.0, " MB"),
+            Figure(f"at once, {what}: /health and /ready p95", p95, "at most", 0.05, " s"),
+        ]
+    others = posted.total() - posted[413]
+    figures.append(Figure(f"at once, {_REFUSED}: answers that are not 413", others, "at most", 0))
+    clients = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent"
     return Section(
-        title=what,
-        columns=("bodies posted", "memory idle", "peak", "/health and /ready p95"),
-        rows=((f"{posted}", f"{idle:.0f} MB", f"{peak:.0f} MB", f"{1e3 * p95:.0f} ms of {len(seconds)}"),),
-        figures=(
-            Figure(f"{what}: memory above idle", peak - idle, "at most", 150.0, " MB"),
-            Figure(f"{what}: /health and /ready p95", p95, "at most", 0.05, " s"),
-        ),
+        title=f"At once: {clients}, {64 // fewer} clients that post large bodies",
+        columns=("bodies", "answers", "memory idle", "peak", "/health and /ready p95"),
+        rows=tuple(rows),
+        figures=tuple(figures),
     )
 
 
@@ -294,7 +309,7 @@ def _health(database: Path, duration: float) -> Section:
             with _asking(service.port) as seconds, lock:
                 done = _repeated(service.url + path, body, threads, duration)
             p95 = float(np.percentile(seconds, 95))
-            rows.append((name, f"{done}", f"{1e3 * p95:.0f} ms", f"{1e3 * max(seconds):.0f} ms"))
+            rows.append((name, f"{done.total()}", f"{1e3 * p95:.0f} ms", f"{1e3 * max(seconds):.0f} ms"))
             figures.append(Figure(f"/health and /ready p95 under {name}", p95, "at most", 0.05, " s"))
     return Section(
         title="/health and /ready beside work",
@@ -314,7 +329,7 @@ def _loads(client: httpx2.Client) -> dict[str, tuple[str, bytes, int]]:
     client.post("/v1/measurement-sets", content=legal, headers=_JSON).raise_for_status()
     return {
         "nothing": ("/live", b"", 0),
-        "4 × largest legal set": ("/v1/measurement-sets", legal, 4),
+        f"4 × {_LEGAL}": ("/v1/measurement-sets", legal, 4),
         f"4 × largest illegal body ({illegal[0]})": ("/v1/measurement-sets", illegal[1], 4),
         "4 × 990,000 empty lists": ("/v1/measurement-sets", nested, 4),
         "4 × runs": ("/v1/runs", json.dumps({"measurement_set_id": set_id}).encode(), 4),
@@ -323,23 +338,33 @@ def _loads(client: httpx2.Client) -> dict[str, tuple[str, bytes, int]]:
     }
 
 
+_LEGAL: Final = "largest legal set"
+_REFUSED: Final = "of 8 MiB and a byte, undeclared"
 _LOCKED: Final = "SQLite locked, 12 posts waiting"
 _JSON: Final = {"Content-Type": "application/json"}
 
 
-def _repeated(address: str, body: bytes, threads: int, duration: float) -> int:
-    end, counts = time.monotonic() + duration, [0] * threads
+def _repeated(
+    address: str, body: bytes, threads: int, duration: float, *, is_declared: bool = True
+) -> Counter[int]:
+    """Post a body again and again, its length declared or not; return the answers by status, 0 for none."""
+    end = time.monotonic() + duration
 
-    def post(number: int) -> None:
+    def post(_: int) -> Counter[int]:
+        statuses: Counter[int] = Counter()
         with httpx2.Client(timeout=120) as client:
             while time.monotonic() < end:
-                client.post(address, content=body, headers=_JSON)
-                counts[number] += 1
+                content = body if is_declared else iter((body,))
+                try:
+                    statuses[client.post(address, content=content, headers=_JSON).status_code] += 1
+                except httpx2.TransportError:
+                    statuses[0] += 1
+        return statuses
 
     with ThreadPoolExecutor(max(1, threads)) as pool:
-        list(pool.map(post, range(threads)))
+        statuses = sum(pool.map(post, range(threads)), Counter[int]())
     time.sleep(max(0.0, end - time.monotonic()))
-    return sum(counts)
+    return statuses
 
 
 def _sweeps(count: int) -> bytes:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import resource
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Final, cast
 
 import h11
+from fastapi import HTTPException
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope, Send
 from uvicorn import Config
@@ -19,6 +20,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from jointstiff.service.api.errors import RETRY_SECONDS, answer_problem
+from jointstiff.service.api.limits import SMALL_BYTES
 from jointstiff.service.api.middleware import ANSWER_HEADERS
 from jointstiff.service.problems.table import http_problem
 
@@ -30,6 +32,7 @@ ACCEPTED_AT_ONCE: Final = 32
 which they need spare descriptors."""
 QUEUED_CONNECTIONS: Final = 1_024
 """Connections that the kernel keeps until they are accepted."""
+_TOO_MANY_BODIES: Final = "too many request bodies are being received or processed"
 
 
 def connection_limit() -> int:
@@ -51,6 +54,8 @@ class BoundedProtocol(H11Protocol):
     ANSWER_RATE: ClassVar[float] = 4 * 1024  # bytes a second of an answer, on average over `WRITE_SECONDS`
     LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # bytes of all bodies that are received or worked on
+    TURNS: ClassVar[int] = 4  # bodies not declared to be small that are received or worked on at once
+    TURN_SECONDS: ClassVar[float] = 30.0  # that a body waits for its turn
     ANSWER_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all answers of more than `PIECE_BYTES` under way
     PIECE_BYTES: ClassVar[int] = 64 * 1024  # bytes of an answer that wait for the client at a time
     # open at once; the one that was silent or lags for longest makes room for a new one
@@ -65,6 +70,10 @@ class BoundedProtocol(H11Protocol):
     """Bytes of all bodies: the application keeps each until it ends, even if the client has left."""
     _answering: ClassVar[int] = 0
     """Bytes of all large answers that are being sent."""
+    _turns: ClassVar[dict[RequestResponseCycle, BoundedProtocol]] = {}
+    """Requests whose body has a turn."""
+    _waiting: ClassVar[dict[RequestResponseCycle, tuple[BoundedProtocol, asyncio.Event]]] = {}
+    """Requests whose body waits for a turn, and what tells that it has come."""
 
     _phase: tuple[Any, Any] = (None, None)
     _since: float = 0.0
@@ -95,14 +104,16 @@ class BoundedProtocol(H11Protocol):
         self._phase = (self.conn.their_state, None)
         if len(self.connections) > self.CONNECTIONS:
             others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
-            silent = (one for one in others if one.silence() > 0.0 and not one.transport.is_closing())
-            max(silent, key=BoundedProtocol.silence, default=self).transport.abort()
+            (_slowest(others, 0.0) or self).transport.abort()
         self.loop.call_later(self.LOOK_SECONDS, self._look)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Let go of what was received: a reference to itself would keep it until garbage is collected."""
         super().connection_lost(exc)
         self.app = self._application
+        if self.cycle in self._waiting:
+            _, came = self._waiting.pop(self.cycle)
+            came.set()
 
     @property
     def awaits_header(self) -> bool:
@@ -132,9 +143,8 @@ class BoundedProtocol(H11Protocol):
             and not self.transport.is_closing()
         ):
             if not self.cycle.response_started:
-                reason = "too many request bodies are being received or processed"
                 retry = {"Retry-After": str(RETRY_SECONDS[503])}
-                self.transport.write(_whole_answer(503, reason, "send it again later", retry))
+                self.transport.write(_whole_answer(503, _TOO_MANY_BODIES, "send it again later", retry))
             self.cycle.disconnected = True
             self.cycle.message_event.set()
             self.transport.close()
@@ -164,6 +174,7 @@ class BoundedProtocol(H11Protocol):
             if is_refused:
                 return
             if message["type"] == "http.response.start":
+                self._end_turn(cycle)  # the client may take its time to read
                 declared = int(Headers(raw=message["headers"]).get("content-length", "0"))
                 length = declared if declared > self.PIECE_BYTES else 0
                 is_refused = length > 0 and self._answering + length > self.ANSWER_BYTES
@@ -184,16 +195,68 @@ class BoundedProtocol(H11Protocol):
             await send({**message, "body": rest} if body else message)
 
         try:
-            await self._application(scope, receive, sent)
+            await self._application(scope, self._in_turn(scope, receive), sent)
         finally:
+            self._end_turn(cycle)
             type(self)._answering -= length
             type(self)._held -= self._bodies.pop(cycle, 0)
             cycle.body.clear()
+
+    def _in_turn(self, scope: Scope, receive: Receive) -> Receive:
+        """Let a body not declared to be small be received in its turn, which one that proves small ends."""
+        cycle, headers, size = self.cycle, Headers(scope=scope), 0
+        waits = "transfer-encoding" in headers or int(headers.get("content-length", "0")) > SMALL_BYTES
+
+        async def received() -> Message:
+            nonlocal waits, size
+            if waits:
+                waits = False
+                await self._take_turn(cycle)
+            message = await receive()
+            size += len(message.get("body", b""))
+            if not message.get("more_body", False) and size <= SMALL_BYTES:
+                self._end_turn(cycle)
+            return message
+
+        return received
+
+    async def _take_turn(self, cycle: RequestResponseCycle) -> None:
+        """Wait for a turn; return without one if the client has left.
+
+        Raises:
+            HTTPException: none came in time (503).
+        """
+        came = asyncio.Event()
+        self._waiting[cycle] = self, came
+        self._pass_turns()
+        try:
+            async with asyncio.timeout(self.TURN_SECONDS):
+                await came.wait()
+        except TimeoutError:
+            raise HTTPException(503, _TOO_MANY_BODIES) from None
+        finally:
+            self._waiting.pop(cycle, None)
+
+    def _end_turn(self, cycle: RequestResponseCycle) -> None:
+        if self._turns.pop(cycle, None):
+            self._pass_turns()
+
+    @classmethod
+    def _pass_turns(cls) -> None:
+        """Give free turns to those who lag least; if others wait, the holder that lags most makes room."""
+        while cls._waiting and len(cls._turns) < cls.TURNS:
+            cycle = min(cls._waiting, key=lambda one: max(0.0, cls._waiting[one][0].silence()))
+            cls._turns[cycle], came = cls._waiting.pop(cycle)
+            came.set()
+        if cls._waiting and (slowest := _slowest(cls._turns.values(), cls.LOOK_SECONDS)):
+            slowest.transport.abort()
 
     def _look(self) -> None:
         """Close the connection if its time is over, else look again later."""
         if self.transport.is_closing() and not self.transport.get_write_buffer_size():
             return
+        if self.cycle in self._waiting:
+            self._pass_turns()
         now = self.loop.time()
         left = self.transport.get_write_buffer_size()
         taken = self._handed - left
@@ -225,6 +288,12 @@ class BoundedProtocol(H11Protocol):
         if self.conn.our_state in {h11.IDLE, h11.SEND_RESPONSE}:  # else an answer is under way
             self.transport.write(_whole_answer(400, msg, "send a request of HTTP/1.1", {}))
         self.transport.close()
+
+
+def _slowest(connections: Iterable[BoundedProtocol], seconds: float) -> BoundedProtocol | None:
+    """Return the connection that is silent, or lags, for longest; None if none does for longer than this."""
+    slow = (one for one in connections if one.silence() > seconds and not one.transport.is_closing())
+    return max(slow, key=BoundedProtocol.silence, default=None)
 
 
 def _whole_answer(status: int, reason: str, remedy: str, headers: Mapping[str, str]) -> bytes:

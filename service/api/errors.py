@@ -70,19 +70,19 @@ def answer_error(error: JointstiffError | StoreError) -> Response:
     return answer_problem(problem)
 
 
-def _refused(_: Request, error: Exception) -> Response:
+async def _refused(_: Request, error: Exception) -> Response:
     if not isinstance(error, JointstiffError | StoreError):
         raise error
     return answer_error(error)
 
 
-def _malformed(_: Request, error: Exception) -> Response:
+async def _malformed(_: Request, error: Exception) -> Response:
     if not isinstance(error, RequestValidationError):
         raise error
     return answer_problem(invalid_request(error.errors()))
 
 
-def _http(_: Request, error: Exception) -> Response:
+async def _http(_: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
     headers = dict(error.headers) if error.headers else None
@@ -92,10 +92,10 @@ def _http(_: Request, error: Exception) -> Response:
     return answer_problem(problem, headers)
 
 
-def _left(_: Request, __: Exception) -> Response:
+async def _left(_: Request, __: Exception) -> Response:
     return answer_problem(http_problem(400, "the client disconnected before its body was complete"))
 
 
-def _unexpected(_: Request, error: Exception) -> Response:
+async def _unexpected(_: Request, error: Exception) -> Response:
     _logger.error("unexpected failure", exc_info=error)
     return answer_problem(http_problem(500, "an unexpected internal error", "please report it; see the log"))

@@ -38,12 +38,14 @@ class Client:
 
 
 @contextmanager
-def served(store: Store, protocol: type[BoundedProtocol] = BoundedProtocol) -> Iterator[str]:
+def served(
+    store: Store, protocol: type[BoundedProtocol] = BoundedProtocol, posture: Posture | None = None
+) -> Iterator[str]:
     """Serve a store from a thread of this process; yield the address."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `serve` does
         server = uvicorn.Server(
-            uvicorn.Config(create_app(store), log_level="critical", http=protocol, ws="none")
+            uvicorn.Config(create_app(store, posture=posture), log_level="critical", http=protocol, ws="none")
         )
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()

@@ -9,6 +9,7 @@ import socket
 import sqlite3
 import time
 from contextlib import ExitStack, closing, suppress
+from datetime import UTC, datetime
 from urllib.parse import urlsplit
 
 import httpx2
@@ -16,9 +17,12 @@ import pytest
 from support.in_process import served
 from support.processes import until
 
+from jointstiff.service.access.key_text import mint
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
 from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.limits import MAX_ROBOT_BYTES
 from jointstiff.service.api.middleware import ANSWER_HEADERS
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.logs import ACCESS_LOGGER
 from jointstiff.service.store.store import Store
 
@@ -265,6 +269,77 @@ def test_bodies_that_are_worked_on_count_until_they_are_done(leaves, tmp_path, c
             assert httpx2.post(f"{url}/v1/robots", content=body, headers=headers).status_code == 201
 
 
+LARGE_ROBOT = {
+    "content": json.dumps(ROBOTS["modified DH"]).encode().ljust(90_000),
+    "headers": {"Content-Type": "application/json"},
+    "timeout": 60,
+}
+
+
+def test_a_large_body_that_lags_gives_up_its_turn(serve, connect):
+    url = serve(TURNS=1)
+    lagging = connect(url)
+    lagging.sendall(BODY)
+    assert httpx2.post(f"{url}/v1/robots", **LARGE_ROBOT).status_code == 201
+    assert ended(lagging) == b""
+
+
+def test_large_bodies_wait_for_a_turn_and_others_do_not(serve, connect):
+    url = serve(TURNS=1, BODY_RATE=1.0, TURN_SECONDS=0.3)
+    holder = connect(url)
+    holder.sendall(BODY + b" " * 90_000)
+    assert httpx2.post(f"{url}/v1/robots", json=ROBOTS["modified DH"]).status_code == 201
+    too_large = LARGE_ROBOT | {"content": b" " * (MAX_ROBOT_BYTES + 1)}
+    assert httpx2.post(f"{url}/v1/robots", **too_large).status_code == 413
+    for undeclared in (False, True):
+        large = {"content": iter((LARGE_ROBOT["content"],))} if undeclared else {}
+        waited = httpx2.post(f"{url}/v1/robots", **LARGE_ROBOT | large)
+        assert waited.status_code == 503
+        assert int(waited.headers["Retry-After"]) > 0
+    assert not select.select([holder], [], [], 0)[0]
+    holder.close()
+    while httpx2.post(f"{url}/v1/robots", **LARGE_ROBOT).status_code == 503:  # until it is seen to be gone
+        pass
+
+
+def test_the_role_is_asked_before_the_turn(connect):
+    posture = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+    operator, viewer = (mint(role, role, datetime.now(UTC), None) for role in ("operator", "viewer"))
+    with Store.open("sqlite://") as store:
+        for each in (operator, viewer):
+            store.keys.add(each.record)
+        with served(store, type("Bounded", (Patient,), {"TURNS": 1, "BODY_RATE": 1.0}), posture) as url:
+            bearer = f"Authorization: Bearer {operator.text}\r\nContent-Length: 1000000\r\n\r\n".encode()
+            holder = connect(url)
+            holder.sendall(HEADER + bearer + b" " * 90_000)
+            for key, status in ((None, 401), (viewer.text, 403)):
+                headers = LARGE_ROBOT["headers"] | ({"Authorization": f"Bearer {key}"} if key else {})
+                answer = httpx2.post(f"{url}/v1/robots", **LARGE_ROBOT | {"headers": headers})
+                assert answer.status_code == status
+            holder.close()
+
+
+def test_a_body_that_proves_small_ends_its_turn(tmp_path, connect):
+    """One of unknown length that waits for a locked database keeps no turn."""
+    path = tmp_path / "jointstiff.db"
+    with (
+        Store.open(f"sqlite:///{path}") as store,
+        served(store, type("Bounded", (Patient,), {"TURNS": 1, "TURN_SECONDS": 5.0})) as url,
+        closing(sqlite3.connect(path, isolation_level=None)) as other,
+    ):
+        other.execute("BEGIN IMMEDIATE")
+        robot, waiting = json.dumps(ROBOTS["modified DH"]).encode(), connect(url)
+        head = b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        chunked = head + b"Transfer-Encoding: chunked\r\n\r\n"
+        waiting.sendall(chunked + b"%x\r\n%s\r\n0\r\n\r\n" % (len(robot), robot))
+        large = LARGE_ROBOT | {"content": b"?" * 90_000}
+        assert httpx2.post(f"{url}/v1/robots", **large).status_code == 422
+        assert not select.select([waiting], [], [], 0)[0]
+        other.execute("ROLLBACK")
+        assert waiting.recv(12) == b"HTTP/1.1 201"
+
+
 def test_the_bounds_are_as_documented():
     assert (BoundedProtocol.HEADER_SECONDS, BoundedProtocol.BODY_SECONDS) == (10, 30)
+    assert (BoundedProtocol.TURNS, BoundedProtocol.TURN_SECONDS) == (4, 30)
     assert 0 < connection_limit() <= 8192

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 from contextlib import contextmanager
+from inspect import iscoroutinefunction
 
 import psycopg
 import pytest
@@ -11,6 +12,7 @@ from sqlalchemy import event
 from support.in_process import Client
 
 from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.doctor import examine
 
@@ -91,3 +93,10 @@ def test_a_fault_has_a_code_and_loses_nothing(kind, fault, tmp_path, request):
         listed = [item["id"] for item in client.get("/v1/robots").json()["items"]]
         assert listed == [accepted.json()["id"], before]
     assert examine(url).faults == []
+
+
+def test_a_refusal_waits_for_no_thread():
+    """A plain function would run in the pool of threads, and the refused body would stay until it did."""
+    with Store.open("sqlite://") as store:
+        handlers = create_app(store).exception_handlers
+    assert all(iscoroutinefunction(handler) for handler in handlers.values()), handlers
