@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from threading import Timer
@@ -18,6 +18,7 @@ from jointstiff.service.kinds.trend.trends import Trends
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.webhooks import MOST
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.solver.errors import RequestError
 
@@ -29,7 +30,6 @@ _FIRST_PAUSE: Final = timedelta(seconds=5)
 _LONGEST_PAUSE: Final = timedelta(hours=1)
 _GIVEN_UP: Final = timedelta(days=1)
 _FORGET: Final = timedelta(hours=1)
-_SENDERS: Final = 4
 
 
 def _now() -> datetime:
@@ -37,26 +37,43 @@ def _now() -> datetime:
 
 
 class Sender:
-    """Sends what is due. Any number may do so: each message is claimed by one of them at a time."""
+    """Sends what is due, to each webhook in a thread of its own: a slow receiver delays no other.
+
+    Any number may do so: each message is claimed by one of them at a time.
+    """
 
     def __init__(self, store: Store, trends: Trends, now: Callable[[], datetime] = _now) -> None:
         self._store, self._trends, self._now = store, trends, now
         self._webhooks = store.webhooks
         self._forgot = datetime.min.replace(tzinfo=UTC)
+        self._threads = ThreadPoolExecutor(MOST)
+        self._sending: dict[str, Future[None]] = {}
 
     def look(self) -> None:
-        """Send what is due, to several receivers at once.
+        """Begin to send what is due to each webhook to which nothing is being sent.
 
         Raises:
-            StoreUnavailableError: the database does not answer; look again later.
+            StoreUnavailableError: the database does not answer, or did not; look again later.
         """
         hooks = self._webhooks.all()
-        if hooks:
-            with ThreadPoolExecutor(_SENDERS) as threads:
-                list(threads.map(self._send_due, hooks))
-            if self._now() - self._forgot > _FORGET:
-                self._forgot = self._now()
-                self._webhooks.forget(self._forgot)
+        ended = [self._sending.pop(name) for name, sending in list(self._sending.items()) if sending.done()]
+        for hook in hooks:
+            if hook.id not in self._sending:
+                self._sending[hook.id] = self._threads.submit(self._send_due, hook)
+        if hooks and self._now() - self._forgot > _FORGET:
+            self._forgot = self._now()
+            self._webhooks.forget(self._forgot)
+        for sending in ended:
+            sending.result()
+
+    def finish(self) -> None:
+        """Return when all that is being sent has ended.
+
+        Raises:
+            StoreUnavailableError: the database did not answer.
+        """
+        while self._sending:
+            self._sending.popitem()[1].result()
 
     def _send_due(self, webhook: WebhookRecord) -> None:
         """Send the messages of a webhook in order, until one gets no answer: the others wait as well."""

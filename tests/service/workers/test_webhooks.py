@@ -161,9 +161,17 @@ def outcome(store):
     return hook
 
 
-def sender_of(store, clock):
+class Patient(Sender):
+    """Looks, and waits until all that was due is sent."""
+
+    def look(self):
+        super().look()
+        self.finish()
+
+
+def sender_of(store, clock, kind=Patient):
     clock.time = max(clock.time, datetime.now(UTC) + timedelta(seconds=1))
-    return Sender(store, Parts.of(store).trends, clock)
+    return kind(store, Parts.of(store).trends, clock)
 
 
 def run(store, set_id):
@@ -330,6 +338,47 @@ def test_a_service_killed_between_writing_and_sending_sends_it_when_it_is_back(t
                 service.stop()
     assert receiver.ids == written[::-1]
     assert [one["data"]["run_id"] for one in receiver.messages] == runs
+
+
+def test_a_slow_receiver_delays_no_other(store, clock):
+    """Fifty messages of ten seconds each are due to one; another one is told of the next run at once."""
+    slow, prompt = Receiver(), Receiver()
+    passed, arrived = threading.Condition(), []
+
+    class Simulated(Sender):
+        """A sender whose slow receiver takes ten seconds of the clock for each message."""
+
+        takes = timedelta(seconds=10)
+
+        def _post(self, webhook, message):
+            if webhook.url == slow.url:
+                began = clock()
+                with passed:
+                    passed.wait_for(lambda: clock() - began >= self.takes)
+            arrived.append((webhook.url, message.subject, clock()))
+            return 204
+
+    set_id = stored_set(store)
+    told_of(store, slow, events=["run.succeeded"])
+    for _ in range(50):
+        run(store, set_id)
+    told_of(store, prompt, events=["run.succeeded"])
+    sender = sender_of(store, clock, Simulated)
+    sender.look()
+    last = run(store, set_id)
+    began = clock.time = max(clock.time, datetime.now(UTC)) + timedelta(seconds=1)
+    sender.look()
+    until(lambda: len(arrived) > 0)
+    ((url, subject, at),) = arrived
+    assert (url, subject) == (prompt.url, last.id)
+    assert at - began <= timedelta(seconds=2)
+    Simulated.takes = timedelta(0)
+    with passed:
+        passed.notify_all()
+    sender.finish()
+    sender.look()
+    sender.finish()
+    assert len(arrived) == 52
 
 
 def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, monkeypatch):
