@@ -132,7 +132,8 @@ class Followers:
                     break
                 else:
                     with suppress(TimeoutError):
-                        await asyncio.wait_for(followed.changed.wait(), self.ALLOWED_SECONDS)
+                        async with asyncio.timeout(self.ALLOWED_SECONDS):
+                            await followed.changed.wait()
         finally:
             followed.followers -= 1
             if followed.followers == 0 and self._followed.get(job_id) is followed:

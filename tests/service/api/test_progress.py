@@ -165,6 +165,24 @@ def test_no_one_looks_when_no_one_follows():
     asyncio.run(leave())
 
 
+def test_who_leaves_as_news_come_has_left():
+    """Both reach the task in one turn of the loop; `asyncio.wait_for` of Python 3.11 would go on."""
+
+    async def leave():
+        followers = Followers(pause=60.0)
+        task = asyncio.create_task(followed(followers, ScriptedJobs(range(10))))
+        while (job := followers._followed.get("r1")) is None or job.news is None:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.01)
+        job.tell(ServerSentEvent(event="progress", raw_data="{}"))
+        task.cancel()
+        await asyncio.wait([task], timeout=5.0)
+        assert task.cancelled()
+        assert followers._followed == {}
+
+    asyncio.run(leave())
+
+
 def test_a_quiet_job_sends_comments(monkeypatch):
     """Proxies would close the connection."""
     monkeypatch.setattr("fastapi.routing._PING_INTERVAL", 0.03)
