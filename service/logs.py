@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -17,6 +18,9 @@ ACCESS_LOGGER: Final = "jointstiff.access"
 
 REQUEST_ID: Final[ContextVar[str | None]] = ContextVar("REQUEST_ID", default=None)
 """Identifier of the request that is being answered."""
+
+_UNSEEN: Final = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Characters that steer a terminal, end a line or turn a text's direction; JSON leaves them as they are."""
 
 _EXTRAS: Final = ("method", "path", "status", "seconds")
 
@@ -44,7 +48,8 @@ class JsonFormatter(logging.Formatter):
             line["request_id"] = request_id
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
-        return json.dumps(line, ensure_ascii=False)
+        text = json.dumps(line, ensure_ascii=False)
+        return _UNSEEN.sub(lambda character: f"\\u{ord(character[0]):04x}", text)
 
 
 def set_log_format(log_format: LogFormat) -> None:

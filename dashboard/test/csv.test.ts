@@ -5,12 +5,24 @@ describe("cells", () => {
   it("leave numbers as they are, negative ones too", () => {
     expect([csvCell(-1.5e-7), csvCell(0), csvCell(NaN), csvCell(null)]).toEqual(["-1.5e-7", "0", "", ""]);
   });
-  it.each(["=1+1", "+1", "-2+3", "@SUM(A1)", "\t=1", "\r=1", " =1", "|cmd", "%0A", "\u00a0=1"])(
-    "guard %j against being carried out",
-    (text) => {
-      expect(csvCell(text).replace(/^"/, "")).toMatch(/^'/);
-    },
-  );
+  it.each([
+    "=1+1",
+    "+1",
+    "-2+3",
+    "@SUM(A1)",
+    "\t=1",
+    "\r=1",
+    " =1",
+    "|cmd",
+    "%0A",
+    "\u00a0=1",
+    "＝1",
+    "＋1",
+    "－1",
+    "＠A1",
+  ])("guard %j against being carried out", (text) => {
+    expect(csvCell(text).replace(/^"/, "")).toMatch(/^'/);
+  });
   it("quote what would break the table", () => {
     expect(csvCell('a "b", c')).toBe('"a ""b"", c"');
     expect(csvCell("a\r\nb")).toBe('"a\r\nb"');

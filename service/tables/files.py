@@ -15,8 +15,8 @@ from jointstiff.service.tables.table import Sheet, Value
 if TYPE_CHECKING:
     import numpy as np
 
-_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
-"""First characters of a text that a spreadsheet takes for a formula."""
+_FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r")
+"""First characters of a text that a spreadsheet takes for a formula, full-width ones in some languages."""
 _WIDEST: Final = 40
 _BLOCK: Final = 4096
 """Rows that are held as text at a time."""

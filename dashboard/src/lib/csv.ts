@@ -2,7 +2,7 @@
 
 export type Cell = string | number | null | undefined;
 
-const FORMULA = /^[\s]*[=+\-@\t\r|%]/;
+const FORMULA = /^[\s]*[=+\-@＝＋－＠\t\r|%]/;
 
 /** One field: numbers as they are, text guarded against formulas and quoted where needed. */
 export function csvCell(cell: Cell): string {

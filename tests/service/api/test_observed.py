@@ -115,6 +115,15 @@ def test_logs_as_json_have_exceptions_and_warnings(monkeypatch, capsys):
     assert "KeyError: 'odd'" in line["exception"]
 
 
+def test_logs_as_json_show_characters_that_steer_terminals_and_texts():
+    steering = "\x7f\x85\x9b31m\u061c\u200e\u200f\u2028\u2029\u202a\u202e\u2066\u2069"
+    record = logging.LogRecord("any", logging.INFO, "", 0, f"Müller {steering}", None, None)
+    line = JsonFormatter().format(record)
+    assert json.loads(line)["message"] == f"Müller {steering}"
+    assert "Müller" in line
+    assert line.isprintable()
+
+
 def test_what_is_no_request_gets_a_problem_document_with_all_headers(store):
     with served(store) as url, socket.create_connection(("127.0.0.1", httpx2.URL(url).port)) as connection:
         connection.sendall(b"nonsense\r\n\r\n")

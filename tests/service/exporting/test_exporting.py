@@ -158,7 +158,7 @@ def test_hostile_names_are_text(weighed):
 
 
 @pytest.mark.parametrize("name", ["csv", "xlsx"])
-@pytest.mark.parametrize("first", ["=", "+", "-", "@"])
+@pytest.mark.parametrize("first", ["=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20"])
 def test_no_cell_is_carried_out(pulled, name, first):
     joint = pulled.result.joints[0].model_copy(update={"name": f"{first}1+1", "reason": f"{first}2"})
     result = pulled.result.model_copy(update={"joints": [joint, *pulled.result.joints[1:]]})
