@@ -38,6 +38,7 @@ _ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
 """Addresses whose small bodies are, too: texts of others, and fits that take the cube of their positions."""
 _ARCHIVE: Final = b"PK\x03\x04"
 _START_SECONDS: Final = 60.0
+"""Time that a body waits for a child that starts."""
 
 
 @dataclass
@@ -100,6 +101,7 @@ class LimitedChild:
         self._turns = CapacityLimiter(1)
         self._connection: Connection[bytes, bytes] | None = None
         self._process: subprocess.Popen[bytes] | None = None
+        self._is_ready = False
 
     async def answer(self, request: Request) -> Response | None:
         """Answer a request if it is one for the child; None if it is not.
@@ -131,6 +133,7 @@ class LimitedChild:
             self._process.kill()
             self._process.wait()
         self._connection = self._process = None
+        self._is_ready = False
 
     def _answer(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
         connection = self._running()
@@ -147,26 +150,39 @@ class LimitedChild:
             ) from None
 
     def _running(self) -> Connection[bytes, bytes]:
-        if self._connection is not None and self._process is not None and self._process.poll() is None:
-            return self._connection
-        self.close()
-        self._connection, theirs = Pipe()
+        """Return the connection to the child once it is ready; one that is slow to start goes on starting.
+
+        Raises:
+            HTTPException: it is still starting, or does not start (503).
+        """
         try:
-            with theirs:
-                self._process = subprocess.Popen(  # noqa: S603 - of our own words
-                    [sys.executable, "-m", "jointstiff.service.limited", str(theirs.fileno())],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    pass_fds=[theirs.fileno()],
-                    process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
-                )
-            self._connection.send_bytes(self._opening)
-            if not self._connection.poll(_START_SECONDS):
-                raise TimeoutError
-            self._connection.recv_bytes()
+            if self._connection is None or self._process is None or self._process.poll() is not None:
+                self.close()
+                self._connection = self._start()
+            if not self._is_ready:
+                if not self._connection.poll(_START_SECONDS):
+                    raise HTTPException(
+                        503, "the process for large bodies is still starting; send it again later"
+                    )
+                self._connection.recv_bytes()
+                self._is_ready = True
         except (OSError, EOFError):
             self.close()
             raise HTTPException(
                 503, "the process for large bodies does not start; send it again later"
             ) from None
         return self._connection
+
+    def _start(self) -> Connection[bytes, bytes]:
+        """Start the child, which says when it is ready."""
+        connection, theirs = Pipe()
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603 - of our own words
+                [sys.executable, "-m", "jointstiff.service.limited", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
+            )
+        connection.send_bytes(self._opening)
+        return connection

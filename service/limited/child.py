@@ -8,6 +8,7 @@ import resource
 from contextlib import ExitStack, closing, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Final
 
 import anyio
 from fastapi import FastAPI
@@ -18,6 +19,9 @@ from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.queue import JobQueue
+
+_NO_THREAD: Final = "can't start new thread"
+"""Python's words for a thread that has no memory for its stack."""
 
 
 def run_child(descriptor: int) -> None:
@@ -62,7 +66,7 @@ async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple
     try:
         await app(forwarded.scope(), receive, send)
     except Exception as error:
-        if isinstance(error, MemoryError) or not sent:
+        if isinstance(error, MemoryError) or str(error) == _NO_THREAD or not sent:
             raise  # this process ends, and the service says why; all else is logged, and its answer sent
     return sent[0], b"".join(message.get("body", b"") for message in sent[1:])
 

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 
 import pytest
 from support.in_process import Client
+from support.processes import until
 
 from jointstiff.service.access.key_text import mint
 from jointstiff.service.api import limited
@@ -87,6 +88,25 @@ def test_one_that_ended_is_started_again(client, child):
     child._process.kill()
     child._process.wait()
     assert client.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 201
+
+
+def test_one_that_is_slow_to_start_goes_on_starting(store, database, monkeypatch):
+    """As long as its start takes, however many bodies come meanwhile."""
+    monkeypatch.setattr(limited, "_START_SECONDS", 0.0)
+    client, answers, processes = Client(store), [], set()
+    with closing(LimitedChild(database)) as slow:
+        client._app.state.limited_child = slow
+
+        def is_answered():
+            answers.append(client.request("POST", "/v1/robots", content=LARGE, headers=JSON))
+            processes.add(slow._process.pid)
+            return answers[-1].status_code == 201
+
+        until(is_answered)
+    assert answers[0].status_code == 503
+    assert "still starting" in answers[0].json()["detail"]
+    assert int(answers[0].headers["Retry-After"]) > 0
+    assert len(processes) == 1
 
 
 @pytest.mark.parametrize("bounds", [{"seconds": 0.0}, {"memory": 4 << 20}], ids=["time", "memory"])
