@@ -82,6 +82,7 @@ def run_server(
     metrics: tuple[str, int] | None = None,
     log_format: LogFormat = LogFormat.TEXT,
     require_key: bool = False,
+    await_key: bool = False,
     keys_file: Path | None = None,
     laboratory: Path | None = None,
 ) -> None:
@@ -100,6 +101,7 @@ def run_server(
         log_format: of the logs of the service and its workers.
         quota: size of the database [bytes] from which on nothing more is added; None for any.
         require_key: demand a key on a loopback address, too.
+        await_key: start where keys are demanded and none is valid yet.
         keys_file: file of keys, which open the service as those of the database do; they are demanded then.
         laboratory: settings of the laboratory that issues reports.
 
@@ -118,7 +120,7 @@ def run_server(
     with ExitStack() as stack:
         listener = stack.enter_context(_listen(host, port))
         store = stack.enter_context(Store.open(database, quota))
-        keyring = _keyring(store, keys_file, database, posture)
+        keyring = _keyring(store, keys_file, database, posture, await_key=await_key)
         queue = stack.enter_context(closing(JobQueue(store, database)))
         port = listener.getsockname()[1]
         prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"
@@ -254,7 +256,7 @@ def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool, r
         ) from error
 
 
-def _keyring(store: Store, file: Path | None, database: str, posture: Posture) -> Keyring:
+def _keyring(store: Store, file: Path | None, database: str, posture: Posture, *, await_key: bool) -> Keyring:
     """Return the keys that open the service."""
     keyring = Keyring(store, file)
     if posture.access != "keys":
@@ -264,7 +266,7 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture) -
     except KeysFileError as error:
         raise ServerError(error.reason, error.remedy) from error
     keyring.look()
-    if not keyring.has_keys():
+    if not (await_key or keyring.has_keys()):
         raise ServerError(
             "will not start: it requires keys, and no key is valid",
             f'make one: jointstiff keys create "tablet hall 3" --role operator --database {_shown(database)} '

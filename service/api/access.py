@@ -27,10 +27,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from jointstiff.schemas.access import Role
 from jointstiff.schemas.job import Requester
 from jointstiff.service.access.key_text import without_keys
-from jointstiff.service.api.errors import answer_error
+from jointstiff.service.api.errors import answer_error, answer_problem
 from jointstiff.service.api.gate import Gate
-from jointstiff.service.api.posture import SAFE
+from jointstiff.service.api.posture import SAFE, is_loopback
 from jointstiff.service.problems.errors import KeyRefusedError, RoleError, StoreError
+from jointstiff.service.problems.table import http_problem
 from jointstiff.service.store.records import AccessKey, AuditEntry
 from jointstiff.service.store.store import Store
 
@@ -46,6 +47,15 @@ ASKED: Final = "jointstiff.asked"
 _REMEDY: Final = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; create keys with `jointstiff keys "
     "create`"
+)
+
+_LIFE: Final = "/live"
+"""Address that probes of containers ask, whether there is a key or not."""
+_NO_KEY: Final = (
+    "no key opens this service yet, so it answers its own machine only",
+    "create one with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
+    "container); or publish its port on its machine alone (`--publish 127.0.0.1:8000:8000`) and start it "
+    "with `serve --host 0.0.0.0 --no-access-control --allowed-host localhost`",
 )
 
 _logger = logging.getLogger(__name__)
@@ -207,7 +217,11 @@ class AccessGuard:
             await self._app(scope, receive, send)
             return
         asked = scope[ASKED] = Asked(None, self._gate.is_open, _address(scope))
-        if asked.is_open or scope["path"].startswith(self._mounts):
+        if asked.is_open:
+            await self._app(scope, receive, send)
+        elif scope["path"] != _LIFE and not is_loopback(asked.address) and await self._gate.awaits_key():
+            await answer_problem(http_problem(403, *_NO_KEY))(scope, receive, send)
+        elif scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
             await self._pass(asked, scope, receive, send)

@@ -8,6 +8,7 @@ import re
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -62,6 +63,13 @@ class Gate:
     def is_open(self) -> bool:
         """Return whether no key is demanded."""
         return self.access != "keys"
+
+    async def awaits_key(self) -> bool:
+        """Return whether no key opens the service yet."""
+        if not self.keyring.has_keys():
+            with suppress(StoreError):  # what was seen before counts
+                await self._watch.latest()
+        return not self.keyring.has_keys()
 
     async def caller(self, connection: HTTPConnection, address: str) -> AccessKey | None:
         """Return the key of those who ask; None if they send none, or their session has ended.

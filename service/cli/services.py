@@ -81,6 +81,13 @@ def serve(
             "--require-key", help="Require a key (`jointstiff keys create`) also from this machine."
         ),
     ] = False,
+    await_key: Annotated[
+        bool,
+        typer.Option(
+            "--await-key",
+            help="Start without a valid key, too; other machines are refused (403) until there is one.",
+        ),
+    ] = False,
     keys_file: KeysFilePath = None,
     laboratory: LaboratoryFile = None,
 ) -> None:
@@ -98,6 +105,7 @@ def serve(
         log_format=log_format,
         quota=quota and quota * 1_000_000,
         require_key=require_key,
+        await_key=await_key,
         keys_file=keys_file,
         laboratory=laboratory,
     )

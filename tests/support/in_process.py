@@ -21,13 +21,20 @@ from jointstiff.service.store.store import Store
 class Client:
     """A client of an application of our own, in process."""
 
-    def __init__(self, store: Store, posture: Posture | None = None, host: str = "localhost:8000") -> None:
+    def __init__(
+        self,
+        store: Store,
+        posture: Posture | None = None,
+        host: str = "localhost:8000",
+        address: str = "127.0.0.1",
+    ) -> None:
         self._app = create_app(store, posture=posture)
         self._url = f"http://{host}"
+        self._client = (address, 50_000)
 
     def request(self, method: str, path: str, **options: Any) -> httpx2.Response:
         async def send() -> httpx2.Response:
-            transport = httpx2.ASGITransport(self._app)
+            transport = httpx2.ASGITransport(self._app, client=self._client)
             async with httpx2.AsyncClient(transport=transport, base_url=self._url) as client:
                 return await client.request(method, path, **options)
 

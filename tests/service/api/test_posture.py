@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import anyio
 import httpx2
 import pytest
@@ -9,6 +11,7 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.schemas.problem import Problem
+from jointstiff.service.access.key_text import mint
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.cli.app import app as command
@@ -133,6 +136,24 @@ def test_the_service_does_not_start_where_nothing_controls_who_is_answered(optio
     assert ended.exit_code == 2
     assert reason in ended.output
     assert "remedy" in ended.output
+
+
+def test_a_service_that_awaits_its_key_answers_its_own_machine_only():
+    """As the image does: Docker hands on what comes to a published port from an address of its own."""
+    with Store.open("sqlite://") as store:
+        posture = Posture.of("0.0.0.0", (), access_control=True)  # noqa: S104 - the address of containers
+        beyond = Client(store, posture, address="172.17.0.1")
+        for method, path in (("GET", "/"), ("GET", "/v1/robots"), ("POST", "/v1/robots")):
+            answer = beyond.request(method, path, json=None if method == "GET" else ROBOT)
+            assert_refused(answer, 403)
+            assert "keys create" in answer.json()["remedy"]
+        assert beyond.get("/live").status_code == 204
+        assert Client(store, posture).get("/v1/robots").status_code == 401
+        store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
+        headers = {"Authorization": f"Bearer {minted.text}"}
+        beyond = Client(store, posture, address="172.17.0.1")
+        assert beyond.get("/v1/robots").status_code == 401
+        assert beyond.get("/v1/robots", headers=headers).status_code == 200
 
 
 @pytest.mark.parametrize(
