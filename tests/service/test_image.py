@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -25,6 +27,14 @@ NEEDED = [
     "CHANGELOG.md",
     "docker/build.lock",
 ]
+
+
+def test_the_image_awaits_a_key_and_the_proxy_insists_on_tls():
+    """Whoever publishes the image's port on all addresses opens nothing."""
+    docker = ROOT / "docker"
+    (command,) = re.findall(r"^CMD (.*)$", (docker / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert json.loads(command) == ["serve", "--host", "0.0.0.0", "--port", "8000", "--await-key"]  # noqa: S104
+    assert "header Strict-Transport-Security max-age=" in (docker / "Caddyfile").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", NEEDED)
