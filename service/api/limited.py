@@ -37,7 +37,7 @@ _PATHS: Final = frozenset(
 _ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
 """Addresses whose small bodies are, too: texts of others, and fits that take the cube of their positions."""
 _ARCHIVE: Final = b"PK\x03\x04"
-_START_SECONDS: Final = 60.0
+START_SECONDS: Final = 60.0
 """Time that a body waits for a child that starts."""
 
 
@@ -160,7 +160,7 @@ class LimitedChild:
                 self.close()
                 self._connection = self._start()
             if not self._is_ready:
-                if not self._connection.poll(_START_SECONDS):
+                if not self._connection.poll(START_SECONDS):
                     raise HTTPException(
                         503, "the process for large bodies is still starting; send it again later"
                     )

@@ -92,7 +92,7 @@ def test_one_that_ended_is_started_again(client, child):
 
 def test_one_that_is_slow_to_start_goes_on_starting(store, database, monkeypatch):
     """As long as its start takes, however many bodies come meanwhile."""
-    monkeypatch.setattr(limited, "_START_SECONDS", 0.0)
+    monkeypatch.setattr(limited, "START_SECONDS", 0.0)
     client, answers, processes = Client(store), [], set()
     with closing(LimitedChild(database)) as slow:
         client._app.state.limited_child = slow
