@@ -161,6 +161,7 @@ def minimise(
     where: str,
     by_own: Callable[[State], FloatArray] | None = None,
     size: float = 0.0,
+    enough: float = 0.0,
 ) -> tuple[State, LinearFit]:
     """Minimise ``‖residual(state)‖²``, damping steps that go too far (Levenberg and Marquardt).
 
@@ -175,6 +176,7 @@ def minimise(
         where: for the message.
         by_own: derivative (G, m / G) of each group of readings by its own unknown, if there are such.
         size: norm of the whitened readings, whose rounding no fit explains.
+        enough: residual [rms] below which a fit that goes on slowly has converged.
 
     Raises:
         MeasurementError: no convergence.
@@ -195,7 +197,7 @@ def minimise(
             return state, linear
         state, r = trial, shorter
     rms = float(np.sqrt(np.mean(r**2)))
-    if rms < _EXACT:
+    if rms < max(_EXACT, enough):
         return state, linear
     raise MeasurementError(
         f"the fit did not converge in {MOST_STEPS} steps; the residual is {rms:.2g} m rms",

@@ -30,6 +30,7 @@ from jointstiff.solver.triangle import whitener
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
 _FOLDS = 5
+_LIKE_ALL = 1.1  # residual of a part beside that of all poses that counts as the same
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
 
@@ -109,6 +110,7 @@ def calibrate(
     *,
     start: RigidTransform | None = None,
     hold_out: bool = True,
+    enough: float = 0.0,
 ) -> CalibratedAxes:
     """Calibrate a nominal model.
 
@@ -117,6 +119,7 @@ def calibrate(
         poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
         start: rough transform from base to tracker; found from the poses if None.
         hold_out: whether to find the error of poses that are left out.
+        enough: residual [rms, whitened] below which a fit that goes on slowly has converged.
 
     Raises:
         MeasurementError: the model has another number of joints, or the fit does not converge.
@@ -139,8 +142,9 @@ def calibrate(
         np.zeros(len(angles)),
     )
     readings = pose_readings(angles, poses)
-    state, linear = fit_poses(readings, first, where="poses")
-    held_out_rms = _held_out_rms(nominal, poses, start) if hold_out else None
+    state, linear = fit_poses(readings, first, where="poses", enough=enough)
+    rms = float(np.sqrt(np.mean(np.square(linear.residual))))
+    held_out_rms = _held_out_rms(nominal, poses, start, rms) if hold_out else None
     coordinates = 3 * int(poses.present.sum())
     if coordinates <= len(linear.scale):
         raise NotObservableError(
@@ -173,10 +177,13 @@ def calibrate(
     )
 
 
-def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform | None) -> float | None:
+def _held_out_rms(
+    nominal: KinematicChain, poses: Poses, start: RigidTransform | None, rms: float
+) -> float | None:
     """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
 
-    Readings of one posture stay together.
+    Readings of one posture stay together. Four parts may hardly tell two unknowns apart, so that their fit
+    stalls in a flat valley: at the residual `rms` of all poses it has converged.
     """
     _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
     count = int(posture.max()) + 1
@@ -186,7 +193,9 @@ def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform |
     errors = []
     for fold in range(min(_FOLDS, count)):
         try:
-            calibrated = calibrate(nominal, poses[part != fold], start=start, hold_out=False)
+            calibrated = calibrate(
+                nominal, poses[part != fold], start=start, hold_out=False, enough=_LIKE_ALL * rms
+            )
         except (MeasurementError, NotObservableError):
             return None
         left_out = poses[part == fold]

@@ -52,7 +52,12 @@ class PoseState:
 
 
 def fit_poses(
-    readings: PoseReadings, first: PoseState, *, where: str, fitted: int | None = None
+    readings: PoseReadings,
+    first: PoseState,
+    *,
+    where: str,
+    fitted: int | None = None,
+    enough: float = 0.0,
 ) -> tuple[PoseState, LinearFit]:
     """Fit axes, targets and free corrections.
 
@@ -64,6 +69,7 @@ def fit_poses(
         first: where to start from.
         where: for messages.
         fitted: number of axes, base first, that are fitted; all if None. The others stay as they are.
+        enough: residual [rms, whitened] below which a fit that goes on slowly has converged.
 
     Raises:
         MeasurementError: no convergence.
@@ -95,7 +101,7 @@ def fit_poses(
 
     size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
     by_own = by_correction if basis is None else None
-    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size)
+    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size, enough=enough)
 
 
 class Motion:
