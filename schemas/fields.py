@@ -7,6 +7,9 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+FAR_POINT = 5.0
+"""Distance of a point on the tool from the flange beyond which its unit is in doubt [m]."""
+
 MAX_NAME_LENGTH = 200
 MAX_MAGNITUDE = 1e12
 """Largest magnitude of a number; no quantity reaches it in a supported unit, and its square is finite."""

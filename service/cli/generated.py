@@ -155,7 +155,11 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dic
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
-        stated = read_options(values["options"]) | stated
+        options = read_options(values["options"])
+        units = options.get("units")
+        if "load_point" in stated and isinstance(units, dict) and units.get("length") == "mm":
+            stated["load_point"] = [1e3 * metres for metres in stated["load_point"]]
+        stated = options | stated
     if values.get("run") is not None:
         run = TabledRun.of(read_document(values["run"], Run), read_campaign(sources[0]))
         sources = [run, *sources[1:]]

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
-
-from jointstiff.service.importing.limits import FAR_LOAD_POINT
 
 
 class Vector(NamedTuple):
@@ -34,19 +30,8 @@ def vector_of(text: str) -> Vector:
 
 
 def point_of(text: str) -> Vector:
-    """Return `X,Y,Z` in millimetres as a point in metres; ask about one that no tool reaches.
-
-    Raises:
-        typer.BadParameter: it is no such text, or further than 5 m from the flange and nobody confirms it.
-    """
-    point = Vector(*(1e-3 * number for number in vector_of(text)))
-    distance = math.hypot(*point)
-    if not distance <= FAR_LOAD_POINT:
-        question = f"'{text}' in mm is {distance:g} m from the flange"
-        askable = math.isfinite(distance) and sys.stdin.isatty()
-        if not (askable and typer.confirm(f"{question}. Is that right?", default=False, err=True)):
-            raise typer.BadParameter(f"{question}; give X,Y,Z in mm, such as 0,0,120.5")
-    return point
+    """Return `X,Y,Z` in millimetres as a point in metres; raises as `vector_of` does."""
+    return Vector(*(1e-3 * number for number in vector_of(text)))
 
 
 def file_argument(metavar: str, text: str) -> Any:  # noqa: ANN401 - Typer's

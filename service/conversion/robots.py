@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot
 
 import numpy as np
 
 from jointstiff.schemas import robot as robots
+from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.kinematics import Kinematics, Posture
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.solver.errors import RequestError, RobotError
@@ -96,6 +98,26 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
         flange_axes=configurations.flange_rotation.transpose(0, 2, 1),
     )
     return Kinematics(joints=list(robot.joint_names), postures=postures)
+
+
+def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float = 1.0) -> None:
+    """Refuse a point on a tool that no tool reaches.
+
+    Args:
+        point: in the flange frame; None is never refused.
+        where: for the message.
+        length: metres in its unit.
+
+    Raises:
+        RequestError: it is further than `FAR_POINT` from the flange.
+    """
+    distance = 0.0 if point is None else length * hypot(*point)
+    if distance > FAR_POINT:
+        raise RequestError(
+            f"the point is {distance:g} m from the flange, where no tool reaches",
+            where=where,
+            remedy=f"check its unit; a point on the tool is at most {FAR_POINT:g} m from the flange",
+        )
 
 
 def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> None:

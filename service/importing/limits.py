@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-FAR_LOAD_POINT: Final = 5.0
-"""Distance of a load point from the flange beyond which its unit is in doubt, in m."""
 MAX_FILE_BYTES: Final = 8 * 1024 * 1024
 """All files of an import together, as they are sent: as much as a measurement set that is posted."""
 MAX_FILES: Final = 64

@@ -148,7 +148,7 @@ def predict(campaign: Campaign, table: str, run: Run | None = None, **options: o
         campaign: robot and readings.
         table: CSV of postures and loads, with units in the headers.
         run: of that campaign; identified now, as the campaign says, if None.
-        options: fields of `DeflectionOptions`, in SI units.
+        options: fields of `DeflectionOptions`, in SI units or in its `units`.
 
     Raises:
         CampaignError: robot, readings, run or table cannot be used.

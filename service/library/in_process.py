@@ -196,7 +196,8 @@ def predict(
     Args:
         run: that `identify` returned, or a campaign, which is identified now.
         postures: CSV file of postures and loads, with units in the headers.
-        options: fields of `DeflectionOptions` in SI units, such as `load_point=(0.0, 0.0, 0.12)`.
+        options: fields of `DeflectionOptions`, in SI units or in its `units`, such as
+            `load_point=(0, 0, 120), units={"length": "mm"}`.
 
     Raises:
         CampaignError: run or table cannot be used.

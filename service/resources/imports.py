@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import ValidationError
 
+from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.importing import MAX_PREVIEW_ROWS, FilePreview, ImportFault, MissingField
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.resources.imported_messages import (
@@ -151,7 +151,7 @@ def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
     if request.load_point is not None:
         points.append(hypot(*converted(request.load_point, stated_unit, "m", "load_point")))
     far = max(points, default=0.0)
-    stated = [f"the load point is {far:g} m from the flange"] if far > FAR_LOAD_POINT else []
+    stated = [f"the load point is {far:g} m from the flange"] if far > FAR_POINT else []
     return [*stated, *imported.assembly.unusual]
 
 

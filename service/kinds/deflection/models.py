@@ -16,7 +16,7 @@ from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.message import finite, message, rows
-from jointstiff.service.conversion.robots import refuse_other_angles
+from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
@@ -174,8 +174,8 @@ def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCase
     """Return load cases in SI units.
 
     Raises:
-        RequestError: too many cases for the joints, angles for another number of joints, no load point, or a
-            moment without a unit.
+        RequestError: too many cases for the joints, angles for another number of joints, no load point, a
+            point that no tool reaches, or a moment without a unit.
     """
     most = MAX_CASE_WORK // robot.n**2
     if len(request.cases) > most:
@@ -186,8 +186,12 @@ def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCase
             remedy=f"ask for at most {most} at a time",
         )
     units, length = request.units, LENGTH[request.units.length]
+    refuse_far_point(request.load_point, "load_point", length=length)
+    refuse_far_point(request.place, "place", length=length)
     for i, case in enumerate(request.cases):
         refuse_other_angles(robot, case.joints, f"cases[{i}].joints")
+        refuse_far_point(case.load_point, f"cases[{i}].load_point", length=length)
+        refuse_far_point(case.place, f"cases[{i}].place", length=length)
     points = [case.load_point or request.load_point for case in request.cases]
     if None in points:
         raise RequestError(

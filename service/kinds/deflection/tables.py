@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
+from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.numbers import NO_NUMBER
@@ -20,16 +21,17 @@ from jointstiff.solver.errors import RequestError
 
 _HEADER: Final = re.compile(r"(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*")
 _VECTORS: Final = {
-    "force": ("F", FORCE),
-    "moment": ("M", MOMENT),
-    "load_point": ("load point ", LENGTH),
-    "place": ("place ", LENGTH),
-    "direction": ("direction ", {"": 1.0, "1": 1.0}),
+    "force": ("F", FORCE, "force"),
+    "moment": ("M", MOMENT, "moment"),
+    "load_point": ("load point ", LENGTH, "length"),
+    "place": ("place ", LENGTH, "length"),
+    "direction": ("direction ", {"": 1.0, "1": 1.0}, ""),
 }
 _SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
 
+AnyMessage = TypeVar("AnyMessage", bound=BaseModel)
 _Column = tuple[str, int, float]
-"""Field of a case, place in it, and factor to SI units."""
+"""Field of a case, place in it, and factor to the units of the message."""
 
 
 def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> DeflectionOptions:  # noqa: ANN401
@@ -43,10 +45,10 @@ def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> De
     Args:
         text: of the table.
         joint_names: of the n joints.
-        options: other fields of the message, in SI units.
+        options: other fields of the message, in their `units`; SI where these name none.
 
     Raises:
-        RequestError: a header or a cell that cannot be understood, by its line and column.
+        RequestError: a header or a cell that cannot be understood, by its line and column, or an option.
     """
     delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
     rows = list(csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter))
@@ -55,22 +57,36 @@ def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> De
         raise RequestError(
             "the table has no load cases", where="line 1", remedy="give a header and one row per case"
         )
-    columns = [_column(header, joint_names) for header in rows[0]]
+    units = _units(options.get("units", {}))
+    columns = [_column(header, joint_names, units) for header in rows[0]]
     _refuse_missing(columns, len(joint_names))
     cases = [_case(row, columns, i, delimiter) for i, row in enumerate(rows[1:], 2) if any(row)]
     if len(cases) > MAX_CASES:
         raise RequestError(
             f"{len(cases):,} cases", where="cases", remedy=f"split them: at most {MAX_CASES:,}"
         )
+    return _validated(DeflectionOptions, {**options, "units": units, "cases": cases})
+
+
+def _units(stated: Units | Mapping[str, Any] | None) -> Units:
+    """Return units that a request states, completed by SI."""
+    if isinstance(stated, Units):
+        stated = stated.model_dump()
+    if isinstance(stated, Mapping):
+        stated = _SI | {name: unit for name, unit in stated.items() if unit is not None}
+    return _validated(Units, stated, "units")
+
+
+def _validated(message: type[AnyMessage], fields: object, *where: str) -> AnyMessage:
     try:
-        return DeflectionOptions.model_validate({**options, "units": _SI, "cases": cases})
+        return message.model_validate(fields)
     except ValidationError as error:
         fault = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(map(str, fault["loc"]))
+        place = ".".join(map(str, (*where, *fault["loc"])))
         raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
 
 
-def _column(header: str, joint_names: Sequence[str]) -> _Column:
+def _column(header: str, joint_names: Sequence[str], units: Units) -> _Column:
     match = _HEADER.fullmatch(header)
     name, unit = (match[1] or "", match[2] or "") if match else (header, "")
     if name.lower() == "label":
@@ -78,11 +94,11 @@ def _column(header: str, joint_names: Sequence[str]) -> _Column:
     joint = re.fullmatch(r"J(\d+)", name)
     if name in joint_names or (joint and 1 <= int(joint[1]) <= len(joint_names)):
         place = joint_names.index(name) if name in joint_names else int(joint[1]) - 1 if joint else 0
-        return "joints", place, _factor(header, unit, ANGLE)
-    for field, (prefix, units) in _VECTORS.items():
+        return "joints", place, _factor(header, unit, ANGLE) / ANGLE[units.angle]
+    for field, (prefix, sizes, quantity) in _VECTORS.items():
         for k, axis in enumerate("xyz"):
             if name.lower() == f"{prefix}{axis}".lower():
-                return field, k, _factor(header, unit, units)
+                return field, k, _factor(header, unit, sizes) / sizes[getattr(units, quantity, "")]
     raise RequestError(
         f"the header '{header}' is not known",
         where="line 1",

@@ -12,7 +12,6 @@ from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, D
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.conversion.message import finite
-from jointstiff.service.importing.limits import FAR_LOAD_POINT
 from jointstiff.service.kinds.deflection.models import (
     to_directions,
     to_forward_model,
@@ -24,7 +23,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.forward import Deflection, ForwardModel
 from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
@@ -53,25 +51,11 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         confidence=request.confidence,
         model_error_postures=0 if error is None else error.postures,
         postures_needed=ModelError.needed(request.confidence),
-        remarks=[
-            *_far_load_points(cases, labels),
-            *remarks_of(run, model, error, request.confidence),
-        ],
+        remarks=remarks_of(run, model, error, request.confidence),
         cases=to_case_results(
             prediction, bound, request.confidence, to_directions(request, cases), labels, budgets
         ),
     )
-
-
-def _far_load_points(cases: LoadCases, labels: Sequence[str]) -> list[str]:
-    """Return a remark on load points that no tool reaches, which may be in another unit."""
-    distances = np.linalg.norm(cases.load_point, axis=1)
-    far = [label for label, distance in zip(labels, distances, strict=True) if distance > FAR_LOAD_POINT]
-    if not far:
-        return []
-    others = f" and of {len(far) - 1} others" if len(far) > 1 else ""
-    distance = f"{max(distances):g} m from the flange"
-    return [f"the load point of case {far[0]}{others} is up to {distance}: check its unit"]
 
 
 def forward_model(

@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.schemas import map as messages
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.service.conversion.message import finite
-from jointstiff.service.conversion.robots import refuse_other_angles
+from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
@@ -59,8 +59,11 @@ def to_map_task(request: messages.MapOptions, robot: Robot) -> MapTask:
     """Return what to ask of each place.
 
     Raises:
-        RequestError: a direction without length, no load, limits or angles of other joints than the robot's.
+        RequestError: a direction without length, no load, limits or angles of other joints than the robot's,
+            or a point that no tool reaches.
     """
+    refuse_far_point(request.place, "place")
+    refuse_far_point(request.load_point, "load_point")
     force, moment = np.array(request.force), np.array(request.moment or (0.0, 0.0, 0.0))
     if not (force.any() or moment.any() or request.absolute):
         raise RequestError("the load is missing", where="force", remedy="give the force of the process in N")

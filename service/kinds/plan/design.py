@@ -11,7 +11,7 @@ from jointstiff.schemas import plan as plans
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.measurement.measurement_set import LEAST_DIRECTION
 from jointstiff.service.conversion.message import finite
-from jointstiff.service.conversion.robots import refuse_other_angles
+from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.campaign_plan import CampaignPlan
@@ -217,6 +217,7 @@ def named_targets(
 
 def _load_point(request: plans.PlanRequest, so_far: SoFar | None) -> FloatArray:
     if request.load_point is not None:
+        refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
     if so_far is None:
         return np.zeros(3)

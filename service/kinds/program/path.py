@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import ProgramOptions
-from jointstiff.service.conversion.robots import refuse_other_angles
+from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.frames import ProgramFrames
@@ -230,7 +230,9 @@ def _cases(
     place = tool[:, :3, 3].copy()
     point = place
     if options.load_point is not None:
-        point = np.tile(LENGTH[options.units.length] * np.array(options.load_point), (len(targets), 1))
+        length = LENGTH[options.units.length]
+        refuse_far_point(options.load_point, "load_point", length=length)
+        point = np.tile(length * np.array(options.load_point), (len(targets), 1))
     force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
     if options.axes != "robot":
         if options.axes == "base":

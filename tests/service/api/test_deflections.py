@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
+from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection.models import to_load_cases
 from jointstiff.service.kinds.deflection.tables import read_load_cases
@@ -114,18 +115,16 @@ def test_too_few_postures_and_extrapolation_are_said(client, pulled):
     assert not case["compliance"]["symmetric"]
 
 
-def test_a_load_point_in_another_unit_is_said(client, pulled):
-    """Millimetres in a column of metres: 120 m from the flange, in the cases or for all of them."""
-    cases = [{"label": label, "joints": JOINTS, "force": FORCE} for label in ("drill", "mill")]
-    far = "is up to 120 m from the flange: check its unit"
-    for case in cases:
-        case["load_point"] = [0, 0, 120_000.0]
-    both = post(client, "/v1/deflections", request(pulled, cases=cases), expected=200)["remarks"]
-    assert both[0] == f"the load point of case drill and of 1 others {far}"
-    of_all = post(client, "/v1/deflections", request(pulled, load_point=[0, 0, 120_000.0]), expected=200)
-    assert of_all["remarks"][0] == f"the load point of case drill {far}"
-    usual = post(client, "/v1/deflections", request(pulled, load_point=[0, 0, 4_999.0]), expected=200)
-    assert not any("check its unit" in remark for remark in usual["remarks"])
+@pytest.mark.parametrize("field", ["load_point", "place"])
+def test_a_point_that_no_tool_reaches_is_refused(client, pulled, field):
+    """Millimetres in a column of metres: 120 m from the flange, in a case or for all of them."""
+    cases = [{"joints": JOINTS, "force": FORCE}, {"joints": JOINTS, "force": FORCE, field: [0, 0, 120e3]}]
+    for changes, where in (({"cases": cases}, f"cases[1].{field}"), ({field: [0, 0, 120e3]}, field)):
+        refused = post(client, "/v1/deflections", request(pulled, **changes), expected=422)
+        assert refused["where"] == where
+        assert "120 m from the flange" in refused["detail"]
+        assert "unit" in refused["remedy"]
+    post(client, "/v1/deflections", request(pulled, **{field: [0, 0, 5_000.0]}), expected=200)
 
 
 def test_the_reason_for_no_bound_is_the_true_one():
@@ -209,6 +208,42 @@ class TestTables:
         assert found.cases[0].force == (200e3, 300e3, -800.0)
         assert found.cases[0].label == "drill"
 
+    def test_options_and_cells_each_have_their_units(self):
+        """Cells those of their headers, options those of `units`, which SI completes."""
+        masses = [{"joint": "joint_3", "mass": 10.0, "centre": (300, 0, 0)}]
+        campaign = Campaign.model_validate(simulate_campaign(ARM, load="pull", configurations=24, seed=1))
+        columns = (
+            ",".join(f"place {axis} [m]" for axis in "xyz")
+            + ","
+            + ",".join(f"M{axis} [N.m]" for axis in "xyz")
+        )
+        table = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,0.2,0,1,0\n")
+        stated, si = (
+            campaigns.predict(campaign, table, **options)
+            for options in (
+                {
+                    "load_point": (0, 0, 120),
+                    "masses": masses,
+                    "units": {"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
+                },
+                {"load_point": (0, 0, 0.12), "masses": [masses[0] | {"centre": (0.3, 0, 0)}]},
+            )
+        )
+        for case, other in zip(stated.cases, si.cases, strict=True):
+            np.testing.assert_allclose(case.displacement, other.displacement, rtol=1e-12)
+        short = read_load_cases(table, NAMES, load_point=(0, 0, 120), units={"length": "mm"})
+        assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
+        assert short.cases[0].place == (0.0, 0.0, 200.0)
+        assert read_load_cases(table, NAMES, units=short.units).units == short.units
+
+    @pytest.mark.parametrize(
+        ("units", "where"), [({"length": "inch"}, "units.length"), ("mm", "units"), (None, "units")]
+    )
+    def test_units_that_are_none_are_refused(self, units, where):
+        with pytest.raises(RequestError) as caught:
+            read_load_cases(TABLE, NAMES, units=units)
+        assert caught.value.where == where
+
     @pytest.mark.parametrize(
         ("change", "where", "words"),
         [
@@ -251,7 +286,11 @@ class TestTables:
         table = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,120\n")
         (tmp_path / "far.csv").write_text(table)
         far = CliRunner().invoke(app, ["predict", files[0], str(tmp_path / "far.csv")])
-        assert "the load point of case drill is up to 120 m from the flange" in far.stderr
+        assert far.exit_code == 2
+        assert "120 m from the flange" in far.stderr
+        far = CliRunner().invoke(app, ["predict", *files[:2], *point, "--place", "0,0,120000"])
+        assert far.exit_code == 2
+        assert "120 m from the flange" in far.stderr
         missing = CliRunner().invoke(app, ["predict", *files[:2]])
         assert missing.exit_code == 2
         assert "load_point" in missing.output

@@ -41,8 +41,12 @@ def test_a_program_and_its_report(folder):
     again = compensate("--options", "options.json")
     assert again.exit_code == 2
     assert "exists" in again.output
-    other = compensate("--options", "options.json", "--axes", "robot", "--overwrite", "--json")
-    assert json.loads(other.stdout)["request"]["axes"] == "robot"
+    point = ["--load-point", "0,0,150.5"]
+    other = compensate("--options", "options.json", "--axes", "robot", *point, "--overwrite", "--json")
+    request = json.loads(other.stdout)["request"]
+    assert request["axes"] == "robot"
+    assert request["units"]["length"] == "mm"  # those of the file, and the terminal's are mm, too
+    assert request["load_point"] == pytest.approx([0.0, 0.0, 150.5])
     assert (folder / "out.src").read_bytes() != content
 
 

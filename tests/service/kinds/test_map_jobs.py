@@ -127,6 +127,8 @@ class TestDownloads:
         ({"limits": {"joint_9": [0, 1]}}, "limits.joint_9", "no joint"),
         ({"limits": {"joint_1": [1, 0]}}, "limits.joint_1", "least angle"),
         ({"near": [0.0, 1.0]}, "near", "2 joint angles"),
+        ({"place": [0, 0, 120.0]}, "place", "120 m from the flange"),
+        ({"load_point": [0, 0, 120.0]}, "load_point", "120 m from the flange"),
     ],
 )
 def test_refused_with_place_and_remedy(client, run_id, changes, where, message):

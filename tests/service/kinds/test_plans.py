@@ -191,6 +191,7 @@ class TestPlans:
             ({"surroundings": {"floor": 20.0}}, "candidates", "none of 300 readings is feasible"),
             ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "are in postures"),
             ({"postures": [[0.0, 1.0]]}, "postures[0]", "2 joint angles"),
+            ({"load_point": [0, 0, 120.0]}, "load_point", "120 m from the flange"),
             ({"surroundings": {"facing": {"P10": [0, 0, 0]}}}, "surroundings.facing", "facing"),
             ({"criterion": "work_area"}, "work_area", "needs a work area"),
         ],
