@@ -149,5 +149,11 @@ def _complete(arrays: dict[str, FloatArray], sigma: float) -> Measurements:
     """Every target read in every configuration, its place measured in R0."""
     present = np.ones(arrays["position"].shape[:2], dtype=np.bool_)
     return Measurements(
-        **arrays, in_flange=~present, present=present, sigma=sigma, encoders=None, common_uncertainty=None
+        **arrays,
+        in_flange=~present,
+        present=present,
+        sigma=sigma,
+        refuted_sigma=None,
+        encoders=None,
+        common_uncertainty=None,
     )

@@ -160,22 +160,26 @@ class Noise(Message):
         default=None,
         description="Uncertainty of the robot's geometry; if absent, its model counts as exact.",
     )
+    refuted: bool = Field(
+        default=False,
+        strict=True,
+        description="True if the residuals refuted the tracker's noise as `noise` or the readings state it. "
+        "The statement stays on record, sigma is estimated from the residuals, and the verdict is at most "
+        "*use with care*.",
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Noise:
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
-        readings = (self.sigma, self.instrument, self.encoder_sigma)
-        if all(value is None for value in readings) and not self.states_common:
+        if not self.states_something:
             raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
         return self
 
     @property
-    def states_common(self) -> bool:
-        """Return whether an uncertainty is stated that all observations share."""
-        return any(
-            value is not None for value in (self.force, self.load_point, self.target_places, self.axes)
-        )
+    def states_something(self) -> bool:
+        """Return whether anything is stated."""
+        return any(getattr(self, name) != field.default for name, field in type(self).model_fields.items())
 
 
 def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None) -> None:

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.finding import Finding, FindingCode
-from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, EncoderReadings, Measurements
 from jointstiff.solver.robot.model import Robot
 
 
@@ -55,12 +55,16 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
         direction=direction,
     )
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
+    refuted_sigma = None
+    if header.noise is not None and header.noise.refuted:
+        refuted_sigma, sigma, covariance = sigma, None, ISOTROPIC_DIFFERENCE
     encoders = _encoder_readings(header, readings.encoders, robot)
     common = to_common_uncertainty(header.noise, length)
     return replace(
         plain,
         sigma=sigma,
         covariance=covariance,
+        refuted_sigma=refuted_sigma,
         encoders=encoders,
         common_uncertainty=common,
         present=readings.present & ~readings.unloaded_only,

@@ -12,10 +12,12 @@ from jointstiff.schemas.assessment import Action, Assessment
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading, Units
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.schemas.robot import JointMap
 from jointstiff.service.conversion.prepared import prepare_robot, without
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT
 
 _Set = MeasurementSetDocument
 _OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
@@ -90,19 +92,10 @@ def _without_readings(measured: _Set, action: Action) -> _Set:
     return measured.model_copy(update={"observations": kept})
 
 
-def _without_noise(measured: _Set, _action: Action) -> _Set:
-    """Omit the noise of the tracker; what all observations share and that of encoders stays."""
-    noise = measured.noise
-    if noise is not None:
-        noise = noise.model_copy(update={"sigma": None, "instrument": None})
-        if noise.encoder_sigma is None and not noise.states_common:
-            noise = None
-    no_noise = {"sigma": None, "unloaded_covariance": None, "loaded_covariance": None}
-
-    def unstated(each: Observation) -> dict[str, object]:
-        return {"readings": [one.model_copy(update=no_noise) for one in each.readings]}
-
-    return measured.model_copy(update={"noise": noise, "observations": _each(measured, unstated)})
+def _with_refuted_noise(measured: _Set, _action: Action) -> _Set:
+    """Keep the tracker's noise on record, of the set or of its readings, as refuted."""
+    noise = measured.noise or Noise(refuted=True)
+    return measured.model_copy(update={"noise": noise.model_copy(update={"refuted": True})})
 
 
 def _with_columns_exchanged(measured: _Set, places: Sequence[int]) -> _Set:
@@ -142,14 +135,19 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
 
 
 def _with_load_point(measured: _Set, action: Action) -> _Set:
-    unit = LENGTH[measured.units.length]
+    """Move the load point, and forget how well it was said to be known where less would be assumed."""
+    unit, noise = LENGTH[measured.units.length], measured.noise
+    if noise is not None and unit * (noise.load_point or 0.0) < ASSUMED_LOAD_POINT:
+        noise = noise.model_copy(update={"load_point": None})
+        noise = noise if noise.states_something else None
 
     def moved(each: Observation) -> dict[str, object]:
         own = each.load_point
         return {"load_point": None if own is None else _plus(own, action.correction, unit)}
 
     point = _plus(measured.load_point or (0.0, 0.0, 0.0), action.correction, unit)
-    return measured.model_copy(update={"load_point": point, "observations": _each(measured, moved)})
+    changes = {"load_point": point, "noise": noise, "observations": _each(measured, moved)}
+    return measured.model_copy(update=changes)
 
 
 def _with_force(measured: _Set, action: Action) -> _Set:
@@ -244,7 +242,7 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
 
 _SETS: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "leave_out_readings": _without_readings,
-    "omit_noise": _without_noise,
+    "omit_noise": _with_refuted_noise,
     "exchange_load_and_target": _with_target_exchanged,
     "correct_load_point": _with_load_point,
     "correct_force": _with_force,

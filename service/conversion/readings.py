@@ -173,7 +173,11 @@ def content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
     """Return SHA-256 of a set's header, its readings and what its frame stands for, not its name."""
-    text = header.model_dump_json(include={"units", "encoders", "noise", "flange_targets", "load_point"})
+    refuted = header.noise is not None and header.noise.refuted
+    text = header.model_dump_json(
+        include={"units", "encoders", "noise", "flange_targets", "load_point"},
+        exclude=None if refuted else {"noise": {"refuted"}},  # sets were hashed before there was this field
+    )
     if header.frame is not None and resolved is not None:
         text += f"{header.frame.forces} {resolved.model_dump_json()}"
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()

@@ -143,7 +143,9 @@ def _targets(readings: MeasurementSetDocument) -> str:
 
 def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
     noise, length = readings.noise, LENGTH[readings.units.length]
-    if noise is None or (noise.sigma is None and noise.instrument is None):
+    if noise is not None and noise.refuted:
+        yield "estimated from the residuals, which refuted the noise as stated."
+    elif noise is None or (noise.sigma is None and noise.instrument is None):
         by_reading = any(
             reading.sigma is not None or reading.loaded_covariance is not None
             for observation in readings.observations
@@ -152,8 +154,9 @@ def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
         yield "stated with each reading." if by_reading else "estimated from the residuals."
     if noise is not None:
         if noise.sigma is not None:
-            yield f"σ = {rounded(1e6 * length * noise.sigma)} µm of a coordinate of a reading."
-        if noise.instrument is not None:
+            refuted = "Stated and refuted: " if noise.refuted else ""
+            yield f"{refuted}σ = {rounded(1e6 * length * noise.sigma)} µm of a coordinate of a reading."
+        if noise.instrument is not None and not noise.refuted:
             yield "from the data sheet of the instrument."
         yield from _common(noise, 1e3 * length)
     if noise is None or noise.force is None:

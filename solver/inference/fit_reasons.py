@@ -55,6 +55,7 @@ def fit_reasons(
     yield from _identified(estimate)
     yield from _freedom(measurements, estimate)
     yield from _postures(measurements)
+    yield from _refuted(measurements, estimate)
     yield from _residuals(estimate, joints_alone=prediction.contributions is not None)
     if not explained:
         yield from _unexplained(estimate, prediction)
@@ -168,6 +169,22 @@ def _residuals(estimate: Estimate, *, joints_alone: bool) -> Iterator[Reason]:
             CHECK_NOISE,
             Action("omit_noise"),
         )
+
+
+def _refuted(measurements: Measurements, estimate: Estimate) -> Iterator[Reason]:
+    """Report a stated sigma that the residuals refuted: taken from them, it hides what the model lacks."""
+    refuted = measurements.refuted_sigma
+    if refuted is None or estimate.sigma is None:
+        return
+    yield Reason(
+        "residuals_exceed_sigma",
+        "use_with_care",
+        None,
+        f"the residuals give a standard uncertainty of {length_text(estimate.sigma)} per coordinate of a "
+        f"reading, {estimate.sigma / refuted:.3g} times the {length_text(refuted)} that were stated and that "
+        "they refuted: what the model leaves unexplained counts as noise, and may be no noise",
+        CHECK_NOISE,
+    )
 
 
 def _unexplained(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:

@@ -158,6 +158,8 @@ class Measurements:
     deflection: FloatArray  #: (N, T, 3) loaded minus unloaded, axes of R0 [m]
     present: BoolArray  #: (N, T) True for targets that were read; the others hold zeros
     sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
+    #: standard uncertainty that was stated and that the residuals refuted [m], `sigma` being None
+    refuted_sigma: float | None = None
     #: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
     #: (N, T, 3) unit vectors, axes of R0, of readings along one direction; zero for readings of all three
@@ -253,6 +255,7 @@ class Measurements:
             deflection=self.deflection[rows],
             present=self.present[rows],
             sigma=self.sigma,
+            refuted_sigma=self.refuted_sigma,
             covariance=covariance,
             direction=None if self.direction is None else self.direction[rows],
             encoders=None if self.encoders is None else self.encoders[rows],

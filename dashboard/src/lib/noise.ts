@@ -82,6 +82,7 @@ export function noiseOf(stated: StatedNoise, before: Noise | null, units: Units)
       scale === null && direction === null ? (before?.force ?? null) : { scale: scale ?? 0, direction: direction ?? 0 },
     load_point: posted(stated.loadPoint, 1e-3 / length) ?? before?.load_point ?? null,
     target_places: posted(stated.targetPlaces, 1e-3 / length) ?? before?.target_places ?? null,
+    refuted: stated.kind === "" || stated.kind === "residuals" ? before?.refuted || null : null,
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined);
   return said.length === 0 ? null : Object.fromEntries(said);

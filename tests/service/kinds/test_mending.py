@@ -174,6 +174,72 @@ def test_a_load_point_that_is_stated_is_a_claim_that_readings_contradict(clean):
         assert jointstiff.identify(document).result.assessment.verdict == "use_with_care"
 
 
+@pytest.mark.parametrize(("stated", "kept"), [(0.001, None), (0.012, 0.012)])
+def test_a_load_point_that_was_corrected_is_known_no_better_than_assumed(clean, stated, kept):
+    document = planted(clean, load_point_far_elsewhere)
+    document["measurement_set"]["noise"]["load_point"] = stated
+    before = jointstiff.identify(document)
+    after = before.apply("correct_load_point")
+    assert before.campaign.measurement_set.noise.load_point == stated
+    assert after.campaign.measurement_set.noise.load_point == kept
+    assert after.campaign.measurement_set.noise.sigma == before.campaign.measurement_set.noise.sigma
+    assert any("±10 mm" in note for note in after.result.assessment.notes) == (kept is None)
+    sources = {component.source for component in after.result.budget.components}
+    assert ("assumed_load_point" in sources) == (kept is None)
+
+
+def stated_for_the_set(measured):
+    measured["noise"]["sigma"] = 6e-6
+
+
+def stated_by_a_data_sheet(measured):
+    error = {"constant": 6e-6, "per_distance": 0.0}
+    measured["noise"] = {"instrument": {"station": [4.0, 0.0, 1.0], "range": error, "transverse": error}}
+
+
+def stated_by_each_reading(measured):
+    measured["noise"] = None
+    covariance = (36e-12 * np.eye(3)).tolist()
+    for number, observation in enumerate(measured["observations"]):
+        for reading in observation["readings"]:
+            if number % 2:
+                reading["sigma"] = 6e-6
+            else:
+                reading["unloaded_covariance"] = reading["loaded_covariance"] = covariance
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [stated_for_the_set, stated_by_a_data_sheet, stated_by_each_reading],
+    ids=lambda statement: statement.__name__,
+)
+def test_noise_that_the_residuals_refuted_stays_on_record(clean, statement):
+    before = jointstiff.identify(planted(clean, statement))
+    assert before.result.assessment.verdict == "do_not_use"
+    after = before.apply("omit_noise")
+    old, new = before.campaign.measurement_set, after.campaign.measurement_set
+    assert new.noise.refuted
+    assert new.observations == old.observations
+    if old.noise is not None:
+        assert new.noise.model_copy(update={"refuted": False}) == old.noise
+    assert after.result.sigma == pytest.approx(2e-5, rel=0.2)
+    assert after.result.assessment.verdict == "use_with_care"
+    (reason,) = after.result.assessment.reasons
+    ratio = after.result.sigma / 6e-6
+    assert f"{ratio:.3g} times the 6 µm that were stated" in reason.message
+    assert reason.action is None
+    unstated = planted(clean, statement)
+    unstated["measurement_set"]["noise"] = None
+    for observation in unstated["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            for name in ("sigma", "unloaded_covariance", "loaded_covariance"):
+                reading.pop(name, None)
+    plain = jointstiff.identify(unstated)
+    assert [(one.stiffness, one.stiffness_interval) for one in plain.result.joints] == [
+        (one.stiffness, one.stiffness_interval) for one in after.result.joints
+    ]
+
+
 def test_an_action_that_no_reason_advises(clean):
     run = jointstiff.identify(planted(clean, columns_exchanged))
     with pytest.raises(jointstiff.CampaignError, match="does not advise") as caught:
