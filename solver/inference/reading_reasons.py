@@ -59,6 +59,7 @@ def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[R
     mistake = screening.mistake
     if mistake is None:
         return
+    action: Action | None
     x, y, z = mistake.correction
     if mistake.kind == "load_point":
         moved = f"({1e3 * x:.3g}, {1e3 * y:.3g}, {1e3 * z:.3g}) mm"
@@ -69,6 +70,13 @@ def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[R
         what = f"with a constant force of ({x:.3g}, {y:.3g}, {z:.3g}) N (axes of R0) added to every load"
         remedy = "check for a weight that hangs on the flange only while loaded, and for the load cell's zero"
         action = Action("correct_force", correction=(float(x), float(y), float(z)))
+        if mistake.movement_as_well:
+            what += ", or with tracker or base moved between the unloaded and the loaded readings"
+            remedy = (
+                "read a posture again without the load: if it is elsewhere, tracker or base moved; if not, "
+                f"{remedy}"
+            )
+            action = None
     known = estimate.estimated & (estimate.compliance > 0.0) & (mistake.compliance > 0.0)
     change = np.abs(mistake.compliance[known] / estimate.compliance[known] - 1.0)
     harmful = change > HARMFUL

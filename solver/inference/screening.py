@@ -1,9 +1,10 @@
 """Screening for what joints alone leave unexplained: load point, forgotten force, links (method.md §7).
 
 Joints are fitted with K_c to the targets' rows, without bounds. One triangle of all terms in question answers
-every F test. Mistakes come
-first: beside columns of links the tests of mistakes accuse clean campaigns of elastic arms, and without
-them a load point elsewhere looks like links.
+every F test. Mistakes come first: beside columns of links the tests of mistakes accuse clean campaigns of
+elastic arms, and without them a load point elsewhere looks like links. A tracker or base that moved between
+the unloaded and the loaded readings looks like a constant force: the Bayesian information criterion compares
+the two.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.links import DIAGONAL_LINKS
 from jointstiff.solver.terms.load import CONSTANT_FORCE, LOAD_POINT
+from jointstiff.solver.terms.places import MOVEMENT
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import INDEPENDENT, Triangle
 
@@ -43,8 +45,10 @@ _LEADING: Final = 12
 """Number of combinations of link compliances that are tested: those that deflect most."""
 _OBSERVATIONS: Final = 500
 """Number of observations that suffice for the tests."""
+_AS_WELL: Final = 6.0
+"""Difference of the information criterion below which neither of two causes is preferred."""
 _KINDS: Final[tuple[LoadMistakeKind, ...]] = ("load_point", "constant_force")
-_TERMS: Final = (JOINTS, LOAD_POINT, CONSTANT_FORCE, DIAGONAL_LINKS)
+_TERMS: Final = (JOINTS, LOAD_POINT, CONSTANT_FORCE, DIAGONAL_LINKS, MOVEMENT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,8 @@ class LoadMistake:
     links_p_value: float  #: p-value of the F test of links beside it
     compliance: FloatArray  #: (n,) compliance of the joints once it is corrected [rad/(N·m)]
     ratio: float  #: sum of squared residuals once it is corrected, over that of the load as stated
+    #: whether one movement of all loaded readings would explain the readings as well as this constant force
+    movement_as_well: bool = False
 
     @property
     def proved(self) -> bool:
@@ -127,6 +133,8 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
             with suppress(SolverError):  # it leads to loads that no arm balances
                 mistakes.append(_followed(robot, part, triangle, kind))
     best = min(mistakes, key=lambda each: each.ratio, default=None)
+    if best is not None and best.kind == "constant_force":
+        best = replace(best, movement_as_well=_movement_as_well(triangle, best))
     return Screening(_links_p_value(triangle, robot.n), best)
 
 
@@ -143,6 +151,14 @@ def _links_p_value(triangle: Triangle, n: int, beside: tuple[str, ...] = ()) -> 
     """Return the p-value of the F test of links beside the joints, and beside other terms."""
     most = max(0, min(_LEADING, (triangle.rows - n) // 3))
     return triangle.p_value(DIAGONAL_LINKS.name, (JOINTS.name, *beside), most=most, least=INDEPENDENT)
+
+
+def _movement_as_well(triangle: Triangle, force: LoadMistake) -> bool:
+    """Return True if a movement of all loaded readings explains them as well as a constant force."""
+    left = max(triangle.residual_squares([JOINTS.name, MOVEMENT.name]), 1e-300)
+    left_by_force = max(force.ratio * triangle.residual_squares([JOINTS.name]), 1e-300)
+    unknowns = 3 * np.log(triangle.rows)  # three more
+    return bool(triangle.rows * np.log(left / left_by_force) + unknowns < _AS_WELL)
 
 
 def _followed(robot: Robot, part: Measurements, triangle: Triangle, kind: LoadMistakeKind) -> LoadMistake:

@@ -1,4 +1,4 @@
-"""Errors of geometry: places of the targets on the flange, and axes of the joints (method.md §8)."""
+"""Errors of geometry: places of targets on the flange, axes of joints, tracker and base (method.md §8)."""
 
 from __future__ import annotations
 
@@ -42,5 +42,12 @@ def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion(np.stack(targets, axis=-1), np.stack(joints, axis=-1))
 
 
+def _movement(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Shift, and turn about the middle of all targets, what was read under load: tracker or base moved."""
+    turn = -skew(block.points - block.points[block.measurements.present].mean(axis=0))
+    return Motion(np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1))
+
+
 TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))
 AXES = Term("axes", "m, rad", _axes, lambda common: (common.axis_position, common.axis_direction))
+MOVEMENT = Term("movement", "m, rad", _movement)

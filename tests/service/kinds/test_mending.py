@@ -240,6 +240,21 @@ def test_noise_that_the_residuals_refuted_stays_on_record(clean, statement):
     ]
 
 
+def test_a_movement_of_all_loaded_readings_is_not_corrected_by_a_force(clean):
+    """The tracker stood 50 µm elsewhere for the loaded readings."""
+    document = deepcopy(clean)
+    positions(document["measurement_set"], lambda old, new: (old, np.add(new, (3e-5, 0.0, 4e-5)).tolist()))
+    run = jointstiff.identify(document, elasticity="joints")
+    (reason,) = (
+        reason for reason in run.result.assessment.reasons if reason.code == "alternative_explains_better"
+    )
+    for words in ("constant force", "or with tracker or base moved"):
+        assert words in reason.message
+    assert "read a posture again without the load" in reason.remedy
+    with pytest.raises(jointstiff.CampaignError, match="does not advise 'correct_force'"):
+        run.apply("correct_force")
+
+
 def test_an_action_that_no_reason_advises(clean):
     run = jointstiff.identify(planted(clean, columns_exchanged))
     with pytest.raises(jointstiff.CampaignError, match="does not advise") as caught:

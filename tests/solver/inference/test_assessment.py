@@ -274,6 +274,10 @@ class TestFit:
             assert reason.action.kind == "omit_noise"
             assert f"{factor:.1f}"[0] in reason.message
             assert assessed(robot, replace(wrong, sigma=None), findings=())[0].verdict == "use"
+            refuted = replace(wrong, sigma=None, refuted_sigma=wrong.sigma)
+            assessment, _ = assessed(robot, refuted, findings=())
+            assert assessment.verdict == "use_with_care"
+            assert f"{factor:.1f}"[0] in reason_of(assessment, "residuals_exceed_sigma").message
 
     def test_neglected_complementary_stiffness_is_included_at_a_click(self):
         campaign = simulate_campaign(default_arm(), load="pull", seed=5, force=4000.0, sigma=5e-6)

@@ -109,6 +109,23 @@ class TestLoad:
             assert screening.mistake.proved
             np.testing.assert_allclose(screening.mistake.correction, payload, atol=25.0)
             assert not screening.links_speak
+            assert not screening.mistake.movement_as_well
+
+    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    @pytest.mark.parametrize("turn", [0.0, 5e-5])
+    def test_a_tracker_that_moved_is_no_constant_force_alone(self, load, turn):
+        """It moved by 0.1 mm, or turned, too, between the unloaded and the loaded readings."""
+        forces = 0
+        for seed in range(8):
+            robot, measurements = springs(seed, load, configurations=20)
+            shift, axis = np.random.default_rng(seed).standard_normal((2, 3))
+            moved = 1e-4 * shift / np.linalg.norm(shift) + turn * np.cross(axis, measurements.position)
+            wrong = replace(measurements, deflection=measurements.deflection + moved)
+            mistake = screened(robot, wrong, complementary_stiffness="included").mistake
+            if mistake is not None and mistake.kind == "constant_force":
+                forces += 1
+                assert mistake.movement_as_well
+        assert forces >= 6
 
     def test_a_load_point_is_not_taken_for_links(self):
         robot, measurements = springs(5, configurations=30)
