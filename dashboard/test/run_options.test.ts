@@ -117,6 +117,7 @@ describe("noise", () => {
       load_point: null,
       target_places: 0.5,
       axes: null,
+      refuted: false,
     };
     expect(noiseOf({ ...NOISE_AS_READ, forceScale: "0.5" }, before, units)).toEqual({
       sigma: 0.02,
@@ -126,6 +127,10 @@ describe("noise", () => {
     });
     const alone = { ...before, encoder_sigma: null, target_places: null };
     expect(noiseOf({ ...NOISE_AS_READ, kind: "residuals" }, alone, units)).toBeNull();
+    const refuted = { ...alone, refuted: true };
+    expect(noiseOf(NOISE_AS_READ, refuted, units)).toEqual({ sigma: 0.02, refuted: true });
+    expect(noiseOf({ ...NOISE_AS_READ, kind: "residuals" }, refuted, units)).toEqual({ refuted: true });
+    expect(noiseOf({ ...NOISE_AS_READ, kind: "sigma", sigma: "30" }, refuted, units)).toEqual({ sigma: 0.03 });
     const sheet = {
       ...NOISE_AS_READ,
       kind: "instrument" as const,
