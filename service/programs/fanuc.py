@@ -351,7 +351,7 @@ def _configuration(c: Cursor) -> tuple[str, tuple[tuple[str, int], ...]]:
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
 _LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
-_POSITION: Final = re.compile(r"(P(?:[^}]++|\}(?!;))*+\};)|\S[^P]*+")
+_POSITION: Final = re.compile(r"(P.*?\};)|\S[^P]*+", re.DOTALL)
 _ARC: Final = re.compile(r"\s*+P\s*+\[")
 
 

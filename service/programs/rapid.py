@@ -47,7 +47,7 @@ _FUNCTIONS: Final = words(
     """
 )
 _LEXICON: Final = Lexicon(
-    comment=r"![^\r\n]*+|(?<![^\r\n])%%%\s*+(?:(?:VERSION|LANGUAGE)\s*+:\s*+\w++\s*+)*+%%%",
+    comment=r"![^\r\n]*+|(?<![^\r\n])%%%\s*+(?:(?:VERSION|LANGUAGE)\s*+:\s*+\w++\s*+)*%%%",
     signs=":=|<>|<=|>=",
     operators=words(". = <> < > <= >= AND OR XOR NOT DIV MOD"),
     prefixes=words("+ - NOT"),
@@ -386,17 +386,17 @@ def _options(c: Cursor, options: dict[str, str]) -> None:
             raise Misread(f"the argument \\{name} is computed", _FRAME_REMEDY)
 
 
-_CHUNK: Final = re.compile(r"(?:[^;\"!]++|\"[^\"\r\n]*+\"|![^\r\n]*+|\")*+;?")
+_ENDS: Final = re.compile(r"\"[^\"\r\n]*+\"|![^\r\n]*+|(;)")
+"""The end of a statement, and texts and comments, in which a semicolon is none."""
 
 
 def read_rapid(reader: Reader) -> None:
     """Read a module."""
     module = _Module(reader, _LEXICON, _parse, _REMEDY, ordered=False)
-    source, place = reader.sources[0], 0
+    text, place = reader.sources[0].text, 0
     starts, ends = [], []
-    while place < len(source.text):
-        end = max(_CHUNK.match(source.text, place).end(), place + 1)  # type: ignore[union-attr]  # it always matches
-        start = place + len(source.text[place:end]) - len(source.text[place:end].lstrip())
+    for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
+        start = end - len(text[place:end].lstrip())
         if start < end:
             starts.append(start)
             ends.append(end)

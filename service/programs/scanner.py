@@ -1,6 +1,7 @@
 """The scanner of all languages of programs: text to tokens with their spans, in linear time.
 
 Each alternative of a pattern begins with other characters than the next, and none gives back what it took.
+Possessive are repeated characters only, no groups: Python before 3.11.5 keeps what a failed group had taken.
 What follows is told from the *shape* of a statement, its text without numbers: one shape is parsed once.
 """
 
@@ -12,12 +13,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, NamedTuple
 
-_FRACTION: Final = r"(?:\.\d{0,20}+)?+"
+_FRACTION: Final = r"(?:\.\d{0,20}+)?"
 # Its first character stands before all else, so that the search passes over what begins no number.
 NUMBER: Final = (
     r"[+\-.\d](?<!\w[+\-.\d])(?:"
     rf"(?<=\d)\d{{0,14}}+{_FRACTION}|(?<=[+-])(?:\d{{1,15}}+{_FRACTION}|\.\d{{1,20}}+)|(?<=\.)\d{{1,20}}+"
-    r")(?:[eE][+-]?+\d{1,3}+)?+"
+    r")(?:[eE][+-]?+\d{1,3}+)?"
 )
 _SEPARATORS: Final = (",", "=", ":=", "\\", ":")
 _ARITHMETIC: Final = ("+", "-", "*", "/")
