@@ -76,6 +76,8 @@ _LEXICON: Final = Lexicon(
         """
     ),
 )
+_MAX_DEPTH: Final = 16
+"""Braces within one another; a controller's own structures have three."""
 _REMEDY: Final = (
     "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers, and send the .dat that declares them"
 )
@@ -90,8 +92,10 @@ class _Program(Script):
     active: dict[str, FrameName | str] = field(
         default_factory=lambda: {which: FrameName(f"active ${which}") for which in ("TOOL", "BASE")}
     )
+    # FDAT_ACT: numbers of a tool and a base, or the name of a declaration, which BAS makes the active ones
+    waiting: tuple[int, int] | str | None = None
     frames: dict[str, tuple[Place, Literal]] = field(default_factory=dict)  # BASE_DATA[i], TOOL_DATA[i]
-    used: set[str] = field(default_factory=set)  # names of frames that were active
+    used: set[str] = field(default_factory=set)  # names of frames that moves have
     interrupts: set[float] = field(default_factory=set)  # numbers of those that are declared
 
     def move(self, place: Place, motion: Motion, targets: Sequence[Literal | str], own: str) -> None:
@@ -107,18 +111,28 @@ class _Program(Script):
         else:
             held = dict(self.active)
             if own:
-                self.declared(place, own, move=True)
+                self.take(place, self.declared(place, own), move=True)
             tool, base = self.active.values()
             if isinstance(tool, str) or isinstance(base, str):
                 missing = tool if isinstance(tool, str) else base
                 reason = f"the frames {shown(str(missing))} are not in the program"
                 self.refuse(place, reason, "send the .dat, and $config.dat, with the .src")
+            elif late := [each.name for each in (tool, base) if self.is_other_now(each)]:
+                reason = f"{late[0]} gets its numbers where it is active already, or they are no frame"
+                self.refuse(
+                    place, reason, "give whole frames in numbers before $TOOL, $BASE or BAS takes them"
+                )
             elif shared:
                 reason = "the target is declared in $config.dat, which other programs use"
                 self.refuse(place, reason, "declare it in the program's own .dat")
             else:
+                self.used |= {tool.name, base.name}
                 self.targeted(place, motion, targets, [(base, tool)] * len(targets))
             self.active = held
+
+    def is_other_now(self, frame: FrameName) -> bool:
+        """Return whether the data of a frame's name are others than when the frame became active."""
+        return frame.pose is None and (frame.name in self.frames or frame.name in self.changed)
 
     def is_config(self, source: int) -> bool:
         """Return whether a file holds what all programs of a controller use."""
@@ -127,7 +141,6 @@ class _Program(Script):
     def choose(self, place: Place, which: str, frame: FrameName, *, move: bool = False) -> None:
         """Make a frame the active one, if it is not; for one move only, it may be any."""
         active = self.active[which]
-        self.used.add(frame.name)
         same = isinstance(active, FrameName) and active.same(frame)
         if move or same or self.settable(place, f"${which}"):
             self.active[which] = frame
@@ -135,7 +148,7 @@ class _Program(Script):
     def stated(self, place: Place, which: str, literal: Literal) -> None:
         """Take $BASE, $TOOL or FDAT_ACT in numbers."""
         if which == "FDAT_ACT":
-            self.inline(place, place, literal)
+            self.wait(place, self.inline(place, place, literal))
         elif (pose := pose_of(place, literal)) is None:
             self.refuse(place, f"${which} is computed", _FRAME_REMEDY)
         else:
@@ -144,19 +157,17 @@ class _Program(Script):
     def variable(self, place: Place, which: str, name: str) -> None:
         """Take $BASE, $TOOL or FDAT_ACT by the name of a variable."""
         if which == "FDAT_ACT":
-            self.declared(place, name)
+            self.wait(place, self.declared(place, name))
             return
         if (known := self.constant(name, place)) and name not in _NULL:
             self.frames[name] = known
         self.named(place, which, name)
 
-    def numbered(
-        self, place: Place, which: str, ordinal: int, where: Place | None = None, *, move: bool = False
-    ) -> None:
-        """Take $BASE or $TOOL by the number of its data, which may stand elsewhere."""
-        number = (where or place).value(ordinal)
+    def numbered(self, place: Place, which: str, ordinal: int) -> None:
+        """Take $BASE or $TOOL by the number of its data."""
+        number = place.value(ordinal)
         if number.is_integer():  # infinity is none
-            self.named(place, which.lstrip("#"), f"{which.lstrip('#')}_DATA[{int(number)}]", move=move)
+            self.named(place, which.lstrip("#"), f"{which.lstrip('#')}_DATA[{int(number)}]")
         else:
             self.refuse(place, "the number of a frame is not a whole number", _FRAME_REMEDY)
 
@@ -169,23 +180,47 @@ class _Program(Script):
         pose = np.eye(4) if name in _NULL else pose_of(*known) if known else None
         self.choose(place, which, FrameName(name, pose), move=move)
 
-    def declared(self, place: Place, name: str, *, move: bool = False) -> None:
-        """Take tool and base of an inline form, by the name of their declaration."""
+    def declared(self, place: Place, name: str) -> tuple[int, int] | str | None:
+        """Return the numbers of the tool and the base of a declaration; its name if it is not sent."""
         known = self.constant(name, place)
-        if known is not None:
-            self.inline(place, *known, move=move)
-        elif move or self.settable(place, "FDAT_ACT"):
-            self.active = {"TOOL": name, "BASE": name}
+        return name if known is None else self.inline(place, *known)
 
-    def inline(self, place: Place, where: Place, literal: Literal, *, move: bool = False) -> None:
-        """Take tool and base of an inline form: `FDAT_ACT={TOOL_NO 1,BASE_NO 2}`."""
+    def inline(self, place: Place, where: Place, literal: Literal) -> tuple[int, int] | None:
+        """Return the numbers of the tool and the base of `{TOOL_NO 1,BASE_NO 2}`; refuse others."""
+        given = [literal.fields[name] for name in ("TOOL_NO", "BASE_NO") if name in literal.fields]
+        numbers = [where.value(ordinal) for ordinal in given]
         fixed = literal.texts.get("IPO_FRAME", "#BASE").upper() != "#BASE"
-        if fixed or not literal.fields.keys() >= {"TOOL_NO", "BASE_NO"}:
-            reason = "TOOL_NO or BASE_NO is not a number, or the tool is fixed in the cell (IPO_FRAME)"
+        if fixed or len(numbers) < 2 or not all(map(float.is_integer, numbers)):
+            reason = "TOOL_NO or BASE_NO is not a whole number, or the tool is fixed in the cell (IPO_FRAME)"
             self.refuse(place, reason, "only tools on the flange, by TOOL_NO and BASE_NO, are supported")
-            return
-        for which in ("TOOL", "BASE"):
-            self.numbered(place, which, literal.fields[f"{which}_NO"], where, move=move)
+            return None
+        return int(numbers[0]), int(numbers[1])
+
+    def wait(self, place: Place, frames: tuple[int, int] | str | None) -> None:
+        """Keep what FDAT_ACT gets: BAS makes it active."""
+        if frames is not None and (frames == self.waiting or self.settable(place, "FDAT_ACT")):
+            self.waiting = frames
+
+    def apply(self, place: Place, *_: object) -> None:
+        """Make the frames of FDAT_ACT active, as BAS does at #FRAMES, #PTP_PARAMS and #CP_PARAMS."""
+        if self.waiting is None:
+            reason = "BAS makes the frames of FDAT_ACT active, which the program has not given in numbers"
+            self.refuse(place, reason, "write FDAT_ACT={TOOL_NO 1,BASE_NO 1} before it")
+        else:
+            self.take(place, self.waiting)
+
+    def take(self, place: Place, frames: tuple[int, int] | str | None, *, move: bool = False) -> None:
+        """Make a tool and a base active; for one move only, they may be any."""
+        if isinstance(frames, str):
+            if move or self.settable(place, "FDAT_ACT"):
+                self.active = {"TOOL": frames, "BASE": frames}
+        elif frames is not None:
+            for which, number in zip(("TOOL", "BASE"), frames, strict=True):
+                self.named(place, which, f"{which}_DATA[{number}]", move=move)
+
+    def begin(self, place: Place) -> None:
+        """Make tool 1 and base 0 active, as BAS does at #INITMOV."""
+        self.take(place, (1, 0))
 
     def data(self, place: Place, which: str, ordinal: int, literal: Literal | None) -> None:
         """Take BASE_DATA[i] or TOOL_DATA[i]."""
@@ -243,8 +278,12 @@ def _call(c: Cursor, name: str) -> Statement:
 # values
 
 
-def _aggregate(c: Cursor) -> Literal | None:
-    """Take `{...}`; None if it holds what is no number."""
+def _aggregate(c: Cursor, depth: int = 1) -> Literal | None:
+    """Take `{...}`, the `depth`-th of those that are open; None if it holds what is no number."""
+    if depth > _MAX_DEPTH:
+        raise c.misread(
+            f"more than {_MAX_DEPTH} braces within one another", "declare inner structures on their own"
+        )
     c.expect("{")
     if c.peek().kind == "word" and c.peek(1).text == ":":
         c.take()
@@ -262,17 +301,17 @@ def _aggregate(c: Cursor) -> Literal | None:
         if c.peek().kind == "number":
             numbers[name] = c.number()
         else:
-            plain &= _field(c, name, texts)
+            plain &= _field(c, name, texts, depth)
         if not c.accept(","):
             break
     c.expect("}")
     return _literal(numbers, texts) if plain else None
 
 
-def _field(c: Cursor, name: str, texts: dict[str, str]) -> bool:
+def _field(c: Cursor, name: str, texts: dict[str, str], depth: int) -> bool:
     """Take a field that is no number; return whether its value stands in the text."""
     if c.at("{"):
-        _aggregate(c)
+        _aggregate(c, depth + 1)
         texts[name] = "{}"
     elif c.peek().kind == "text" or c.at("TRUE", "FALSE"):
         texts[name] = c.take().text
@@ -527,7 +566,10 @@ _FORMS: Final = Forms(
     plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO c
     plain  TRIGGER WHEN DISTANCE|PATH = e DELAY = e DO c PRIO = e
     frame  BAS ( #TOOL|#BASE , n )
-    plain  BAS ( #INITMOV|#ACC_CP|#ACC_PTP|#VEL_CP|#VEL_PTP|#PTP_PARAMS|#CP_PARAMS , e )
+    begin  BAS ( #INITMOV , e )
+    apply  BAS ( #FRAMES )
+    apply  BAS ( #FRAMES|#PTP_PARAMS|#CP_PARAMS , e )
+    plain  BAS ( #ACC_CP|#ACC_PTP|#VEL_CP|#VEL_PTP , e )
     plain  BAS ( #PTP_DAT|#CP_DAT )
     plain  ANOUT ON e = e
     plain  ANOUT OFF e
@@ -536,6 +578,8 @@ _FORMS: Final = Forms(
     on=_Program.interruptible,
     decl=_Program.interrupt,
     frame=_Program.numbered,
+    begin=_Program.begin,
+    apply=_Program.apply,
 )
 _RULES: Final[Mapping[str, Callable[[Cursor, str], Statement]]] = {
     **dict.fromkeys(("DEF", "DEFFCT", "DEFDAT"), _routine),

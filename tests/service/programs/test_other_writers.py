@@ -72,6 +72,51 @@ def test_krl_of_a_post_processor():
     assert targets_of(program)[3].values == (110.0, 20.0, 0.0, 0.0, 90.0, 0.0)
 
 
+P = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
+
+
+@pytest.mark.parametrize(
+    ("lines", "base", "tool"),
+    [
+        ("$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[3]\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
+        ("BAS(#INITMOV,0)\nBAS(#BASE,2)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+        (
+            "$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[3]\nFDAT_ACT={TOOL_NO 1,BASE_NO 2}",
+            "BASE_DATA[3]",
+            "TOOL_DATA[3]",
+        ),
+        ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#FRAMES)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+        ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS (#FRAMES,0)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+        (
+            "FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#INITMOV,0)\nBAS(#CP_PARAMS,0.1)",
+            "BASE_DATA[2]",
+            "TOOL_DATA[1]",
+        ),
+        ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#VEL_CP,1)\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
+        (
+            "FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#PTP_PARAMS,100)\n$BASE=BASE_DATA[5]",
+            "BASE_DATA[5]",
+            "TOOL_DATA[1]",
+        ),
+    ],
+)
+def test_krl_frames_change_where_bas_sets_them(lines, base, tool):
+    program = read("a.src", f"DEF a()\n{lines}\nLIN {P}\nEND")
+    assert frames(program) == [(base, tool)]
+
+
+def test_krl_tool_1_of_initmov_may_get_its_numbers_before_it_is_used():
+    program = read("a.src", f"DEF a()\nBAS(#INITMOV,0)\nTOOL_DATA[1]={P}\n$TOOL=TOOL_DATA[1]\nLIN {P}\nEND")
+    assert program.targets.frames[1].pose[:3, 3].tolist() == [0.001, 0.002, 0.003]
+
+
+@pytest.mark.parametrize("line", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
+def test_krl_braces_within_one_another_are_refused_by_line(line):
+    fault = refusal("a.src", f"DEF a()\nLIN {P}\n{line.format('{A ' * 500 + '1' + '}' * 500)}\nEND")
+    assert (fault.line, fault.remedy) == (3, "declare inner structures on their own")
+    assert "more than 16 braces within one another" in fault.reason
+
+
 INLINE = """DEF a()
 SPTP XHOME WITH $VEL_AXIS[1] = SVEL_JOINT(100.0), $TOOL = STOOL2(FHOME), $BASE = SBASE(FHOME.BASE_NO)
 SLIN XP1 WITH $VEL = SVEL_CP(2.0, , LCPDAT1), $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO), $APO = SAPO(L)
