@@ -65,11 +65,7 @@ def check_size(file: str, rows: list[Row]) -> None:
     for row in rows:
         cells += len(row.cells)
         if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
-            raise ImportFileError(
-                Place(file, row.line),
-                f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells",
-                "remove columns that are not needed, or split the file",
-            )
+            raise too_many_cells(file, row)
         for column, cell in enumerate(row.cells, start=1):
             if len(cell) > MAX_CELL_LENGTH:
                 raise ImportFileError(
@@ -77,3 +73,11 @@ def check_size(file: str, rows: list[Row]) -> None:
                     f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}",
                     "check for a missing quotation mark or delimiter",
                 )
+
+
+def too_many_cells(file: str, row: Row) -> ImportFileError:
+    """Return the refusal of a table that goes beyond its columns or cells in a row."""
+    reason = f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells"
+    return ImportFileError(
+        Place(file, row.line), reason, "remove columns that are not needed, or split the file"
+    )

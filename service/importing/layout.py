@@ -50,6 +50,8 @@ _ORDER: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IG
 """Names of axes, and words, in their order."""
 _GAPS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
 """What may stand between the headers in a comment."""
+_LONG_BLANK: Final = re.compile(r"\s{3,}")
+"""Blanks of which two say as much; a gap would be looked for from each of them on."""
 
 
 @dataclass(frozen=True)
@@ -135,14 +137,17 @@ def _find_heading(grid: Grid, options: ImportOptions, faults: Faults) -> _Headin
     grammar = _Grammar(options)
     if _numbers(grid.rows[0]) < _DATA:
         return _in_rows(grid, grammar, faults)
-    for comment, (line, text) in reversed(tuple(zip(grid.comments, grid.remarks, strict=True))):
-        if line < grid.rows[0].line:
-            for texts in (comment.cells, *(tuple(re.split(gap, text)) for gap in _GAPS)):
-                if len(texts) == _width(grid) and grammar.known(texts) == len(texts):
-                    note = f"the comment in line {line} was used as the header"
-                    return _Heading(_cells(grid, line, texts, guessed=True), (line,), 0, (note,))
-            _check_no_header(grid, line, text, comment)
-    assumed = _headerless(grid, by_order=options.by_order)
+    width = _width(grid)
+    comments = zip(grid.comments, grid.remarks, strict=True)
+    above = [(comment, *remark) for comment, remark in comments if remark[0] < grid.rows[0].line]
+    for comment, line, text in reversed(above):
+        short = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
+        for texts in (comment.cells, *(tuple(re.split(gap, short)) for gap in _GAPS)):
+            if len(texts) == width and grammar.known(texts) == width:
+                note = f"the comment in line {line} was used as the header"
+                return _Heading(_cells(grid, line, texts, guessed=True), (line,), 0, (note,))
+        _check_no_header(Place(grid.file, line), text, comment, width, last=line == above[-1][1])
+    assumed = _headerless(grid, width, by_order=options.by_order)
     note = f"no header found; assumed columns: {', '.join(assumed)}"
     return _Heading(_cells(grid, None, assumed, guessed=True), (), 0, (note,), assumed=True)
 
@@ -155,25 +160,24 @@ def _width(grid: Grid) -> int:
     return width
 
 
-def _check_no_header(grid: Grid, line: int, text: str, comment: Row) -> None:
+def _check_no_header(place: Place, text: str, comment: Row, width: int, *, last: bool) -> None:
     """Refuse a comment that is a header, but not understood: no other is put in its place.
 
     Raises:
         ImportFileError: it names x, y and z in another order, or something behind them, or it stands right
-            above the data and has as many cells, or no more words.
+            above the data (`last`) and has as many cells, or no more words.
     """
     order = [word.casefold() for word in _ORDER.findall(text)]
     axes = "".join(word for word in order if len(word) == 1)
     behind = order[order.index(axes[-1]) + 1 :] if axes else []
-    above = line == max(comment.line for comment in grid.comments if comment.line < grid.rows[0].line)
     words = re.findall(r"[^\W\d_]+", text)
-    named = _DATA <= len(words) <= _width(grid) and not any(map(str.isdigit, text))
-    alike = above and axes != "xyz" and (named or len(comment.cells) == _width(grid))
+    named = _DATA <= len(words) <= width and not any(map(str.isdigit, text))
+    alike = last and axes != "xyz" and (named or len(comment.cells) == width)
     if (len(set(axes)) > 1 and (axes != "xyz" or any(map(is_key, behind)))) or alike:
         raise ImportFileError(
-            Place(grid.file, line),
+            place,
             f"the comment {shown(text)} looks like a header, but is not understood as that of the "
-            f"{_width(grid)} columns",
+            f"{width} columns",
             "correct or remove it, or give `header`",
             "header",
         )
@@ -307,9 +311,8 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]"
 
 
-def _headerless(grid: Grid, *, by_order: bool) -> tuple[str, ...]:
+def _headerless(grid: Grid, width: int, *, by_order: bool) -> tuple[str, ...]:
     """The columns of a list of points."""
-    width = _width(grid)
     headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
     if headers is None:
         raise ImportFileError(

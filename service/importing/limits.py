@@ -10,6 +10,8 @@ MAX_FILES: Final = 64
 """Files of an import: a table, and one for each of 16 targets in each state."""
 MAX_ROWS: Final = 320_000
 """Rows of a file: 10,000 observations of 16 targets in two states."""
+MAX_LINES: Final = 400_000
+"""Lines of all files together: rows, comments, empty lines. Each takes 200 bytes until it is understood."""
 MAX_COLUMNS: Final = 256
 MAX_CELLS: Final = 1_000_000
 MAX_CELL_LENGTH: Final = 256

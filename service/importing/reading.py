@@ -14,7 +14,7 @@ from jointstiff.service.importing.file_types import JSON, WORKBOOK, file_type
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.header import collapsed
 from jointstiff.service.importing.layout import Layout, lay_out
-from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES
+from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES, MAX_LINES
 from jointstiff.service.importing.names import labels_in_order, names_of
 from jointstiff.service.importing.records import RowReader
 from jointstiff.service.importing.surroundings import Surroundings
@@ -63,7 +63,7 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
         if not 0 < len(files) <= MAX_FILES:
             raise ImportFileError(Place(), f"{len(files)} files", f"send 1 to {MAX_FILES} files")
         names: set[str] = set()
-        total = 0
+        total = lines = 0
         for file in files:
             if file.name in names:
                 raise ImportFileError(Place(file.name), "two files have this name", "send each file once")
@@ -72,6 +72,10 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
             if total > MAX_FILE_BYTES:
                 limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
                 raise ImportFileError(Place(file.name), limit, "import fewer files at once")
+            lines += _line_ends(file.content)
+            if lines > MAX_LINES:
+                limit = f"the files have more than {MAX_LINES} lines together, empty ones and comments too"
+                raise ImportFileError(Place(file.name), limit, "remove those, or import fewer files at once")
         assembly = reader.read(files)
     imported = None if assembly is None else Imported(assembly, reader.units, reader.surroundings)
     return Understood(tuple(reader.layouts), tuple(faults.found), imported)
@@ -164,3 +168,8 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
     return read_text(file.name, file.content, options.delimiter)
+
+
+def _line_ends(content: bytes) -> int:
+    """Return the line ends of a text, in UTF-16 as well; a workbook's bytes have few by chance."""
+    return sum(map(content.count, (b"\n", b"\r"))) - sum(map(content.count, (b"\r\n", b"\r\0\n")))

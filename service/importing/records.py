@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
@@ -71,7 +72,8 @@ class RowReader:
 
         Names that are unclear for the same reason are one fault.
         """
-        unnamed: dict[str, list[ImportFileError]] = {}
+        unnamed: dict[str, ImportFileError] = {}  # the first of each reason
+        count: Counter[str] = Counter()
         times = [i for i, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"]
         for number, row in enumerate(self._rows):
             if faults.full:
@@ -79,13 +81,16 @@ class RowReader:
             try:
                 naming = self._names.of(row)
             except ImportFileError as fault:
-                unnamed.setdefault(fault.remedy, []).append(fault)
+                unnamed.setdefault(fault.remedy, fault)
+                count[fault.remedy] += 1
                 continue
             with faults.collected():
                 yield self._record(number, row, naming, faults)
-        for first, *others in unnamed.values():
-            others = others if first.place.line else []  # of the file's name there is one only
-            more = f", and {len(others)} other names are not clear either" if others else ""
+        for first in unnamed.values():
+            others = (
+                count[first.remedy] - 1 if first.place.line else 0
+            )  # of the file's name there is one only
+            more = f", and {others} other names are not clear either" if others else ""
             faults.report(first.place, first.reason + more, first.remedy, first.option, first.words)
         self._surroundings.add_times([[row.cells[column] for column in times] for row in self._rows if times])
 

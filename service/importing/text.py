@@ -5,14 +5,14 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.importing import Delimiter
 from jointstiff.service.importing.errors import ImportFileError, Place, shown
-from jointstiff.service.importing.grid import COMMENT_MARKS, Grid, Row, check_size
-from jointstiff.service.importing.limits import MAX_LINE_LENGTH, MAX_ROWS
+from jointstiff.service.importing.grid import COMMENT_MARKS, Grid, Row, check_size, too_many_cells
+from jointstiff.service.importing.limits import MAX_CELLS, MAX_LINE_LENGTH, MAX_ROWS
 from jointstiff.service.importing.numbers import looks_like_a_number
 
 _CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
@@ -63,10 +63,9 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     assumptions = [_LATIN1] if encoding == "latin-1" else []
     if delimiter is None:
         delimiter = _found(file, lines)
-    rows = [_row(file, line, delimiter) for line in lines]
-    rows = [row for row in rows if any(row.cells)]
+    rows = [row for row in _rows(file, lines, delimiter) if any(row.cells)]
     check_size(file, rows)
-    remarks = _comment_rows(comments, delimiter)
+    remarks = _comment_rows(file, comments, delimiter)
     assumptions += _notes_on_comments(comments, remarks, len(rows[-1].cells))
     return Grid(
         file,
@@ -122,17 +121,26 @@ def _found(file: str, lines: Sequence[Line]) -> Delimiter:
 
 def _attempt(file: str, lines: Sequence[Line], delimiter: Delimiter) -> list[Row]:
     """All rows from a header on if they have the same length of at least two, else none; titles go before."""
-    rows = []
-    for line in lines:
-        try:
-            rows.append(_row(file, line, delimiter))
-        except ImportFileError:
-            return []
+    try:
+        rows = list(_rows(file, lines, delimiter))
+    except ImportFileError:
+        return []
     width = len(rows[-1].cells)
     first = next((index for index, row in enumerate(rows) if len(row.cells) == width), 0)
     body = rows[first:]
     alike = first <= _MOST_ABOVE and all(len(row.cells) == width for row in body)
     return body if alike and width > 1 else []
+
+
+def _rows(file: str, lines: Sequence[Line], delimiter: Delimiter) -> Iterator[Row]:
+    """Yield rows as long as a table may have as many cells; empty rows have none."""
+    cells = 0
+    for line in lines:
+        row = _row(file, line, delimiter)
+        cells += len(row.cells) if any(row.cells) else 0
+        if cells > MAX_CELLS:
+            raise too_many_cells(file, row)
+        yield row
 
 
 def _row(file: str, line: Line, delimiter: Delimiter) -> Row:
@@ -175,14 +183,18 @@ def _notes_on_comments(comments: Sequence[Line], rows: Sequence[Row], width: int
     return notes
 
 
-def _comment_rows(comments: Sequence[Line], delimiter: Delimiter) -> list[Row]:
+def _comment_rows(file: str, comments: Sequence[Line], delimiter: Delimiter) -> list[Row]:
     """Comments as rows, as far as they are: one of them may be the header."""
-    rows = []
+    rows, cells = [], 0
     for line in comments:
         try:
-            rows.append(_row("", line, delimiter))
+            row = _row("", line, delimiter)
         except ImportFileError:
-            rows.append(Row(line[0], (line[1],)))
+            row = Row(line[0], (line[1],))
+        cells += len(row.cells)
+        if cells > MAX_CELLS:
+            raise too_many_cells(file, row)
+        rows.append(row)
     return rows
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, sources_of, values_of
 
@@ -9,7 +11,13 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_FILE_BYTES, MAX_ROWS
+from jointstiff.service.importing.limits import (
+    MAX_CELL_LENGTH,
+    MAX_COLUMNS,
+    MAX_FILE_BYTES,
+    MAX_LINES,
+    MAX_ROWS,
+)
 from jointstiff.service.resources.imports import import_files
 
 UNITS = {"length": "mm", "angle": "deg", "force": "N"}
@@ -378,6 +386,36 @@ def test_limits():
     refused(";".join("a" * (MAX_COLUMNS + 1)), reason="more than 256 columns", line=1)
     refused(b"a" * 70_000, reason="a line has more than", line=1)
     refused(b'"' + b"a" * 20_000, reason="quotation marks", line=1)
+    refused(b"\n" * MAX_LINES + b"a b\r\n", reason="more than 400000 lines together")
+    read(("a.csv", (CAMPAIGN + "\n" * 201_000).replace("\n", "\r\n").encode("utf-16")))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"ab\n" * 2_700_000,
+        (b";".join([b"11"] * 250) + b"\n") * 11_000,
+        (b"# " + b"11," * 250 + b"\n") * 11_000 + b"P1,1,2,3\n",
+        b"no_state_in_this_name 1 2 3\n" * 50_000,
+    ],
+    ids=["lines", "cells", "cells of comments", "unclear names"],
+)
+def test_what_is_refused_takes_little_memory(content):
+    tracemalloc.start()
+    with pytest.raises(ImportFileError):
+        read(("a.csv", content), units=UNITS)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100 * 2**20
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize("comment", [b"# a\n", b"# x y z\n", b"# a" + b" " * 60_000 + b"b\n"])
+def test_comments_above_a_list_of_points_are_read_soon(comment):
+    """Each of these took minutes once."""
+    content = comment * (400_000 // len(comment)) + b"P10 1 2 3\n"
+    with pytest.raises(ImportFileError, match="the target and the state is given neither"):
+        read(("a.csv", content), units=UNITS)
 
 
 @pytest.mark.parametrize(
