@@ -98,6 +98,7 @@ def work_of(robot: Robot, run: Run, kind: str, text: str, force: Array = FORCE) 
         "files": [packed(PROGRAM_FILES[kind], text.encode("latin-1"))],
         "units": {"length": "mm", "angle": "deg", "force": "N"},
         "accuracy_option": "off",
+        "mark": False,
         "load": {"force": force.tolist()},
         "tools": [{"values": tool}],
         "bases": [{"values": base}] if base else [],
@@ -184,7 +185,7 @@ def timing(robot: Robot, run: Run, count: int) -> list[tuple[str, float]]:
 
 
 def hostile() -> Iterator[tuple[str, str, bytes]]:
-    """Yield 40 programs that try to harm: name, file, content."""
+    """Yield programs that try to harm: name, file, content."""
     big = 10 * 1024 * 1024
     point = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
     bodies = {
@@ -196,6 +197,7 @@ def hostile() -> Iterator[tuple[str, str, bytes]]:
         "UTF-16": "LIN {X 1}".encode("utf-16"),
         "all bytes": bytes(range(1, 256)) * 400,
         "deep folds": b";FOLD x\n" * 100_000,
+        "deep braces": b"LIN " + b"{A " * 1000 + b"\n",
         "deep loops": b"LOOP\n" * 50_000 + f"LIN {point}\n".encode(),
         "NaN": b"LIN {X NaN,Y 2,Z 3,A 0,B 0,C 0}",
         "huge number": b"LIN {X 1e999,Y 2,Z 3,A 0,B 0,C 0}",
