@@ -10,9 +10,8 @@ from benchmarks.campaigns import large_campaign
 from benchmarks.performance.peers import stacked_rows
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.candidates import Candidates
 from jointstiff.solver.design.criteria import AOptimality, DOptimality
-from jointstiff.solver.design.problem import DesignProblem
+from jointstiff.solver.design.optimum import Candidates, DesignProblem
 
 __all__ = ["CRITERIA", "READINGS", "Pool"]
 
@@ -56,7 +55,7 @@ class Pool:
     def criterion(self, name: str) -> DOptimality | AOptimality:
         """Return a criterion by its name."""
         if name == "D":
-            return DOptimality()
+            return DOptimality(6)
         places = self.rows[:: max(1, len(self.rows) // 500)].reshape(-1, 6)
         return AOptimality(np.eye(6) if name == "relative A" else places.T @ places)
 

@@ -13,9 +13,8 @@ from benchmarks.performance.figaroh_peer import run_figaroh
 from benchmarks.report import Figure, Section, seconds_text, times_table
 from benchmarks.timing import interleaved
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.exact import exact_design
 from jointstiff.solver.design.optimum import Design, optimise
-from jointstiff.solver.design.problem import DesignProblem, Distinct
+from jointstiff.solver.design.plan import Distinct, exact_design
 
 __all__ = ["run", "run_figaroh_section"]
 
@@ -48,11 +47,11 @@ def _against_cvxpy(pool: Pool, rounds: int) -> Section:
         )
         ours: Design = times.results["ours, from the rows"]
         theirs = times.results["fresh cvxpy + Clarabel"]
-        problem = pool.problem(name)
+        criterion = pool.criterion(name)
         gaps = {"ours, from the rows": 1 - ours.bound.efficiency, "fresh cvxpy + Clarabel": np.nan}
         if theirs is not None:
-            reached = problem.criterion.information(pool.information(theirs))
-            best = problem.criterion.information(ours.matrix) / ours.bound.efficiency
+            reached = criterion.information(pool.information(theirs))
+            best = criterion.information(ours.matrix) / ours.bound.efficiency
             gaps["fresh cvxpy + Clarabel"] = 1 - reached / best
         columns, table = times_table(
             times, "ours, from the rows", [("gap", {n: f"{g:.1e}" for n, g in gaps.items()})]
@@ -78,9 +77,9 @@ def _against_figaroh(pool: Pool) -> Section:
     peer = run_figaroh(pool.rows / np.sqrt(np.square(pool.rows).mean(axis=(0, 1))), READINGS)
     if peer is None:
         return Section("FIGAROH could not be installed", ("",), ())
-    problem, ours = pool.problem("D"), times.results["ours"]
-    reached = problem.criterion.information(ours.matrix)
-    theirs = problem.criterion.information(pool.information(np.array(peer["weights"])))
+    criterion, ours = pool.criterion("D"), times.results["ours"]
+    reached = criterion.information(ours.matrix)
+    theirs = criterion.information(pool.information(np.array(peer["weights"])))
     rows = [
         ("ours", seconds_text(times.median("ours")), "1", "1"),
         (
@@ -106,9 +105,7 @@ def _against_figaroh(pool: Pool) -> Section:
         repeats = len(set(chosen)) < len(chosen)
         listed = interleaved({"ours": lambda: _list(first, repeats=repeats)}, rounds=5)
         K = np.einsum("imp,imq->pq", first.rows[chosen], first.rows[chosen])
-        ratio = problem.criterion.information(listed.results["ours"].matrix) / problem.criterion.information(
-            K
-        )
+        ratio = criterion.information(listed.results["ours"].matrix) / criterion.information(K)
         rows.append(
             (f"list of {READINGS} of the first 200: ours", seconds_text(listed.median("ours")), "1", "1")
         )
@@ -136,8 +133,8 @@ def _against_figaroh(pool: Pool) -> Section:
 
 def _list(pool: Pool, *, repeats: bool) -> object:
     problem = pool.problem("D")
-    once = DesignProblem(problem.candidates, problem.criterion, READINGS, problem.base, once=not repeats)
-    return exact_design(once, optimise(once), Distinct(pool.joints, 0.0))
+    distinct = Distinct(np.arange(float(len(pool.joints)))[:, None], 0.0 if repeats else 0.5)
+    return exact_design(problem, optimise(problem), distinct)
 
 
 def _cvxpy_weights(pool: Pool, name: str) -> FloatArray | None:

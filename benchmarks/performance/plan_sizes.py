@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tracemalloc
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,9 +10,8 @@ import numpy as np
 from benchmarks.performance.candidate_pool import CRITERIA, Pool
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.timing import interleaved
-from jointstiff.solver.design.exact import exact_design
-from jointstiff.solver.design.optimum import Design, optimise
-from jointstiff.solver.design.problem import DesignProblem, Distinct
+from jointstiff.solver.design.optimum import Design, DesignProblem, optimise
+from jointstiff.solver.design.plan import Distinct, exact_design
 
 __all__ = ["run", "run_lists"]
 
@@ -32,7 +30,8 @@ def run_lists(*, quick: bool) -> list[Section]:
 
 
 def _weights(problem: DesignProblem) -> Design:
-    return optimise(replace(problem))  # which keeps nothing of earlier rounds
+    stated = DesignProblem(problem.candidates, problem.criterion, problem.readings, problem.base)
+    return optimise(stated)
 
 
 def _large(pool: Pool, many: Pool) -> Section:

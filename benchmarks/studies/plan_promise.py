@@ -14,9 +14,9 @@ from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_def
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.design.campaign_plan import plan_campaign
-from jointstiff.solver.design.experiment import Equipment, Loads, drawn_postures
-from jointstiff.solver.design.pool import PlanRequest
+from jointstiff.solver.design.candidates import PlanRequest
+from jointstiff.solver.design.feasibility import Equipment, Loads, drawn_postures
+from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.links.cross_validation import Folds, Plan, chosen_weight, fit_fold, refined

@@ -355,9 +355,7 @@ def _constraint_data(scaled: Scaled) -> dict[str, FloatArray]:
     return {name: value for name, value in data.items() if value.size}
 
 
-def worst_direction(
-    base: FloatArray, K: FloatArray, metric: FloatArray, limit: float
-) -> tuple[FloatArray, FloatArray]:
+def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``: the best design for the worst combination.
 
     t is the least eigenvalue of V C V, C the information on the first s parameters.
@@ -366,7 +364,6 @@ def worst_direction(
         base: M0 (p, p).
         K: (k, p, p).
         metric: V (s,).
-        limit: of a weight.
 
     Returns:
         Weights (k,) and Z (s, s), the dual variable.
@@ -380,20 +377,17 @@ def worst_direction(
     with COMPILING:
         w, t = cp.Variable(len(K)), cp.Variable()
         inequality = _information(base, K, w) - t * E >> 0
-        weights = _solve_design(cp.Maximize(t), [inequality], w, limit)
+        weights = _solve_design(cp.Maximize(t), [inequality], w)
         return weights, np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
 
 
-def worst_place(
-    base: FloatArray, K: FloatArray, places: FloatArray, limit: float
-) -> tuple[FloatArray, FloatArray]:
+def worst_place(base: FloatArray, K: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Solve ``minimise t subject to tr(B_rᵀ M(w)⁻¹ B_r) ≤ t for all r``: the best design for the worst place.
 
     Args:
         base: M0 (p, p).
         K: (k, p, p).
         places: W_r = B_r B_rᵀ (R, p, p), positive semidefinite.
-        limit: of a weight.
 
     Returns:
         Weights (k,) and π (R,), the dual variables.
@@ -410,7 +404,7 @@ def worst_place(
         w, t = cp.Variable(len(K)), cp.Variable()
         M = _information(base, K, w)
         below = [cp.matrix_frac(B, M) <= t for B in roots]
-        weights = _solve_design(cp.Minimize(t), below, w, limit)
+        weights = _solve_design(cp.Minimize(t), below, w)
         return weights, np.array([float(each.dual_value) for each in below])
 
 
@@ -422,11 +416,10 @@ def _information(base: FloatArray, K: FloatArray, w: cp.Variable) -> cp.Expressi
 
 
 def _solve_design(
-    objective: cp.Minimize | cp.Maximize, constraints: list[cp.Constraint], w: cp.Variable, limit: float
+    objective: cp.Minimize | cp.Maximize, constraints: list[cp.Constraint], w: cp.Variable
 ) -> FloatArray:
     """Solve a program of a design by Clarabel and return its weights (k,), zero where they are rounding."""
-    simplex = [cp.sum(w) == 1, w >= 0, *([w <= limit] if limit < 1.0 else [])]
-    problem = cp.Problem(objective, [*constraints, *simplex])
+    problem = cp.Problem(objective, [*constraints, cp.sum(w) == 1, w >= 0])
     for tolerance in _DESIGN_TOLERANCES:
         settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
         with suppress(cp.SolverError), warnings.catch_warnings():

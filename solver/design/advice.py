@@ -8,24 +8,20 @@ covariance. Candidates are compared by it, and nothing else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.design.advised_reading import Advice
-from jointstiff.solver.design.experiment import (
-    Equipment,
-    Loads,
-    Motion,
-    targets_in_flange,
-    within_limits,
-)
+from jointstiff.solver.design.feasibility import targets_in_flange, within_limits
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.observability import Spectrum
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, shown_along
+from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.triangle import whitened
 
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
 """Relative standard uncertainty of a compliance above which a joint gets advice."""
@@ -59,15 +55,104 @@ _DIRECTIONS: Final = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, eq=False)
+class Advice:
+    """One more reading that would tell more of a joint."""
+
+    joint: int  #: index of the joint
+    joints: FloatArray  #: (n,) angles of the posture as the controller shows them [rad]
+    observation: int | None  #: the observation that has this posture; None for a new one
+    force: FloatArray  #: (3,) on the robot, axes of R0 [N]
+    own_direction: bool  #: whether the force is the one that the whole set was loaded with
+    torque: float  #: torque of that force about the joint [N·m]
+    #: standard uncertainty of the compliance after the reading, in units of sigma [rad/(N·m)/m]
+    deviation: float
+    #: standard uncertainty of one coordinate of one reading [m]; None where it is unknown
+    sigma: float | None
+    #: of the standard uncertainties after and before; None where the readings so far do not determine the
+    #: compliance
+    uncertainty_ratio: float | None
+    #: whether the estimate itself has the uncertainties of the partial pose, so that the same method will
+    #: find what is promised; other weights, the decoupled method and priors have not
+    same_method: bool
+
+    @property
+    def standard_uncertainty(self) -> float | None:
+        """Standard uncertainty of the compliance after the reading [rad/(N·m)]."""
+        return None if self.sigma is None else self.sigma * self.deviation
+
+    def in_words(self, names: Sequence[str], labels: Sequence[str]) -> str:
+        """Return the advice as a sentence: posture, load, and the uncertainty or at least the torque."""
+        name, size = names[self.joint], float(np.linalg.norm(self.force))
+        if self.observation is not None:
+            posture = f"in posture {labels[self.observation]}"
+        else:
+            angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(self.joints))
+            posture = f"in posture ({angles})°, if it is free of collisions,"
+        load = f"apply the load of {size:.4g} N as before"
+        if not self.own_direction:
+            direction = ", ".join(f"{part / size + 0.0:.2f}" for part in self.force.tolist())
+            load = f"apply {size:.4g} N along ({direction})"
+        changes = [] if self.sigma is None else [f"{self.standard_uncertainty:.2g} rad/(N.m)"]
+        if self.uncertainty_ratio is not None:
+            changes.append(f"{self.uncertainty_ratio:.2g} times its present value")
+        gain = f"a torque of {self.torque:.3g} N.m about the axis of {name}"
+        if changes:
+            method = "" if self.same_method else "with method partial_pose "
+            gain = f"{method}u({name}) falls to {', '.join(changes)}"
+        return f"{posture} {load}: {gain}"
+
+
+@dataclass(frozen=True, eq=False)
 class Postures:
-    """M postures with all targets on the flange."""
+    """M postures in which all targets could be read, and the Jacobians that turn a load into deflections."""
 
     joints: FloatArray  #: (M, n) angles as the controller shows them [rad]
     observation: IndexArray  #: (M,) the observation that has this posture; -1 for a new one
-    motion: Motion  #: their Jacobians
+    load_jacobian: FloatArray  #: (M, 3, n) J_v at the load point [m/rad]
+    target_jacobian: FloatArray  #: (M, 3 T, n) J_v at the targets, whitened in units of sigma
+
+    @classmethod
+    def of(
+        cls, robot: Robot, measurements: Measurements, joints: FloatArray, observation: IndexArray
+    ) -> Postures:
+        """Compute the Jacobians for the targets of the observation that read most of them.
+
+        A posture of the set has its own load point, a new one that of the strongest force.
+        """
+        count = len(joints)
+        strongest = int(np.argmax(np.linalg.norm(measurements.force, axis=1)))
+        richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
+        present, covariance = measurements.present[richest], measurements.covariance
+        places = targets_in_flange(robot, measurements[richest : richest + 1])[present]
+        targets = np.broadcast_to(places, (count, *places.shape))
+        load_point = measurements.load_point[np.where(observation < 0, strongest, observation)]
+        direction = None
+        if measurements.direction is not None:
+            direction = np.broadcast_to(measurements.direction[richest, present], targets.shape)
+        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        covariance = covariance if covariance.ndim == 2 else covariance[richest, present]
+        jacobian = whitened(covariance, shown_along(direction, now.jacobian_at(now.to_base(targets))))
+        return cls(
+            joints,
+            observation,
+            now.jacobian_at(now.to_base(load_point[:, None]))[:, 0],
+            jacobian.reshape(count, 3 * len(places), robot.n),
+        )
 
     def __len__(self) -> int:
         return len(self.joints)
+
+    def information(self, force: FloatArray) -> FloatArray:
+        """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (M, D, 3) [N].
+
+        Returns:
+            (n, n, M, D) in units of sigma⁻².
+        """
+        J = self.target_jacobian
+        motion = (J.transpose(0, 2, 1) @ J).transpose(1, 2, 0)[..., None]
+        torque = np.ascontiguousarray((force @ self.load_jacobian).transpose(2, 0, 1))
+        information: FloatArray = motion * torque[:, None] * torque[None]
+        return information
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
@@ -92,39 +177,28 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     joints = worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY]
     if not len(joints) or not measurements.force.any():
         return ()
-    tools = equipment_of(robot, measurements)
     count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
-    postures = (
-        _measured_postures(robot, measurements, tools, count),
-        _in_motion(robot, tools, new_postures(robot, measurements, count)),
-    )
+    inside = np.flatnonzero(within_limits(robot, measurements.joints))
+    spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
+    new = new_postures(robot, measurements, count)
     own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
     sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(own)
     weights = bool((np.abs(measurements.force @ own) >= (1.0 - 1e-6) * sizes).all())
     search = _Search(estimate, own, one_direction=weights)
-    measured, new = (
-        search.best(part, joints, all_directions=all_directions)
-        for part, all_directions in zip(postures, (True, not weights), strict=True)
-    )
-    return tuple(
-        advice for pair in zip(measured, new, strict=True) for advice in _worth_saying(*pair, weights=weights)
-    )
-
-
-def equipment_of(robot: Robot, measurements: Measurements) -> Equipment:
-    """Return the strongest force, and the targets of the observation that read most of them."""
-    sizes = np.linalg.norm(measurements.force, axis=1)
-    strongest = int(np.argmax(sizes))
-    richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
-    present, covariance = measurements.present[richest], measurements.covariance
-    return Equipment(
-        targets=targets_in_flange(robot, measurements[richest : richest + 1])[present],
-        load_point=measurements.load_point[strongest],
-        loads=Loads("any_direction", float(sizes[strongest]), np.full(robot.n, np.inf)),
-        sigma=1.0,
-        covariance=covariance if covariance.ndim == 2 else covariance[richest, present],
-        along=None if measurements.direction is None else measurements.direction[richest, present],
-    )
+    of_set = Postures.of(robot, measurements, measurements.joints[spread], spread)
+    unseen = Postures.of(robot, measurements, new, np.full(len(new), -1, dtype=np.intp))
+    advice: list[Advice] = []
+    for measured, unmeasured in zip(
+        search.best(of_set, joints, all_directions=True),
+        search.best(unseen, joints, all_directions=not weights),
+        strict=True,
+    ):
+        easier_first = (unmeasured, measured) if weights else (measured, unmeasured)
+        useful = [a for a in easier_first if a and (a.uncertainty_ratio or 0.0) <= 1.0 - LEAST_GAIN]
+        if len(useful) == 2 and useful[0].deviation <= LITTLE_MORE * useful[1].deviation:
+            useful = useful[:1]
+        advice += sorted(useful, key=lambda each: each.deviation)
+    return tuple(advice)
 
 
 def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
@@ -146,19 +220,6 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
     draws = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_DRAWS * count, robot.n))
     joints: FloatArray = np.radians(np.round(np.degrees((least + greatest) / 2.0 + half * draws)))
     return joints[within_limits(robot, joints)][:count]
-
-
-def _measured_postures(robot: Robot, measurements: Measurements, tools: Equipment, count: int) -> Postures:
-    """Return postures of the set, evenly spread, each with its own load point."""
-    inside = np.flatnonzero(within_limits(robot, measurements.joints))
-    chosen = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
-    own = replace(tools, load_point=measurements.load_point[chosen])
-    return replace(_in_motion(robot, own, measurements.joints[chosen]), observation=chosen)
-
-
-def _in_motion(robot: Robot, tools: Equipment, joints: FloatArray) -> Postures:
-    new = np.full(len(joints), -1, dtype=np.intp)
-    return Postures(joints, new, Motion.of(robot, tools, joints))
 
 
 def precision(information: FloatArray, joint: int) -> FloatArray:
@@ -193,35 +254,32 @@ class _Search:
 
     def __init__(self, estimate: Estimate, own: FloatArray, *, one_direction: bool) -> None:
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
-        self._information = self._regressor.T @ self._regressor
         self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
-        self._same_method = _has_least_uncertainty(estimate, self._regressor)
+        # Whether the estimate's uncertainties are those of least squares weighted by covariance
+        self._same_method = False
+        if estimate.covariance is not None and estimate.sigma is not None:
+            visible = ~estimate.observability.null
+            inverse = Spectrum(self._regressor[:, visible]).inverse
+            least = estimate.sigma * np.linalg.norm(inverse, axis=1)
+            by_readings = np.diagonal(estimate.covariance)
+            if estimate.common is not None:
+                by_readings = by_readings - np.square(estimate.common.responses).sum(axis=1)
+            deviation = np.sqrt(np.maximum(by_readings[visible], 0.0))
+            self._same_method = np.allclose(deviation, least, rtol=0.01, atol=0.0)
 
     def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Advice | None]:
         """Return for each joint the candidate of least uncertainty; None if none determines it."""
         if not len(postures):
             return [None] * len(joints)
-        # (M, D, 3) candidate forces [N]: the set's own, those of a cube, and those across each axis
-        own = self._own / self._strength
-        count = len(postures)
-        directions = np.broadcast_to(own, (count, 1, 3))
-        if all_directions:
-            # a × r is the velocity of the load point: no force of this strength twists the joint more.
-            across = postures.motion.load_jacobian[:, :, joints].transpose(0, 2, 1)
-            lever = np.linalg.norm(across, axis=2, keepdims=True)
-            across = np.where(lever > 0, across / np.where(lever > 0, lever, 1.0), own)
-            cube = np.broadcast_to(_DIRECTIONS, (count, len(_DIRECTIONS), 3))
-            directions = np.concatenate([directions, cube, across], axis=1)
-        # A force tells the same as its opposite: of both, the one that is more like the set's own.
-        sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
-        forces: FloatArray = self._strength * sign[..., None] * directions
-        added = postures.motion.information(forces)
-        diagonal = np.diagonal(self._information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
+        forces = self._forces(postures, joints if all_directions else joints[:0])
+        added = postures.information(forces)
+        information = self._regressor.T @ self._regressor
+        diagonal = np.diagonal(information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        total = self._information[..., None, None] + added
+        total = information[..., None, None] + added
         total /= np.multiply.outer(scale, scale)[..., None, None]
         easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
         easy[:, 0] = True
@@ -232,18 +290,31 @@ class _Search:
             best.append(self._advice(joint, postures, int(m), forces[m, d]))
         return best
 
+    def _forces(self, postures: Postures, across: IndexArray) -> FloatArray:
+        """Return candidate forces (M, D, 3) [N]: the set's own, and for joints others and across each."""
+        own = self._own / self._strength
+        count = len(postures)
+        directions = np.broadcast_to(own, (count, 1, 3))
+        if len(across):
+            # a × r is the velocity of the load point: no force of this strength twists the joint more.
+            arm = postures.load_jacobian[:, :, across].transpose(0, 2, 1)
+            lever = np.linalg.norm(arm, axis=2, keepdims=True)
+            arm = np.where(lever > 0, arm / np.where(lever > 0, lever, 1.0), own)
+            cube = np.broadcast_to(_DIRECTIONS, (count, len(_DIRECTIONS), 3))
+            directions = np.concatenate([directions, cube, arm], axis=1)
+        # A force tells the same as its opposite: of both, the one that is more like the set's own.
+        sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
+        forces: FloatArray = self._strength * sign[..., None] * directions
+        return forces
+
     def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
         """Put a candidate into numbers, by a decomposition of all readings with it; or return None."""
-        torque = float(abs(force @ postures.motion.load_jacobian[m, :, joint]))
-        if torque <= _LEAST_LEVER * self._strength:
-            return None
-        after = _deviation(
-            Spectrum(np.vstack([self._regressor, postures.motion[np.array([m])].rows(force[None])[0]])),
-            joint,
-        )
-        if after is None:
-            return None
+        torque = force @ postures.load_jacobian[m]
+        added = postures.target_jacobian[m] * torque
         before = _deviation(self._spectrum, joint)
+        after = _deviation(Spectrum(np.vstack([self._regressor, added])), joint)
+        if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:
+            return None
         observation = int(postures.observation[m])
         return Advice(
             joint=joint,
@@ -251,7 +322,7 @@ class _Search:
             observation=None if observation < 0 else observation,
             force=force,
             own_direction=self._one_direction and np.allclose(force, self._own, rtol=1e-9),
-            torque=torque,
+            torque=float(abs(torque[joint])),
             deviation=after,
             sigma=self._sigma,
             uncertainty_ratio=None if before is None else after / before,
@@ -259,33 +330,8 @@ class _Search:
         )
 
 
-def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
-    """Return whether the estimate's uncertainties are those of least squares weighted by covariance."""
-    if estimate.covariance is None or estimate.sigma is None:
-        return False
-    visible = ~estimate.observability.null
-    inverse = Spectrum(regressor[:, visible]).inverse
-    least = estimate.sigma * np.linalg.norm(inverse, axis=1)
-    by_readings = np.diagonal(estimate.covariance)
-    if estimate.common is not None:
-        by_readings = by_readings - np.square(estimate.common.responses).sum(axis=1)
-    return np.allclose(np.sqrt(np.maximum(by_readings[visible], 0.0)), least, rtol=0.01, atol=0.0)
-
-
 def _deviation(spectrum: Spectrum, joint: int) -> float | None:
     """Return the standard uncertainty of c_j in units of sigma; None where the rows do not determine it."""
     if (spectrum.null_space[:, joint] ** 2).sum() > _SHOWS:
         return None
     return float(np.linalg.norm(spectrum.inverse[joint]))
-
-
-def _worth_saying(measured: Advice | None, new: Advice | None, *, weights: bool) -> list[Advice]:
-    """Return the advice worth giving, the better first."""
-    found = [a for a in (measured, new) if a is not None]
-    useful = [a for a in found if a.uncertainty_ratio is None or a.uncertainty_ratio <= 1 - LEAST_GAIN]
-    if len(useful) < 2 or measured is None or new is None:
-        return useful
-    easier, other = (new, measured) if weights else (measured, new)
-    if easier.deviation <= LITTLE_MORE * other.deviation:
-        return [easier]
-    return sorted(useful, key=lambda advice: advice.deviation)

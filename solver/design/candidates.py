@@ -1,201 +1,332 @@
-"""Candidate readings, by the information that each adds (method.md §10).
+"""Candidate readings of a plan: what each adds to the information on the parameters (method.md §10).
 
-Candidate i is a posture with its load; reading it adds ``K_i = A_iᵀ Σ⁻¹ A_i``, p × p. Where a force may act
-in any direction, A_i is linear in the force, ``A_i(F) = Σ_a F_a A_ia``, and so the price of the candidate,
-``⟨G, K_i(F)⟩``, is a quadratic form of F: its greatest value over all directions is an eigenvalue of a 3 × 3.
+postures → feasible readings → rows → parameters → information, known and of each candidate
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.design.feasibility import Cell, Equipment, Strikes, drawn_postures, feasible
+from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.links import links_behind
+from jointstiff.solver.terms.term import whitened_rows as term_rows
 
-_BLOCK: Final = 1024
-"""Candidates packed at a time: what a cache holds."""
+CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]
+
+LEFT_OUT: Final = 0.01
+"""Greatest share of the prior variance of what is to be predicted that left-out combinations of link
+compliances have: readings in directions that a plan leaves out are noise to it."""
+_NOT_EXCITED: Final = 1e-9
+"""Root mean square of a joint's rows, relative to the greatest, below which nothing excites it."""
+_WITH_NUISANCE: Final = 600
+"""Candidates where elastic links or the geometry are a nuisance, those in the work area first: each costs
+fifty times as much."""
+_PLACES: Final = 60
+"""Postures in the work area at which predictions are judged."""
+_FEWEST_PLACES: Final = 3
+_BLOCK: Final = 2_048
+"""Candidates whose rows are computed at a time."""
+_SAMPLED: Final = 500
+"""Candidates from whose rows the parameters are chosen."""
 
 
 @dataclass(frozen=True, eq=False)
-class Atoms:
-    """Some candidates, each under one load."""
+class PlanRequest:
+    """Hold what a plan is made for and by which rules."""
 
-    index: IndexArray  #: (k,) candidates
-    force: FloatArray  #: (k, 3) unit direction of the force where it is free; zeros for a load of its own
-    information: FloatArray  #: (k, p, p)
+    equipment: Equipment  #: instrument, targets and loads
+    readings: int  #: how many, those for validation included
+    nominal: FloatArray  #: (n,) compliance [rad/(N·m)]; nan where it is not known
+    #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf for none
+    prior: FloatArray
+    cell: Cell = field(default_factory=Cell)  #: surroundings of the robot
+    criterion: CriterionName = "relative_a"  #: criterion to minimise
+    postures: FloatArray | None = None  #: (N, n) to choose from, controller's angles [rad]; drawn if None
+    candidates: int = 5_000  #: how many to draw
+    joints: IndexArray | None = None  #: to be determined; all if None
+    #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None for none
+    work_area: FloatArray | None = None
+    #: (D, 3) unit vectors in R0, along one of which each reading is taken; None if all coordinates are read
+    directions: FloatArray | None = None
+    links: bool = False  #: whether elastic links are a nuisance
+    link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading
+    angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad]
+    validation: float = 0.2  #: share of the readings that are held out
+    so_far: Measurements | None = None  #: readings of the campaign at hand; None to begin
+    #: rows (N, 3 T, P) of unloaded positions in postures (N, n) [m], joints first, then a nuisance in units
+    #: of what is known of it beforehand; None where loads bend the arm
+    by_weight: Callable[[FloatArray], FloatArray] | None = None
+    seed: int = 0  #: of drawn postures, validation and random plans
 
-    def __len__(self) -> int:
-        return len(self.index)
 
-    def __getitem__(self, rows: IndexArray | slice) -> Atoms:
+def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements) -> FloatArray:
+    """Return the rows of readings: the columns of the joints' compliances, then those of the nuisance.
+
+    Args:
+        robot: n joints.
+        request: says what the nuisance is.
+        measurements: N readings of T targets.
+
+    Returns:
+        (N, 3 T, P) in units of sigma.
+    """
+    terms = [JOINTS, links_behind(tuple(range(robot.n)))] if request.links else [JOINTS]
+    blocks = regressor_blocks(robot, measurements)
+    parts = [term_rows(block, terms, np.zeros(robot.n)).targets[..., :-1] for block in blocks]
+    rows = np.concatenate(parts)
+    return rows.reshape(len(rows), -1, rows.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings that could be taken: N postures with the loads under which each is judged."""
+
+    joints: FloatArray  #: (N, n) controller's angles [rad]
+    anchor: IndexArray  #: (N,) anchor of the cable; -1 without one
+    #: (N, 1, 3) the load [N], or where its direction is free (N, 3, 3) the greatest along each axis of R0
+    forces: FloatArray
+    along: FloatArray | None = None  #: (N, 3) directions along which to read; None if all coordinates are
+
+    def __getitem__(self, part: IndexArray | BoolArray | slice) -> Readings:
         """Some of them, in the given order."""
-        return Atoms(self.index[rows], self.force[rows], self.information[rows])
+        along = None if self.along is None else self.along[part]
+        return Readings(self.joints[part], self.anchor[part], self.forces[part], along)
+
+    def rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
+        """Return the rows (N, L, 3 T, P) of readings under each of L loads, in units of sigma."""
+        if request.by_weight is not None:
+            return request.by_weight(self.joints)[:, None]
+        loaded = [
+            equipment.measurements(robot, self.joints, self.forces[:, a], self.along)
+            for a in range(self.forces.shape[1])
+        ]
+        return np.stack([whitened_rows(robot, request, each) for each in loaded], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Linear map from the columns of rows to the p parameters of a plan."""
+
+    interest: int  #: s, the first parameters: relative compliances of the joints to be determined
+    joints: IndexArray  #: (s,) these joints
+    nominal: FloatArray  #: (n,) compliance that a relative one refers to [rad/(N·m)]
+    #: (n,) whether the nominal compliance is known; otherwise each joint is taken to move the targets alike
+    known: BoolArray
+    basis: FloatArray  #: (P, p) columns of the parameters
+    prior: FloatArray  #: (p, p) information known beforehand, in units of 1/variance of a parameter
+
+
+def parameters_of(
+    rows: FloatArray,
+    predicted: FloatArray,
+    names: Sequence[str],
+    wanted: IndexArray | None,
+    nominal: FloatArray,
+    link_share: float | None,
+) -> Parameters:
+    """Choose the parameters of a plan.
+
+    Link compliances, where the rows have their columns, are a nuisance. Before any reading they are taken
+    to move the places by a share of what the joints do, each matrix entry alike; all of their combinations
+    that move what is to be predicted are kept, but for a share of `LEFT_OUT` of the variance.
+
+    Args:
+        rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.
+        predicted: (L, n) or (L, P) of what is to be predicted; the same as `rows` without a work area.
+        names: of the n joints.
+        wanted: joints to be determined; all that the loads excite if None. Others that they excite are a
+            nuisance.
+        nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
+        link_share: root mean square deflection by links, relative to that by joints; None where the nuisance
+            is none of links, its columns in units of what is known of it.
+
+    Raises:
+        RequestError: no candidate excites a wanted joint.
+    """
+    n = len(names)
+    size = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
+    excited = size > _NOT_EXCITED * size.max()
+    chosen = np.flatnonzero(excited) if wanted is None and excited.any() else wanted
+    chosen = np.arange(n) if chosen is None else chosen
+    missing = chosen[~excited[chosen]]
+    if len(missing):
+        joints = ", ".join(names[j] for j in missing)
+        raise RequestError(
+            f"no candidate load twists {joints}, or no target moves when it turns",
+            where="joints",
+            remedy="allow loads in other directions, or name the joints to be determined, without these",
+        )
+    known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
+    alike = float(np.median(size[known] * nominal[known])) if known.any() else 1.0
+    unit = np.where(known, np.nan_to_num(nominal), alike / np.where(excited, size, 1.0))
+    columns = np.concatenate([chosen, np.setdiff1d(np.flatnonzero(excited), chosen)])
+    relative = np.zeros((rows.shape[1], len(columns)))
+    relative[columns, np.arange(len(columns))] = unit[columns]
+    nuisance = np.eye(rows.shape[1])[:, n:]
+    if link_share is not None and nuisance.size:
+        # The combinations of link compliances that the rows see, scaled to unit prior
+        links = predicted[:, n:]
+        size = np.sqrt(np.square(links).mean(axis=0))
+        seen = size > _NOT_EXCITED * size.max()
+        by_joints = np.sqrt(np.square(predicted[:, :n] * unit * excited).sum(axis=1).mean())
+        each = link_share * by_joints / np.sqrt(seen.sum())
+        deviation = np.where(seen, each / np.where(seen, size, 1.0), 0.0)
+        variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
+        kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT * variances.sum()
+        nuisance = nuisance @ (deviation[:, None] * directions[:, kept])
+    prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(nuisance.shape[1])])
+    return Parameters(len(chosen), chosen, unit, known, np.hstack([relative, nuisance]), prior)
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Feasible readings of a plan, with the information that each adds in absolute units."""
+
+    readings: Readings  #: N candidates
+    candidates: Candidates  #: information of each
+    parameters: Parameters  #: what is to be determined, and the nuisance
+    base: FloatArray  #: (p, p) information of the readings so far and of priors
+    #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
+    places: FloatArray | None
+    feasible: int  #: number of feasible readings, of which the candidates may be a selection
+    strikes: Strikes  #: infeasible readings by reason
 
     @classmethod
-    def of(cls, parts: Sequence[Atoms]) -> Atoms:
-        """Return the atoms of all parts, in order."""
-        return cls(
-            np.concatenate([part.index for part in parts]),
-            np.concatenate([part.force for part in parts]),
-            np.concatenate([part.information for part in parts]),
-        )
-
-    def joined(self, others: Atoms) -> Atoms:
-        """Return these and then the others."""
-        return Atoms.of([self, others])
-
-
-class Candidates:
-    """N candidate readings of p parameters: the entries of their information on and above the diagonal.
-
-    That takes 168 bytes for six joints. Where the force is free there are six such matrices, of all pairs of
-    axes: K(F) = Σ_ab F_a F_b K_ab.
-    """
-
-    def __init__(self, packed: FloatArray, parameters: int, unit: FloatArray | None = None) -> None:
-        """Take information that is packed already.
-
-        Args:
-            packed: (N, 1, p (p + 1) / 2) entries of K_i row by row, or (N, 6, …) of (K_ab + K_ba) / 2 for the
-                pairs of axes xx, xy, xz, yy, yz, zz under the greatest force.
-            parameters: p.
-            unit: (p,) by which the columns of the rows are multiplied; 1 if None.
+    def of(cls, robot: Robot, request: PlanRequest) -> Pool:
+        """Draw or take postures, strike out what is not feasible, and compute what each reading adds.
 
         Raises:
-            RequestError: there is none, or a number is not finite.
+            RequestError: no reading is feasible, or nothing excites a joint.
         """
-        if not len(packed) or not np.isfinite(packed).all():
+        equipment, sigma = request.equipment, request.equipment.sigma
+        readings, inside, strikes = _feasible_readings(robot, request)
+        count = len(readings.joints)
+        if request.links or request.by_weight is not None:
+            # At most so many, those in the work area first, and evenly spread
+            thinned = np.zeros(count, dtype=np.bool_)
+            for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
+                room = _WITH_NUISANCE - int(thinned.sum())
+                if room > 0:
+                    thinned[index[:: max(1, -(-len(index) // room))]] = True
+            readings, inside = readings[thinned], inside[thinned]
+        predicted = None if request.work_area is None else _predicted(robot, request, readings.joints[inside])
+        if request.directions is not None:
+            along = np.tile(request.directions, (len(readings.joints), 1))
+            repeated = readings[np.repeat(np.arange(len(readings.joints)), len(request.directions))]
+            readings = Readings(repeated.joints, repeated.anchor, repeated.forces, along)
+        total = len(readings.joints)
+        sample = np.linspace(0, total - 1, min(total, _SAMPLED)).astype(np.intp)
+        sampled = readings[sample].rows(robot, request, equipment)
+        seen = sampled.reshape(-1, sampled.shape[-1])
+        known = None if request.so_far is None else _rows_so_far(robot, request, request.so_far)
+        if known is not None:
+            seen = np.concatenate([seen, known])
+        seen = seen / sigma
+        parameters = parameters_of(
+            seen,
+            seen if predicted is None else predicted.reshape(-1, seen.shape[1]),
+            robot.joint_names,
+            request.joints,
+            request.nominal,
+            request.link_share if request.by_weight is None else None,
+        )
+        basis, s = parameters.basis, parameters.interest
+        base = parameters.prior.copy()
+        if request.so_far is not None and known is not None:
+            taken = known @ basis / (request.so_far.sigma or sigma)
+            base += taken.T @ taken
+        relative = request.prior[parameters.joints] / parameters.nominal[parameters.joints]
+        base[np.arange(s), np.arange(s)] += 1.0 / np.square(relative)
+        parts = [
+            readings[start : start + _BLOCK].rows(robot, request, equipment) @ basis / sigma
+            for start in range(0, total, _BLOCK)
+        ]
+        rows, places = np.concatenate(parts), None
+        if predicted is not None:
+            A = predicted @ basis
+            places = A.transpose(0, 2, 1) @ A / 3.0
+        candidates = Candidates.from_rows(rows if rows.shape[1] > 1 else rows[:, 0])
+        return cls(readings, candidates, parameters, base, places, count, strikes)
+
+    def force(self, unit: FloatArray, index: IndexArray) -> FloatArray:
+        """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""
+        forces = self.readings.forces[index]
+        return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
+
+
+def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, BoolArray, Strikes]:
+    """Return the feasible readings, and which have their load point in the work area (N,).
+
+    Raises:
+        RequestError: there is none, or too few are in the work area.
+    """
+    equipment, loads = request.equipment, request.equipment.loads
+    postures = request.postures
+    if postures is None:
+        postures = drawn_postures(robot, request.candidates, request.seed)
+    choices = len(loads.anchors) if loads.kind == "cable" else 1
+    joints = np.repeat(postures, choices, axis=0)
+    anchor = np.tile(np.arange(choices), len(postures))
+    direction = equipment.direction(robot, joints, anchor)
+    kept, strikes = feasible(robot, equipment, request.cell, joints, direction)
+    if not kept.any():
+        counts = ", ".join(f"{name} {count}" for name, count in strikes.reasons.items())
+        raise RequestError(
+            f"none of {strikes.considered} readings is feasible: {counts}",
+            where="candidates",
+            remedy="relax the condition that excludes most of them, or give other postures or loads",
+        )
+    joints = joints[kept]
+    anchor = anchor[kept] if loads.kind == "cable" else np.full(len(joints), -1)
+    if direction is None:
+        forces = equipment.strength(robot, joints)[:, None, None] * np.eye(3)
+    else:
+        forces = loads.force * direction[kept][:, None]
+    inside = np.zeros(len(joints), dtype=np.bool_)
+    if request.work_area is not None:
+        at = equipment.load_place(robot, joints)
+        inside = ((at >= request.work_area[0]) & (at <= request.work_area[1])).all(axis=1)
+        if inside.sum() < _FEWEST_PLACES:
             raise RequestError(
-                "there are no candidates, or one has a number that is not finite",
-                where="candidates",
-                remedy="give at least one posture with a finite load",
+                f"{inside.sum()} of {len(joints)} candidates have their load point in the work area",
+                where="work_area",
+                remedy="give a larger work area, in R0 and in metres, or more candidates",
             )
-        self.parameters = parameters
-        self.free = packed.shape[1] > 1  #: whether forces may act in all directions
-        self._packed = packed
-        self._rows, self._columns = np.triu_indices(parameters)
-        self._unit = np.ones(parameters) if unit is None else unit
-        self._squares = self._unit[self._rows] * self._unit[self._columns]
-
-    @classmethod
-    def from_rows(cls, rows: FloatArray) -> Candidates:
-        """Pack rows, block by block.
-
-        Args:
-            rows: (N, m, p) whitened, under a load of their own; or (N, 3, m, p), under the greatest
-                force along each axis, for forces of any direction.
-        """
-        p = rows.shape[-1]
-        stack = rows[:, None] if rows.ndim == 3 else rows
-        pairs = [(a, b) for a in range(stack.shape[1]) for b in range(a, stack.shape[1])]
-        packed = np.empty((len(rows), len(pairs), p * (p + 1) // 2))
-        for start in range(0, len(rows), _BLOCK):
-            # Candidates last: sums over them run along the memory.
-            block = np.ascontiguousarray(stack[start : start + _BLOCK].transpose(1, 3, 2, 0))
-            for e, (a, b) in enumerate(pairs):
-                K = _upper_products(block[a], block[b])
-                packed[start : start + _BLOCK, e] = (
-                    K if a == b else 0.5 * (K + _upper_products(block[b], block[a]))
-                ).T
-        return cls(packed, p)
-
-    def scaled(self, unit: FloatArray) -> Candidates:
-        """Return the same candidates of parameters in other units (p,); nothing is copied."""
-        return Candidates(self._packed, self.parameters, self._unit * unit)
-
-    def __len__(self) -> int:
-        return len(self._packed)
-
-    def __getitem__(self, rows: IndexArray | slice) -> Candidates:
-        """Some of them, in the given order."""
-        return Candidates(self._packed[rows], self.parameters, self._unit)
-
-    def prices(self, G: FloatArray) -> FloatArray:
-        """Return the greatest ``⟨G, K_i⟩`` (N,) of each candidate over the loads that it may take.
-
-        Args:
-            G: (p, p) symmetric.
-        """
-        products = self._products(slice(None), G)
-        return greatest_eigenvalue(_forms(products)) if self.free else products[:, 0]
-
-    def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
-        """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
-        force = np.zeros((len(index), 3))
-        if self.free:
-            force = np.linalg.eigh(_forms(self._products(index, G)))[1][:, :, -1]
-        return self.under(index, force)
-
-    def under(self, index: IndexArray, force: FloatArray) -> Atoms:
-        """Return some candidates under forces along unit vectors (k, 3), or under loads of their own."""
-        packed = self._packed[index]
-        if self.free:
-            a, b = np.triu_indices(3)
-            squares = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
-            entries = np.einsum("ie,ieq->iq", squares, packed)
-        else:
-            entries = packed[:, 0]
-        return Atoms(index, force, self._unpacked(entries))
-
-    def total(self) -> FloatArray:
-        """Return the sum of all information (p, p), of forces along all three axes where they are free."""
-        axes = [0, 3, 5] if self.free else [0]
-        return self._unpacked(np.sum([np.ones(len(self)) @ self._packed[:, axis] for axis in axes], axis=0))
-
-    def _unpacked(self, entries: FloatArray) -> FloatArray:
-        """Return symmetric matrices (..., p, p) of entries on and above the diagonal, in the units."""
-        matrices = np.empty((*entries.shape[:-1], self.parameters, self.parameters))
-        matrices[..., self._rows, self._columns] = entries * self._squares
-        matrices[..., self._columns, self._rows] = entries * self._squares
-        return matrices
-
-    def _products(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        twice = np.where(self._rows == self._columns, 1.0, 2.0)
-        products: FloatArray = self._packed[index] @ (twice * self._squares * G[self._rows, self._columns])
-        return products
+    return Readings(joints, anchor, forces), inside, strikes
 
 
-def _forms(products: FloatArray) -> FloatArray:
-    """Return the quadratic forms of the force ⟨G, K_ab⟩ (N, 3, 3), of products (N, 6)."""
-    a, b = np.triu_indices(3)
-    forms = np.empty((len(products), 3, 3))
-    forms[:, a, b] = forms[:, b, a] = products
-    return forms
+def _rows_so_far(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
+    """Return the rows (K, P) of readings that were taken, in units of sigma."""
+    if request.by_weight is None:
+        rows = whitened_rows(robot, request, so_far)
+    else:
+        taken = so_far.present & ~so_far.in_flange
+        rows = request.by_weight(so_far.joints) * np.repeat(taken, 3, axis=1)[..., None]
+    return rows.reshape(-1, rows.shape[-1])
 
 
-def _upper_products(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the entries on and above the diagonal of leftᵀ right, row by row.
+def _predicted(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
+    """Return rows (R, 9, P) of the deflection at places of the work area, by forces along the axes of R0 [m].
 
     Args:
-        left: (p, m, N).
-        right: (p, m, N).
-
-    Returns:
-        (p (p + 1) / 2, N).
+        robot: n joints.
+        request: with the load.
+        inside: postures of candidates in the work area.
     """
-    return np.concatenate([np.einsum("mn,cmn->cn", left[j], right[j:]) for j in range(len(left))])
-
-
-def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
-    """Return the greatest eigenvalue of symmetric 3 × 3 matrices, in closed form.
-
-    ``λ = q + 2 r cos(arccos(det(B)/2)/3)`` with q = tr(A)/3, 6 r² = ‖A − q I‖² and
-    B = (A − q I)/r (Smith 1961).
-
-    Args:
-        matrices: (..., 3, 3).
-
-    Returns:
-        (...).
-    """
-    mean = np.trace(matrices, axis1=-2, axis2=-1) / 3.0
-    B = matrices - mean[..., None, None] * np.eye(3)
-    r = np.sqrt(np.square(B).sum(axis=(-2, -1)) / 6.0)
-    B /= np.where(r > 0.0, r, 1.0)[..., None, None]
-    half = 0.5 * (B[..., 0, :] * np.cross(B[..., 1, :], B[..., 2, :])).sum(axis=-1)
-    greatest: FloatArray = mean + 2.0 * r * np.cos(np.arccos(np.clip(half, -1.0, 1.0)) / 3.0)
-    return greatest
+    joints, point = inside[:: max(1, len(inside) // _PLACES)][:_PLACES], request.equipment.load_point
+    equipment = Equipment(point[None], point, request.equipment.loads, 1.0)
+    forces = np.broadcast_to(request.equipment.loads.force * np.eye(3), (len(joints), 3, 3))
+    rows = Readings(joints, np.full(len(joints), -1), forces).rows(robot, request, equipment)
+    # Whitened as a difference of two readings of sigma 1.
+    return np.asarray(np.sqrt(2.0) * rows.reshape(len(joints), 9, -1))

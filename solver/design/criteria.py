@@ -16,7 +16,7 @@ L selects the s parameters of interest, which are the first; the others are a nu
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,38 +65,31 @@ class SmoothCriterion(Criterion):
 class DOptimality(SmoothCriterion):
     """Volume of the uncertainty ellipsoid of the first parameters."""
 
-    interest: int | None = None  #: s, how many; all if None
+    interest: int  #: s, how many
 
     def information(self, M: FloatArray) -> float:
         """Return det(C)^(1/s)."""
-        s = self._size(M)
-        value = -_log_det(M) + _log_det(M[s:, s:])
-        return float(np.exp(-value / s)) if np.isfinite(value) else 0.0
+        value = -_log_det(M) + _log_det(M[self.interest :, self.interest :])
+        return float(np.exp(-value / self.interest)) if np.isfinite(value) else 0.0
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return φ/s · (M⁻¹ − M₂₂⁻¹)."""
-        s = self._size(M)
+        s = self.interest
         G = np.linalg.inv(M)
-        if s < len(M):
-            G[s:, s:] -= np.linalg.inv(M[s:, s:])
+        G[s:, s:] -= np.linalg.inv(M[s:, s:])
         G = 0.5 * (G + G.T)
         return self.information(M) / s * G
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
         """Return −log det(C)/s with its derivatives."""
-        s = self._size(M)
+        s = self.interest
         value, gradient, hessian = _log_det_slope(M, K)
-        if s < len(M):
-            rest, its_gradient, its_hessian = _log_det_slope(M[s:, s:], K[:, s:, s:])
-            value, gradient, hessian = value - rest, gradient - its_gradient, hessian - its_hessian
-        return Slope(-value / s, -gradient / s, hessian / s)
+        rest, its_gradient, its_hessian = _log_det_slope(M[s:, s:], K[:, s:, s:])
+        return Slope(-(value - rest) / s, -(gradient - its_gradient) / s, (hessian - its_hessian) / s)
 
-    def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002  # a factor of φ, and nothing else
+    def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002
         """Return the same: units change φ by a factor."""
         return self
-
-    def _size(self, M: FloatArray) -> int:
-        return len(M) if self.interest is None else self.interest
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +163,7 @@ class EOptimality(Criterion):
 
     def scaled(self, unit: FloatArray) -> EOptimality:
         """Return the same criterion in other units."""
-        return replace(self, metric=self.metric / unit[: len(self.metric)])
+        return EOptimality(self.metric / unit[: len(self.metric)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,14 +181,17 @@ class GOptimality(Criterion):
         variances: FloatArray = np.einsum("rij,ij->r", self.places, np.linalg.inv(M))
         return variances
 
+    def mean(self, shares: FloatArray) -> AOptimality:
+        """Return the criterion of the mean variance, places weighted by shares (R,)."""
+        return AOptimality(np.tensordot(shares, self.places, axes=1))
+
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
         """Return that of the mean variance with weights π; without π that of the worst place."""
         if dual is None:
             dual = np.zeros(len(self.places))
             dual[int(np.argmax(self.variances(M)))] = 1.0
         weights = np.maximum(dual, 0.0)
-        W = np.tensordot(weights / weights.sum(), self.places, axes=1)
-        return AOptimality(W).support(M)
+        return self.mean(weights / weights.sum()).support(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
         """Return the same criterion in other units."""
@@ -204,8 +200,6 @@ class GOptimality(Criterion):
 
 def _log_det(M: FloatArray) -> float:
     """Return log det M; −inf where M is not positive definite."""
-    if not len(M):
-        return 0.0
     try:
         return 2.0 * float(np.log(np.linalg.cholesky(M).diagonal()).sum())
     except np.linalg.LinAlgError:
@@ -218,5 +212,5 @@ def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, Flo
     if not np.isfinite(value):
         return value, np.zeros(k), np.zeros((k, k))
     X = np.linalg.inv(M) @ K
-    flat = X.reshape(k, -1)
-    return value, np.einsum("kii->k", X), flat @ X.transpose(0, 2, 1).reshape(k, -1).T
+    flat = X.reshape(k, X.shape[1] ** 2)
+    return value, np.einsum("kii->k", X), flat @ X.transpose(0, 2, 1).reshape(flat.shape).T

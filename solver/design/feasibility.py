@@ -1,4 +1,4 @@
-"""Feasible readings: limits, torques, boxes, self-collision, line of sight, reflectors and cable.
+"""Feasible readings: equipment, limits, torques, boxes, self-collision, line of sight, reflectors and cable.
 
 Links are capsules along the segments from one joint frame's origin to the next, to the flange, and to
 the load point.
@@ -6,15 +6,19 @@ the load point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.design.experiment import Equipment, within_limits
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
+
+LoadKind = Literal["dead_weight", "any_direction", "cable"]
 
 _SAMPLES: Final = np.linspace(0.0, 1.0, 5)
 """Places along a link that are compared with boxes."""
@@ -26,6 +30,84 @@ _RELATIVE_RADIUS: Final = 0.04
 """Radius of the links over the length of the stretched arm, where none is given."""
 _SHORTEST_CABLE: Final = 0.1
 """Length of a cable [m] below which it cannot be fastened."""
+_LARGEST_ANGLE: Final = np.pi
+"""Range of a joint without limits [rad]."""
+_ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Forces that can be applied."""
+
+    kind: LoadKind  #: a weight pulls along −z of R0, a cable towards one of the anchors, or in any direction
+    force: float  #: magnitude [N]; for any direction the greatest
+    torque_limit: FloatArray  #: (n,) greatest torque of the load about each joint [N·m]; inf for none
+    anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  #: (A, 3) of the cable, in R0 [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Equipment:
+    """Instrument, targets and loads."""
+
+    targets: FloatArray  #: (T, 3) flange frame [m]
+    load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
+    loads: Loads  #: loads that can be applied
+    sigma: float  #: standard uncertainty of one coordinate of one reading [m]
+    instrument: Instrument | None = None  #: the tracker at its station; isotropic noise of sigma if None
+
+    def measurements(
+        self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
+    ) -> Measurements:
+        """Return readings still to be taken, with deflections of zero and the covariance that they will have.
+
+        Args:
+            robot: n joints.
+            joints: (N, n) angles as the controller shows them [rad].
+            force: (N, 3) axes of R0 [N].
+            along: (N, 3) unit vectors in R0 along which targets are read; None if all coordinates are.
+        """
+        count, shape = len(joints), (len(joints), *self.targets.shape)
+        plain = Measurements(
+            joints=joints,
+            force=force,
+            moment=np.zeros((count, 3)),
+            load_point=np.broadcast_to(self.load_point, (count, 3)),
+            position=np.broadcast_to(self.targets, shape),
+            in_flange=np.ones(shape[:2], dtype=np.bool_),
+            deflection=np.zeros(shape),
+            present=np.ones(shape[:2], dtype=np.bool_),
+            sigma=self.sigma,
+            direction=None if along is None else np.broadcast_to(along[:, None], shape).copy(),
+        )
+        if self.instrument is None:
+            return plain
+        noise = DifferenceNoise.by(self.instrument, robot, plain)
+        # The unit of the covariance is the sigma stated here, whatever that of these places is.
+        return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
+
+    def direction(self, robot: Robot, joints: FloatArray, anchor: IndexArray) -> FloatArray | None:
+        """Return unit vectors (N, 3) in R0 of a weight or towards anchors (N,); None for any direction."""
+        if self.loads.kind == "any_direction":
+            return None
+        if self.loads.kind == "dead_weight":
+            return np.broadcast_to([0.0, 0.0, -1.0], (len(joints), 3))
+        towards = self.loads.anchors[anchor] - self.load_place(robot, joints)
+        unit: FloatArray = towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
+        return unit
+
+    def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
+        """Return where the load acts (N, 3) in R0 [m]."""
+        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        place: FloatArray = now.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0]
+        return place
+
+    def strength(self, robot: Robot, joints: FloatArray) -> FloatArray:
+        """Return the greatest force (N,) [N] whose torques stay within the limits in every direction."""
+        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        jacobian = now.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
+        lever = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-9)
+        strength: FloatArray = np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1))
+        return strength
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,120 +147,80 @@ def feasible(
     Returns:
         Mask (N,), and how many were struck out for which reason.
     """
-    bodies = _Bodies(robot, equipment, cell, joints)
-    kept = np.ones(len(joints), dtype=np.bool_)
-    reasons: dict[str, int] = {}
-    for reason, bad in {
-        "joint_limits": ~within_limits(robot, joints),
-        "torque": bodies.over_torque(direction),
-        "floor_or_box": bodies.out_of_bounds(),
-        "self_collision": bodies.self_collision(),
-        "line_of_sight": bodies.hidden(),
-        "reflector_acceptance": bodies.turned_away(),
-        "cable": bodies.cable_blocked(direction),
-    }.items():
-        struck = kept & bad
-        if struck.any():
-            reasons[reason] = int(struck.sum())
-        kept &= ~bad
-    return kept, Strikes(len(joints), reasons)
-
-
-class _Bodies:
-    """Segments, targets and load point of N postures in R0."""
-
-    def __init__(self, robot: Robot, equipment: Equipment, cell: Cell, joints: FloatArray) -> None:
-        model = robot.joint_map.model_angles(joints)
-        self._now = Configurations(robot, model)
-        count = len(joints)
-        places = np.broadcast_to(equipment.targets, (count, *equipment.targets.shape))
-        self._targets = self._now.to_base(places)
-        self._load = equipment.load_place(robot, joints)
-        origins = joint_frames(robot, model)[1]
-        base = np.zeros((count, 1, 3))
-        flange = self._now.flange_translation[:, None]
-        self._points = np.concatenate([base, origins, flange, self._load[:, None]], axis=1)
-        self._none = np.zeros(count, dtype=np.bool_)
-        self._equipment, self._cell = equipment, cell
-        lengths = np.linalg.norm(np.diff(self._points[:, :-1], axis=1), axis=2)
-        reach = float(lengths.sum(axis=1).max()) if count else 0.0
-        self._radius = _RELATIVE_RADIUS * reach if cell.link_radius is None else cell.link_radius
-
-    def over_torque(self, direction: FloatArray | None) -> BoolArray:
-        """Return where a load of given direction twists a joint beyond its limit."""
-        if direction is None:
-            return self._none
-        jacobian = self._now.jacobian_at(self._load[:, None])[:, 0]
-        torque = self._equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
-        over: BoolArray = (np.abs(torque) > self._equipment.loads.torque_limit).any(axis=1)
-        return over
-
-    def out_of_bounds(self) -> BoolArray:
-        """Return where a link, a target or the load point is below the floor, outside, or in an obstacle."""
-        start, end = self._points[:, _FIRST_MOVING:-1, None], self._points[:, _FIRST_MOVING + 1 :, None]
-        along = start + _SAMPLES[:, None] * (end - start)
-        points = np.concatenate([along.reshape(len(along), -1, 3), self._targets], axis=1)
-        cell, bad = self._cell, self._none.copy()
-        if cell.floor is not None:
-            bad |= (points[..., 2] < cell.floor).any(axis=1)
-        if cell.inside is not None:
-            bad |= ((points < cell.inside[0]) | (points > cell.inside[1])).any(axis=(1, 2))
-        for low, high in cell.obstacles:
-            within = (points > low - self._radius) & (points < high + self._radius)
-            bad |= within.all(axis=2).any(axis=1)
-        return bad
-
-    def self_collision(self) -> BoolArray:
-        """Return where two links touch that are apart along the arm, by more than twice their thickness."""
-        bad = self._none.copy()
-        lengths = np.linalg.norm(np.diff(self._points, axis=1), axis=2).max(axis=0, initial=0.0)
-        last = len(lengths)
-        for i in range(last):
-            for j in range(i + 2, last):
-                if lengths[i + 1 : j].sum() > 4.0 * self._radius:
-                    near = self._between(i, self._points[:, j], self._points[:, j + 1])
-                    bad |= near < 2.0 * self._radius
-        return bad
-
-    def hidden(self) -> BoolArray:
-        """Return where a link stands between the tracker and a target."""
-        bad = self._none.copy()
-        if self._equipment.instrument is None:
-            return bad
-        station = np.broadcast_to(self._equipment.instrument.station, self._load.shape)
-        for t in range(self._targets.shape[1]):
-            for i in range(self._points.shape[1] - 1 - _NEAR_FLANGE):
-                bad |= self._between(i, station, self._targets[:, t]) < self._radius
-        return bad
-
-    def turned_away(self) -> BoolArray:
-        """Return where a reflector does not look towards the tracker."""
-        instrument, facing = self._equipment.instrument, self._cell.facing
-        if instrument is None or facing is None:
-            return self._none
-        sight = np.array(instrument.station) - self._targets
-        look = facing @ self._now.flange_rotation.transpose(0, 2, 1)
-        cosine = (sight * look).sum(axis=2) / (np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2))
-        away: BoolArray = (cosine < np.cos(self._cell.acceptance)).any(axis=1)
-        return away
-
-    def cable_blocked(self, direction: FloatArray | None) -> BoolArray:
-        """Return where the cable is too short, or runs through a link."""
-        bad = self._none.copy()
-        if direction is None or self._equipment.loads.kind != "cable":
-            return bad
-        anchors = self._equipment.loads.anchors
-        towards = anchors - self._load[:, None]
+    count, model = len(joints), robot.joint_map.model_angles(joints)
+    now = Configurations(robot, model)
+    targets = now.to_base(np.broadcast_to(equipment.targets, (count, *equipment.targets.shape)))
+    load = equipment.load_place(robot, joints)
+    # Links run from the base through the origins of the joint frames to the flange and the load point
+    base, flange = np.zeros((count, 1, 3)), now.flange_translation[:, None]
+    points = np.concatenate([base, joint_frames(robot, model)[1], flange, load[:, None]], axis=1)
+    radius = cell.link_radius
+    if radius is None:
+        radius = _RELATIVE_RADIUS * float(
+            np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2).sum(axis=1).max()
+        )
+    struck = {"joint_limits": ~within_limits(robot, joints)}
+    if direction is not None:
+        jacobian = now.jacobian_at(load[:, None])[:, 0]
+        torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
+        struck["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
+    struck["floor_or_box"] = _out_of_bounds(cell, points, targets, radius)
+    struck["self_collision"] = _self_collision(points, radius)
+    if equipment.instrument is not None:
+        station = np.array(equipment.instrument.station)
+        hidden = [_link_between(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
+        struck["line_of_sight"] = np.any(hidden, axis=0)
+        if cell.facing is not None:
+            sight, look = station - targets, cell.facing @ now.flange_rotation.transpose(0, 2, 1)
+            norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
+            away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
+            struck["reflector_acceptance"] = away.any(axis=1)
+    if direction is not None and equipment.loads.kind == "cable":
+        # The anchor of each reading is that towards which its force points
+        towards = equipment.loads.anchors - load[:, None]
         length = np.linalg.norm(towards, axis=2)
         own = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
-        bad |= length[np.arange(len(own)), own] < _SHORTEST_CABLE
-        for i in range(self._points.shape[1] - 1 - _NEAR_FLANGE):
-            bad |= self._between(i, self._load, anchors[own]) < self._radius
-        return bad
+        struck["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
+        struck["cable"] |= _link_between(points, radius, load, equipment.loads.anchors[own])
+    first = np.argmax(list(struck.values()), axis=0)
+    kept = ~np.any(list(struck.values()), axis=0)
+    counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(struck)}
+    return kept, Strikes(count, {reason: number for reason, number in counts.items() if number})
 
-    def _between(self, i: int, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distances (N,) of link i from segments [m]."""
-        return segment_distance(self._points[:, i], self._points[:, i + 1], start, end)
+
+def _out_of_bounds(cell: Cell, points: FloatArray, targets: FloatArray, radius: float) -> BoolArray:
+    """Return where a link, a target or the load point is below the floor, outside, or in an obstacle (N,)."""
+    start, end = points[:, _FIRST_MOVING:-1, None], points[:, _FIRST_MOVING + 1 :, None]
+    along = start + _SAMPLES[:, None] * (end - start)
+    places = np.concatenate([along.reshape(len(along), -1, 3), targets], axis=1)
+    bad = np.zeros(len(places), dtype=np.bool_)
+    if cell.floor is not None:
+        bad |= (places[..., 2] < cell.floor).any(axis=1)
+    if cell.inside is not None:
+        bad |= ((places < cell.inside[0]) | (places > cell.inside[1])).any(axis=(1, 2))
+    for low, high in cell.obstacles:
+        bad |= ((places > low - radius) & (places < high + radius)).all(axis=2).any(axis=1)
+    return bad
+
+
+def _self_collision(points: FloatArray, radius: float) -> BoolArray:
+    """Return where two links touch that are apart along the arm, by more than twice their thickness (N,)."""
+    bad = np.zeros(len(points), dtype=np.bool_)
+    lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
+    for i in range(len(lengths)):
+        for j in range(i + 2, len(lengths)):
+            if lengths[i + 1 : j].sum() > 4.0 * radius:
+                ends = points[:, i], points[:, i + 1], points[:, j], points[:, j + 1]
+                bad |= segment_distance(*ends) < 2.0 * radius
+    return bad
+
+
+def _link_between(points: FloatArray, radius: float, start: FloatArray, end: FloatArray) -> BoolArray:
+    """Return where a link stands between start and end, (3,) or (N, 3) each (N,)."""
+    bad = np.zeros(len(points), dtype=np.bool_)
+    for i in range(points.shape[1] - 1 - _NEAR_FLANGE):
+        bad |= segment_distance(points[:, i], points[:, i + 1], start, end) < radius
+    return bad
 
 
 def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
@@ -187,7 +229,7 @@ def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray)
     Args:
         p: (N, 3) starts of the first.
         q: (N, 3) their ends.
-        r: (N, 3) starts of the second.
+        r: (N, 3) starts of the second, or (3,).
         s: (N, 3) their ends.
 
     Returns:
@@ -206,3 +248,44 @@ def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray)
     x = np.where((clipped == y) & (e > tiny), x, np.clip(again, 0.0, 1.0))
     distance: FloatArray = np.linalg.norm(w + x[:, None] * u - clipped[:, None] * v, axis=1)
     return distance
+
+
+def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
+    """Draw postures evenly within the joints' limits, in whole degrees of the controller's angles.
+
+    Returns:
+        (N, n) [rad], N at most `count`.
+
+    Raises:
+        RequestError: the limits leave no whole degree.
+    """
+    limits = np.clip(robot.limits, -_LARGEST_ANGLE, _LARGEST_ANGLE)
+    random = np.random.default_rng(seed)
+    model = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * random.random((count, robot.n))
+    controller = np.linalg.solve(robot.joint_map.matrix, (model - robot.joint_map.offset).T).T
+    joints: FloatArray = np.radians(np.round(np.degrees(controller)))
+    joints = joints[within_limits(robot, joints)]
+    if not len(joints):
+        raise RequestError(
+            "no posture in whole degrees is within the joint limits",
+            where="postures",
+            remedy="give the postures, or correct the joint limits of the robot's model",
+        )
+    return joints
+
+
+def within_limits(robot: Robot, joints: FloatArray) -> BoolArray:
+    """Return which postures (N, n) of the controller lie within the limits of the model's joints (N,)."""
+    model = robot.joint_map.model_angles(joints)
+    inside = (model >= robot.limits[:, 0] - _ROUNDING) & (model <= robot.limits[:, 1] + _ROUNDING)
+    return np.asarray(inside.all(axis=1), dtype=np.bool_)
+
+
+def targets_in_flange(robot: Robot, measurements: Measurements) -> FloatArray:
+    """Return the mean places (T, 3) of targets that were read, flange frame [m]."""
+    now = Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    measured = (measurements.position - now.flange_translation[:, None]) @ now.flange_rotation
+    places = np.where(measurements.in_flange[..., None], measurements.position, measured)
+    present = measurements.present[..., None]
+    mean: FloatArray = np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+    return mean

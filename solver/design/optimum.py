@@ -1,30 +1,37 @@
-"""Optimal weights of candidate readings, by fully corrective column generation (method.md §10).
+"""Optimal weights of candidate readings, and proof of what they reach (method.md §10).
 
-    maximise φ(M0 + n Σ w_i K_i)  subject to  Σ w_i = 1,  0 ≤ w_i ≤ limit
+    maximise φ(M0 + n Σ w_i K_i)  subject to  Σ w_i = 1,  w_i ≥ 0
 
 A few candidates are held and their weights are optimal. One sweep prices all candidates; the best ones join,
 those of weight zero leave. The same sweep bounds what any weights can reach, and ends the search.
+
+Candidate i is a posture with its load; reading it adds ``K_i = A_iᵀ Σ⁻¹ A_i``, p × p. Where a force may act
+in any direction, A_i is linear in the force, ``A_i(F) = Σ_a F_a A_ia``, and so the price of the candidate,
+``⟨G, K_i(F)⟩``, is a quadratic form of F: its greatest value over all directions is an eigenvalue of a 3 × 3.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.optimize import LinearConstraint, minimize
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.design.candidates import Atoms
-from jointstiff.solver.design.criteria import EOptimality, GOptimality, SmoothCriterion
-from jointstiff.solver.design.newton import optimal_weights, worst_place_weights
-from jointstiff.solver.design.problem import Bound, DesignProblem, bound_of
-from jointstiff.solver.errors import SolverError
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.design.criteria import Criterion, EOptimality, GOptimality, Slope, SmoothCriterion
+from jointstiff.solver.errors import RequestError, SolverError
 
 GAP: Final = 1e-9
 """At which the search ends where the criterion is smooth and loads are given."""
 LOOSE_GAP: Final = 1e-5
 """The same for E and G, which an interior point solves, and for forces whose direction is free."""
 
+_BLOCK: Final = 1024
+"""Candidates packed at a time: what a cache holds."""
+_NO_INFORMATION: Final = 1e-12
+"""Least eigenvalue of the information of everything, with columns of unit norm, that is not rounding."""
 _START: Final = 12
 """Readings chosen greedily to begin with."""
 _SAMPLE: Final = 2_000
@@ -49,15 +56,269 @@ _SINGULAR: Final = 1e-11
 """Ratio of eigenvalues below which information is taken to determine fewer parameters."""
 _PROMISING: Final = 0.999
 """Share of the least price among those held at which a candidate may join."""
+_STEPS: Final = 60
+_CONVERGED: Final = 1e-24
+"""Newton's decrement of −log φ that is rounding; the gap of a design is of the order of its root."""
+_QUADRATIC: Final = 1e-8
+"""Decrement below which a full step is taken: values of −log φ no longer tell the points apart."""
+_RIDGE: Final = 1e-12
+"""Of the Hessian's mean diagonal: more weights than entries of M leave directions without curvature."""
+_DECREASE: Final = 1e-4
+_HALVINGS: Final = 34
+"""Times that a step is halved before the line search gives in."""
+_LEAST_SHARE: Final = 1e-9
+"""Least share of a place in the dual of the worst one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Atoms:
+    """Some candidates, each under one load."""
+
+    index: IndexArray  #: (k,) candidates
+    force: FloatArray  #: (k, 3) unit direction of the force where it is free
+    information: FloatArray  #: (k, p, p)
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def __getitem__(self, rows: IndexArray | BoolArray | slice) -> Atoms:
+        """Some of them, in the given order."""
+        return Atoms(self.index[rows], self.force[rows], self.information[rows])
+
+    def joined(self, *others: Atoms) -> Atoms:
+        """Return these and then the others."""
+        parts = (self, *others)
+        return Atoms(
+            np.concatenate([part.index for part in parts]),
+            np.concatenate([part.force for part in parts]),
+            np.concatenate([part.information for part in parts]),
+        )
+
+
+class Candidates:
+    """N candidate readings of p parameters: the entries of their information on and above the diagonal.
+
+    That takes 168 bytes for six joints. Where the force is free there are six such matrices, of all pairs of
+    axes: K(F) = Σ_ab F_a F_b K_ab.
+    """
+
+    def __init__(self, packed: FloatArray, unit: FloatArray) -> None:
+        """Take information that is packed already.
+
+        Args:
+            packed: (N, 1, p (p + 1) / 2) entries of K_i row by row, or (N, 6, …) of (K_ab + K_ba) / 2 for the
+                pairs of axes xx, xy, xz, yy, yz, zz under the greatest force.
+            unit: (p,) by which the columns of the rows are multiplied.
+        """
+        self.free = packed.shape[1] > 1  #: whether forces may act in all directions
+        self._packed, self._unit = packed, unit
+        self._rows, self._columns = np.triu_indices(len(unit))
+        self._squares = unit[self._rows] * unit[self._columns]
+
+    @classmethod
+    def from_rows(cls, rows: FloatArray) -> Candidates:
+        """Pack rows, block by block.
+
+        Args:
+            rows: (N, m, p) whitened, under a load of their own; or (N, 3, m, p), under the greatest
+                force along each axis, for forces of any direction.
+
+        Raises:
+            RequestError: there is none, or a number is not finite.
+        """
+        p = rows.shape[-1]
+        stack = rows[:, None] if rows.ndim == 3 else rows
+        pairs = [(a, b) for a in range(stack.shape[1]) for b in range(a, stack.shape[1])]
+        packed = np.empty((len(rows), len(pairs), p * (p + 1) // 2))
+        for start in range(0, len(rows), _BLOCK):
+            # Candidates last: sums over them run along the memory.
+            block = np.ascontiguousarray(stack[start : start + _BLOCK].transpose(1, 3, 2, 0))
+            for e, (a, b) in enumerate(pairs):
+                K = _upper_products(block[a], block[b])
+                K = K if a == b else 0.5 * (K + _upper_products(block[b], block[a]))
+                packed[start : start + _BLOCK, e] = K.T
+        if not len(packed) or not np.isfinite(packed).all():
+            raise RequestError(
+                "there are no candidates, or one has a number that is not finite",
+                where="candidates",
+                remedy="give at least one posture with a finite load",
+            )
+        return cls(packed, np.ones(p))
+
+    def scaled(self, unit: FloatArray) -> Candidates:
+        """Return the same candidates of parameters in other units (p,); nothing is copied."""
+        return Candidates(self._packed, self._unit * unit)
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    def __getitem__(self, rows: IndexArray | slice) -> Candidates:
+        """Some of them, in the given order."""
+        return Candidates(self._packed[rows], self._unit)
+
+    def prices(self, G: FloatArray) -> FloatArray:
+        """Return the greatest ``⟨G, K_i⟩`` (N,) of each candidate over the loads that it may take.
+
+        Args:
+            G: (p, p) symmetric.
+        """
+        products = self._products(slice(None), G)
+        return greatest_eigenvalue(_forms(products)) if self.free else products[:, 0]
+
+    def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
+        """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
+        force = np.zeros((len(index), 3))
+        if self.free:
+            force = np.linalg.eigh(_forms(self._products(index, G)))[1][:, :, -1]
+        return self.under(index, force)
+
+    def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
+        """Return the one candidate of the greatest price among those allowed (N,)."""
+        return self.atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
+
+    def under(self, index: IndexArray, force: FloatArray) -> Atoms:
+        """Return some candidates under forces along unit vectors (k, 3), or under loads of their own."""
+        packed = self._packed[index]
+        if self.free:
+            a, b = np.triu_indices(3)
+            squares = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
+            entries = np.einsum("ie,ieq->iq", squares, packed)
+        else:
+            entries = packed[:, 0]
+        return Atoms(index, force, self._unpacked(entries))
+
+    def total(self) -> FloatArray:
+        """Return the sum of all information (p, p), of forces along all three axes where they are free."""
+        axes = [0, 3, 5] if self.free else [0]
+        return self._unpacked(np.sum([np.ones(len(self)) @ self._packed[:, axis] for axis in axes], axis=0))
+
+    def _unpacked(self, entries: FloatArray) -> FloatArray:
+        """Return symmetric matrices (..., p, p) of entries on and above the diagonal, in the units."""
+        matrices = np.empty((*entries.shape[:-1], len(self._unit), len(self._unit)))
+        matrices[..., self._rows, self._columns] = entries * self._squares
+        matrices[..., self._columns, self._rows] = entries * self._squares
+        return matrices
+
+    def _products(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
+        twice = np.where(self._rows == self._columns, 1.0, 2.0)
+        products: FloatArray = self._packed[index] @ (twice * self._squares * G[self._rows, self._columns])
+        return products
+
+
+def _forms(products: FloatArray) -> FloatArray:
+    """Return the quadratic forms of the force ⟨G, K_ab⟩ (N, 3, 3), of products (N, 6)."""
+    return products[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
+def _upper_products(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the entries on and above the diagonal of leftᵀ right, row by row.
+
+    Args:
+        left: (p, m, N).
+        right: (p, m, N).
+
+    Returns:
+        (p (p + 1) / 2, N).
+    """
+    return np.concatenate([np.einsum("mn,cmn->cn", left[j], right[j:]) for j in range(len(left))])
+
+
+def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
+    """Return the greatest eigenvalue of symmetric 3 × 3 matrices, in closed form.
+
+    ``λ = q + 2 r cos(arccos(det(B)/2)/3)`` with q = tr(A)/3, 6 r² = ‖A − q I‖² and
+    B = (A − q I)/r (Smith 1961).
+
+    Args:
+        matrices: (..., 3, 3).
+
+    Returns:
+        (...).
+    """
+    mean = np.trace(matrices, axis1=-2, axis2=-1) / 3.0
+    B = matrices - mean[..., None, None] * np.eye(3)
+    r = np.sqrt(np.square(B).sum(axis=(-2, -1)) / 6.0)
+    B /= np.where(r > 0.0, r, 1.0)[..., None, None]
+    half = 0.5 * (B[..., 0, :] * np.cross(B[..., 1, :], B[..., 2, :])).sum(axis=-1)
+    greatest: FloatArray = mean + 2.0 * r * np.cos(np.arccos(np.clip(half, -1.0, 1.0)) / 3.0)
+    return greatest
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Bound on the information of every design of a problem."""
+
+    efficiency: float  #: φ of the design at hand over the bound: its share of the greatest possible, at least
+    support: FloatArray  #: (p, p) G, with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′, in the problem's units
+    prices: FloatArray  #: (N,) greatest ``⟨G, K_i⟩`` of each candidate
+
+
+class DesignProblem:
+    """Choice of n readings among candidates, in units that bring the columns to comparable norms."""
+
+    def __init__(self, candidates: Candidates, criterion: Criterion, readings: int, base: FloatArray) -> None:
+        """Bring the choice to those units.
+
+        Args:
+            candidates: N of p parameters.
+            criterion: by which designs are compared.
+            readings: n, how many are to be taken.
+            base: M0 (p, p), information of earlier readings and of priors; zero for none.
+
+        Raises:
+            RequestError: candidates and priors together do not determine the parameters.
+        """
+        total = base + readings / len(candidates) * candidates.total()
+        diagonal = np.diagonal(total)
+        unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        #: (p, p) factors of an information matrix: M * squares is in the problem's units
+        self.squares = np.outer(unit, unit)
+        values = np.linalg.eigvalsh(total * self.squares)
+        if values[0] < _NO_INFORMATION * values[-1]:
+            missing = np.flatnonzero(diagonal <= 0.0).tolist()
+            raise RequestError(
+                f"all candidates together determine {int((values > _NO_INFORMATION * values[-1]).sum())} of "
+                f"{len(values)} parameters" + (f"; nothing excites parameter {missing}" if missing else ""),
+                where="candidates",
+                remedy="add loads or postures that excite the others, or leave these parameters out",
+            )
+        self.readings = readings
+        self.candidates = candidates.scaled(unit)
+        self.criterion = criterion.scaled(unit)
+        self.base = base * self.squares
+
+    def matrix(self, atoms: Atoms, weights: FloatArray) -> FloatArray:
+        """Return M0 + n Σ w_i K_i (p, p) in the problem's units."""
+        total: FloatArray = self.base + self.readings * np.tensordot(weights, atoms.information, axes=1)
+        return total
+
+    def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
+        """Bound what any weights of the candidates can reach.
+
+        ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``: the greatest price takes the place of the mean. It holds for
+        any M; the better M, the sharper.
+
+        Args:
+            M: (p, p) positive definite, information of a design.
+            dual: of the criterion, as for `Criterion.support`.
+        """
+        support = self.criterion.support(M, dual)
+        prices = self.candidates.prices(support)
+        upper = self.upper(support, float(prices.max()))
+        return Bound(min(1.0, self.criterion.information(M) / upper), support, prices)
+
+    def upper(self, support: FloatArray, mean_price: float) -> float:
+        """Return the bound ⟨G, M0⟩ + n d on φ, d a bound on the mean price of the readings."""
+        return float((support * self.base).sum()) + self.readings * mean_price
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
     """Weights of candidates, with a bound on what any others could reach."""
 
-    atoms: Atoms  #: (k,) candidates with a weight, and their loads
+    atoms: Atoms  #: (k,) candidates with a weight, and their loads, in the problem's units
     weights: FloatArray  #: (k,) shares of the readings; they sum to 1
-    matrix: FloatArray  #: (p, p) information M of all readings
+    matrix: FloatArray  #: (p, p) information M of all readings, in the units of the parameters
     bound: Bound  #: from one sweep over all candidates
 
 
@@ -69,72 +330,77 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
         tolerance: gap at which the search ends; `GAP` or `LOOSE_GAP` if None.
 
     Raises:
-        RequestError: the candidates do not determine the parameters.
         SolverError: the gap does not close.
     """
     if tolerance is None:
         smooth = isinstance(problem.criterion, SmoothCriterion) and not problem.candidates.free
         tolerance = GAP if smooth else LOOSE_GAP
-    return _in_own_units(problem, *_generated(problem.scaled, tolerance))
-
-
-def _generated(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray, Bound]:
-    """Generate columns until the gap closes; of many candidates first among some, which saves sweeps."""
     held, weights = _start(problem, tolerance)
-    best: tuple[Atoms, FloatArray, Bound] | None = None
     efficiency, stalled = 0.0, 0
+    best: tuple[Atoms, FloatArray, Bound] | None = None
     for _ in range(_ROUNDS):
         weights, dual = _solve_held(problem, held, weights)
-        bound = bound_of(problem, problem.matrix(held, weights), dual)
-        kept = weights > _NO_WEIGHT
-        held, weights = held[np.flatnonzero(kept)], weights[kept]
+        bound = problem.bound(problem.matrix(held, weights), dual)
+        held, weights = held[weights > _NO_WEIGHT], weights[weights > _NO_WEIGHT]
         stalled += 1
         if best is None or bound.efficiency > efficiency:
             stalled = 0 if 1.0 - bound.efficiency < _PROGRESS * (1.0 - efficiency) else stalled
             best, efficiency = (held, weights, bound), bound.efficiency
-        accepted = tolerance if stalled < _STALLED else _STALLED_GAP
-        if 1.0 - efficiency <= accepted:
-            return best
-        new = problem.candidates.atoms(_entering(problem, bound.prices, held.index), bound.support)
-        held, weights = held.joined(new), np.concatenate([weights, np.zeros(len(new))])
+        if 1.0 - efficiency <= (tolerance if stalled < _STALLED else _STALLED_GAP):
+            held, weights, bound = best
+            M = problem.base / problem.squares
+            M = M + problem.readings * np.tensordot(weights, held.information / problem.squares, axes=1)
+            return Design(held, weights, M, bound)
+        # The candidates of the best prices that are not held join; with free forces also those that are
+        promising = np.flatnonzero(bound.prices >= _PROMISING * bound.prices[held.index].min())
+        if not problem.candidates.free:
+            promising = np.setdiff1d(promising, held.index)
+        entering = promising[np.argsort(-bound.prices[promising])[:_ADDED]]
+        held = held.joined(problem.candidates.atoms(entering, bound.support))
+        weights = np.concatenate([weights, np.zeros(len(entering))])
     raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
 def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]:
-    """Return candidates with weights to begin with."""
+    """Return candidates with weights to begin with; of very many, the best weights of some."""
     step = len(problem.candidates) // _AT_ONCE
     if step > 1:
-        coarse = replace(problem, candidates=problem.candidates[::step])
+        coarse = copy(problem)
+        coarse.candidates = problem.candidates[::step]
         if _determined(coarse.base + coarse.candidates.total()):
-            held, weights, _ = _generated(coarse, max(tolerance, _COARSE_GAP))
-            return Atoms(step * held.index, held.force, held.information), weights
+            design = optimise(coarse, max(tolerance, _COARSE_GAP))
+            return _every(step, design.atoms), design.weights
+    # Choose readings one after the other by their price, among evenly spread candidates
+    count = max(_START, len(problem.base))
+    step = max(1, len(problem.candidates) // _SAMPLE)
+    sample = problem.candidates[::step]
+    M = problem.base + 0.01 * problem.readings / len(sample) * sample.total()
+    M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))
+    allowed = np.ones(len(sample), dtype=np.bool_)
+    chosen: list[Atoms] = []
+    for _ in range(min(count, len(sample))):
+        chosen.append(sample.best(problem.criterion.support(M), allowed))
+        allowed[chosen[-1].index] = False
+        M = M + problem.readings / count * chosen[-1].information[0]
+    held = _every(step, chosen[0].joined(*chosen[1:]))
     # Add candidates until all parameters are determined, as those that were sampled may lack a rare one
-    held = _greedy(problem)
-    for _ in range(problem.parameters):
+    for _ in range(len(problem.base)):
         M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
         if _determined(M):
             break
         unseen = np.linalg.eigh(M)[1][:, 0]
-        G = np.outer(unseen, unseen)
-        best = np.array([int(np.argmax(problem.candidates.prices(G)))])
-        held = held.joined(problem.candidates.atoms(best, G))
+        held = held.joined(problem.candidates.best(np.outer(unseen, unseen)))
     return held, np.full(len(held), 1.0 / len(held))
+
+
+def _every(step: int, atoms: Atoms) -> Atoms:
+    """Return atoms of every so manieth candidate as atoms of all candidates."""
+    return Atoms(step * atoms.index, atoms.force, atoms.information)
 
 
 def _determined(M: FloatArray) -> bool:
     values = np.linalg.eigvalsh(M)
     return bool(values[0] > _SINGULAR * values[-1])
-
-
-def _in_own_units(problem: DesignProblem, held: Atoms, weights: FloatArray, bound: Bound) -> Design:
-    """Return a design of the scaled problem in the units of the problem itself."""
-    squares = np.outer(problem.unit, problem.unit)
-    atoms = Atoms(held.index, held.force, held.information / squares)
-    M = problem.matrix(atoms, weights)
-    # Units change the information of D-optimality by a factor.
-    factor = problem.criterion.information(M) / problem.scaled.criterion.information(M * squares)
-    own = Bound(bound.efficiency, factor * bound.support * squares, factor * bound.prices)
-    return Design(atoms, weights, M, own)
 
 
 def _solve_held(
@@ -143,42 +409,126 @@ def _solve_held(
     """Return optimal weights of the candidates held, and the dual variable where the criterion has one."""
     criterion, K = problem.criterion, problem.readings * held.information
     if isinstance(criterion, SmoothCriterion):
-        return optimal_weights(criterion, problem.base, K, weights, problem.limit), None
+        return optimal_weights(criterion, problem.base, K, weights), None
     from jointstiff.solver.convex import programs  # takes a second to import
 
     if isinstance(criterion, EOptimality):
-        return programs.worst_direction(problem.base, K, criterion.metric, problem.limit)
+        return programs.worst_direction(problem.base, K, criterion.metric)
     if isinstance(criterion, GOptimality):
         if len(problem.base) > _CONES:
-            return worst_place_weights(criterion, problem.base, K, weights, problem.limit)
-        return programs.worst_place(problem.base, K, criterion.places, problem.limit)
+            return worst_place_weights(criterion, problem.base, K, weights)
+        return programs.worst_place(problem.base, K, criterion.places)
     raise NotImplementedError(type(criterion))
 
 
-def _greedy(problem: DesignProblem) -> Atoms:
-    """Choose readings one after the other by their price, among evenly spread candidates."""
-    count = max(_START, problem.parameters, problem.readings if problem.once else 0)
-    step = max(1, len(problem.candidates) // _SAMPLE)
-    sample = problem.candidates[::step]
-    M = problem.base + 0.01 * problem.readings / len(sample) * sample.total()
-    M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))
-    atoms: list[Atoms] = []
-    share = problem.readings / count
-    free = np.ones(len(sample), dtype=np.bool_)
-    for _ in range(min(count, len(sample))):
-        G = problem.criterion.support(M)
-        best = np.array([int(np.argmax(np.where(free, sample.prices(G), -np.inf)))])
-        free[best] = False
-        atom = sample.atoms(best, G)
-        M = M + share * atom.information[0]
-        atoms.append(Atoms(step * atom.index, atom.force, atom.information))
-    return Atoms.of(atoms)
+def optimal_weights(
+    criterion: SmoothCriterion, base: FloatArray, K: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Maximise φ(base + Σ w_i K_i) subject to Σ w = 1 and w ≥ 0, by Newton's method with an active set.
+
+    Args:
+        criterion: φ.
+        base: (p, p).
+        K: (k, p, p).
+        weights: (k,) feasible, to start from.
+
+    Returns:
+        (k,) weights, to rounding.
+    """
+
+    def slope(w: FloatArray) -> Slope:
+        return criterion.slope(base + (w @ K.reshape(len(K), -1)).reshape(base.shape), K)
+
+    w, at, last = weights, slope(weights), np.inf
+    for _ in range(_STEPS):
+        step = _newton_step(at, w)
+        # Less what all entries of the gradient share: the step sums to zero, and it would round.
+        decrement = -float((at.gradient - at.gradient @ w) @ step)
+        if decrement <= _CONVERGED:
+            break
+        # The first of the points w + step, w + step/2, … that decreases −log φ enough
+        for size in 0.5 ** np.arange(_HALVINGS + 1):
+            moved = np.maximum(w + size * step, 0.0)
+            moved /= moved.sum()
+            after = slope(moved)
+            if decrement < _QUADRATIC or after.value <= at.value - _DECREASE * size * decrement:
+                break
+        if decrement < _QUADRATIC and last <= decrement:
+            break
+        w, at, last = moved, after, decrement
+    return w
 
 
-def _entering(problem: DesignProblem, prices: FloatArray, held: IndexArray) -> IndexArray:
-    """Return the candidates of the best prices that are not held; with free forces also those that are."""
-    promising = np.flatnonzero(prices >= _PROMISING * prices[held].min())
-    if not problem.candidates.free:
-        promising = promising[~np.isin(promising, held)]
-    best: IndexArray = promising[np.argsort(-prices[promising])[:_ADDED]]
-    return best
+def _newton_step(at: Slope, w: FloatArray) -> FloatArray:
+    """Return the step to the minimum of the quadratic model on the simplex, by an active set."""
+    hessian = at.hessian + _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
+    x, free = w.copy(), w > 0.0
+    _release(at.gradient, free)
+    for _ in range(4 * len(w)):
+        gradient = at.gradient + hessian @ (x - w)
+        # The step of the free weights to the model's minimum on Σ step = 0
+        index = np.flatnonzero(free)
+        system = np.ones((len(index) + 1, len(index) + 1))
+        system[:-1, :-1] = hessian[np.ix_(index, index)]
+        system[-1, -1] = 0.0
+        step = np.zeros(len(w))
+        step[index] = np.linalg.solve(system, np.append(-gradient[index], 0.0))[:-1]
+        room = np.where(step < 0.0, -x / np.where(step < 0.0, step, 1.0), np.inf)
+        first = int(np.argmin(room))
+        if room[first] < 1.0:
+            x = np.maximum(x + room[first] * step, 0.0)
+            x[first], free[first] = 0.0, False
+            continue
+        x = x + step
+        if not _release(at.gradient + hessian @ (x - w), free):
+            break
+    return x - w
+
+
+def _release(gradient: FloatArray, free: BoolArray) -> bool:
+    """Free the weight at zero that decreases the model most; return False at its minimum."""
+    level = float(gradient[free].mean())
+    gain = np.where(free, 0.0, level - gradient)
+    best = int(np.argmax(gain))
+    if gain[best] <= 1e-12 * (1.0 + abs(level)):
+        return False
+    free[best] = True
+    return True
+
+
+def worst_place_weights(
+    criterion: GOptimality, base: FloatArray, K: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Maximise φ of the worst place, by its dual: the shares π of the places that no weights serve better.
+
+    ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; the slope is the variances at the best weights.
+
+    Args:
+        criterion: φ.
+        base: (p, p).
+        K: (k, p, p).
+        weights: (k,) feasible, to start from.
+
+    Returns:
+        (k,) weights, and the shares (R,) of the places.
+    """
+    count, best = len(criterion.places), weights
+
+    def negative(shares: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal best
+        best = optimal_weights(criterion.mean(np.maximum(shares, 0.0)), base, K, best)
+        variances = criterion.variances(base + np.tensordot(best, K, axes=1))
+        served = float(shares @ variances)
+        return -float(np.log(served)), -variances / served
+
+    solution = minimize(
+        negative,
+        np.full(count, 1.0 / count),
+        jac=True,
+        method="SLSQP",
+        bounds=[(_LEAST_SHARE, 1.0)] * count,
+        constraints=LinearConstraint(np.ones((1, count)), 1.0, 1.0),
+        options={"ftol": 1e-7, "maxiter": 60},
+    )
+    negative(solution.x)
+    return best, solution.x

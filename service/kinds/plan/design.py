@@ -14,10 +14,9 @@ from jointstiff.service.conversion.message import finite
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.campaign_plan import CampaignPlan
-from jointstiff.solver.design.experiment import Equipment, Loads, targets_in_flange
-from jointstiff.solver.design.feasibility import Cell
-from jointstiff.solver.design.pool import PlanRequest
+from jointstiff.solver.design.candidates import PlanRequest
+from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, targets_in_flange
+from jointstiff.solver.design.plan import CampaignPlan
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument

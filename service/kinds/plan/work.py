@@ -19,7 +19,7 @@ from jointstiff.service.kinds.plan.design import named_targets, to_design_reques
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.run.weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork
-from jointstiff.solver.design.campaign_plan import plan_campaign
+from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.inference.screening import screen_estimate
 from jointstiff.solver.robot.model import Robot

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.budgets import to_budget, to_joint_budgets
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.advised_reading import Advice
+from jointstiff.solver.design.advice import Advice
 from jointstiff.solver.inference.assessment import Assessment
 from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate

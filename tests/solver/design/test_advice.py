@@ -15,15 +15,21 @@ from support.examples import examples
 from support.shared_data import shared
 
 from jointstiff.service.kinds.run.results import to_identifiability
-from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.campaign import TARGETS, SpringArm
+from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
+from jointstiff.simulator.campaign import SpringArm
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
-from jointstiff.solver.design.advice import advise, new_postures, precision
-from jointstiff.solver.design.advised_reading import Advice
+from jointstiff.solver.design.advice import Advice, advise, new_postures, precision
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+
+
+def advised(document: dict, **options):
+    """Robot, measurements, the estimate and the advice."""
+    robot, measurements = prepare(document)
+    found = estimate(robot, measurements, **options)
+    return robot, measurements, found, advise(robot, measurements, found)
 
 
 class TestPrecision:
@@ -64,9 +70,8 @@ class TestFollowed:
 
     @pytest.mark.parametrize("name", ["dead_weight_motor", "dead_weight_secondary"])
     def test_the_joint_that_a_weight_never_twists(self, name):
-        robot, measurements = prepare(shared(f"simulated/{name}"))
+        robot, measurements, _, (advice,) = advised(shared(f"simulated/{name}"))
         stiffness = shared("simulated/truth")[name]["stiffness"]
-        (advice,) = advise(robot, measurements, estimate(robot, measurements))
         assert advice.joint == 0
         assert advice.uncertainty_ratio is None
         assert abs(advice.force[2]) < 1e-9  # sideways: upwards is as blind as downwards
@@ -108,8 +113,7 @@ class TestFollowed:
     def test_several_joints_without_a_trace(self):
         """One posture with the weight above the wrist: joints 1 and others show nothing."""
         arm = default_arm()
-        robot, measurements = prepare(simulate_campaign(arm, configurations=1, seed=1))
-        pieces = advise(robot, measurements, estimate(robot, measurements))
+        robot, measurements, _, pieces = advised(simulate_campaign(arm, configurations=1, seed=1))
         assert pieces
         for piece in pieces:
             after = estimate(robot, follow(arm, robot, measurements, piece))
@@ -121,8 +125,7 @@ class TestBest:
     def test_no_direction_does_much_better(self):
         """Against 2,000 directions in every posture of the set, by regressors of the simulator."""
         arm = default_arm()
-        robot, measurements = prepare(simulate_campaign(arm, configurations=6, seed=0))
-        (advice, *_) = advise(robot, measurements, estimate(robot, measurements))
+        _, measurements, _, (advice, *_) = advised(simulate_campaign(arm, configurations=6, seed=0))
         assert advice.joint == 0
         rows = [rows_of(arm, measurements.joints[i], measurements.force[i]) for i in range(6)]
         rng = np.random.default_rng(0)
@@ -137,38 +140,35 @@ class TestBest:
         assert best < advice.deviation < 1.06 * best
 
     def test_a_force_along_an_axis_is_preferred(self):
-        robot, measurements = prepare(shared("simulated/dead_weight_motor"))
-        (advice,) = advise(robot, measurements, estimate(robot, measurements))
+        *_, (advice,) = advised(shared("simulated/dead_weight_motor"))
         np.testing.assert_allclose(np.sort(np.abs(advice.force)), [0, 0, 1500], atol=1e-9)
 
     def test_the_same_every_time(self):
-        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=0))
-        found = estimate(robot, measurements)
-        first, second = (advise(robot, measurements, found) for _ in range(2))
-        for a, b in zip(first, second, strict=True):
+        robot, measurements, found, first = advised(
+            simulate_campaign(default_arm(), configurations=3, seed=0)
+        )
+        for a, b in zip(first, advise(robot, measurements, found), strict=True):
             np.testing.assert_array_equal(a.joints, b.joints)
             np.testing.assert_array_equal(a.force, b.force)
 
 
 class TestNone:
     def test_where_all_joints_are_well_determined(self):
-        robot, measurements = prepare(shared("simulated/pull_40"))
-        assert advise(robot, measurements, estimate(robot, measurements)) == ()
+        *_, pieces = advised(shared("simulated/pull_40"))
+        assert pieces == ()
 
     def test_where_no_force_was_applied(self):
         document = simulate_campaign(default_arm(), force=0.0, moment=300.0, configurations=2, sigma=1e-3)
-        robot, measurements = prepare(document)
-        found = estimate(robot, measurements)
+        *_, found, pieces = advised(document)
         assert any(joint.status != "identified" for joint in found.joints)
-        assert advise(robot, measurements, found) == ()
+        assert pieces == ()
 
     def test_where_all_forces_meet_the_axis(self):
         """The load point lies on the last axis; rounding leaves it levers of some 1e-17 m."""
         document = simulate_campaign(default_arm(), load="pull", seed=3, load_point=(0, 0, 0.12))
-        robot, measurements = prepare(document)
-        found = estimate(robot, measurements)
+        *_, found, pieces = advised(document)
         assert found.joints[5].status == "not_observable"
-        assert all(advice.joint != 5 for advice in advise(robot, measurements, found))
+        assert all(advice.joint != 5 for advice in pieces)
 
     def test_where_nothing_could_tell_two_joints_apart(self):
         """Two joints on one axis."""
@@ -185,12 +185,7 @@ class TestNone:
 
 class TestNewPostures:
     def test_within_limits_and_span_in_whole_degrees(self):
-        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
-        tight = tuple(
-            replace(joint, limits=(-0.3, 0.25)) if joint.name == "joint_2" else joint
-            for joint in robot.chain.joints
-        )
-        robot = Robot(replace(robot.chain, joints=tight))
+        robot, measurements = limited(simulate_campaign(default_arm(), load="pull", seed=3), (-0.3, 0.25))
         found = new_postures(robot, measurements, 30)
         assert len(found) == 30
         np.testing.assert_allclose(np.degrees(found), np.round(np.degrees(found)), atol=1e-9)
@@ -201,12 +196,8 @@ class TestNewPostures:
         assert (np.abs(found - (least + greatest) / 2) <= allowed).all()
 
     def test_none_where_the_limits_leave_no_room(self):
-        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=3))
-        nowhere = tuple(
-            replace(joint, limits=(3.0, 3.1)) if joint.name == "joint_2" else joint
-            for joint in robot.chain.joints
-        )
-        confined = Robot(replace(robot.chain, joints=nowhere))
+        document = simulate_campaign(default_arm(), configurations=3, seed=3)
+        confined, measurements = limited(document, (3.0, 3.1))
         # The measured postures are beyond these limits, too, and none of them is advised again.
         assert not advise(confined, measurements, estimate(confined, measurements))
 
@@ -214,10 +205,9 @@ class TestNewPostures:
 class TestMessages:
     def test_with_label_direction_and_numbers(self):
         document = shared("simulated/dead_weight_motor")
-        robot, measurements = prepare(document)
-        found = estimate(robot, measurements)
+        *_, found, pieces = advised(document)
         labels = [observation["label"] for observation in document["measurement_set"]["observations"]]
-        message = to_identifiability(found, advise(robot, measurements, found), labels)
+        message = to_identifiability(found, pieces, labels)
         (advice,) = message.advice
         direction = ", ".join(f"{abs(x) / 1500:.2f}" for x in advice.force)
         assert advice.message == (
@@ -240,32 +230,26 @@ class TestMessages:
     )
     def test_of_a_method_that_will_find_another_uncertainty(self, method, weighting, same):
         arm = default_arm()
-        robot, measurements = prepare(simulate_campaign(arm, configurations=4, seed=2))
         options = {"method": method, "weighting": weighting}
-        found = estimate(robot, measurements, **options)
-        pieces = advise(robot, measurements, found)
+        document = simulate_campaign(arm, configurations=4, seed=2)
+        robot, measurements, found, pieces = advised(document, **options)
         after = estimate(robot, follow(arm, robot, measurements, pieces[0]), **options)
         kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
         assert kept == same
         (first, *_) = to_identifiability(found, pieces, [f"c0{i}" for i in range(4)]).advice
         assert ("with method partial_pose u(joint_1)" in first.message) != same
 
-    def test_of_a_new_posture(self):
-        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=1))
-        found = estimate(robot, measurements)
+    def test_of_a_new_posture_and_without_sigma(self):
+        robot, measurements, found, pieces = advised(
+            simulate_campaign(default_arm(), configurations=3, seed=1)
+        )
         labels = ["c01", "c02", "c03"]
-        pieces = to_identifiability(found, advise(robot, measurements, found), labels).advice
-        (new, *_) = (piece for piece in pieces if piece.observation is None)
+        messages = to_identifiability(found, pieces, labels).advice
+        (new, *_) = (piece for piece in messages if piece.observation is None)
         assert "if it is free of collisions, apply the load of 1500 N as before" in new.message
         assert f", {new.uncertainty_ratio:.2g} times its present value" in new.message
-
-    def test_without_sigma_the_torque_is_told(self):
-        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=1))
-        found = estimate(robot, measurements)
-        found = replace(found, sigma=None)
-        (first, *_) = to_identifiability(
-            found, advise(robot, measurements, found), ["c01", "c02", "c03"]
-        ).advice
+        unknown = replace(found, sigma=None)
+        (first, *_) = to_identifiability(unknown, advise(robot, measurements, unknown), labels).advice
         assert first.joint == "joint_1"
         assert "about the axis of joint_1" in first.message
         assert first.standard_uncertainty is None
@@ -279,13 +263,24 @@ def rows_of(arm: SpringArm, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         springs[j] = 1.0
         one = replace(arm, stiffnesses=springs)
         moved = linear_deflections(
-            one, q[None], force[None], np.zeros((1, 3)), np.array([LOAD]), np.array(list(TARGETS.values()))
+            one,
+            q[None],
+            force[None],
+            np.zeros((1, 3)),
+            np.array([LOAD_POINT]),
+            np.array(list(TARGETS.values())),
         )
         columns.append(moved.ravel())
     return np.column_stack(columns)
 
 
-LOAD = (-0.06, 0.02, 0.18)
+def limited(document: dict, limits: tuple[float, float]) -> tuple[Robot, Measurements]:
+    """Robot with other limits of joint_2, and measurements."""
+    robot, measurements = prepare(document)
+    joints = (
+        replace(joint, limits=limits) if joint.name == "joint_2" else joint for joint in robot.chain.joints
+    )
+    return Robot(replace(robot.chain, joints=tuple(joints))), measurements
 
 
 def follow(arm: SpringArm, robot: Robot, measurements: Measurements, advice: Advice) -> Measurements:

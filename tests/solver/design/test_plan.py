@@ -12,10 +12,9 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.campaign_plan import ordered, plan_campaign, travel
-from jointstiff.solver.design.experiment import Equipment, Loads
-from jointstiff.solver.design.feasibility import Cell, feasible, segment_distance
-from jointstiff.solver.design.pool import PlanRequest, Pool
+from jointstiff.solver.design.candidates import PlanRequest, Pool
+from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, feasible, segment_distance
+from jointstiff.solver.design.plan import ordered, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.readings.measurements import Measurements
@@ -25,6 +24,7 @@ ARM = default_arm()
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))
 SIGMA = 2e-5
+AREA = np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]])
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +122,7 @@ class TestPromise:
             np.testing.assert_allclose(plan.force[:, :2], 0.0)
 
     def test_for_a_work_area_with_elastic_links_as_nuisance(self, robot):
-        area = np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]])
-        options = {"criterion": "work_area", "work_area": area, "readings": 15}
+        options = {"criterion": "work_area", "work_area": AREA, "readings": 15}
         alone, with_links = (
             plan_campaign(robot, request_of(equipment(), **options, links=links)) for links in (False, True)
         )
@@ -133,8 +132,7 @@ class TestPromise:
         assert (with_links.uncertainty > alone.uncertainty).all()
 
     def test_the_worst_place_with_elastic_links(self, robot):
-        area = np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]])
-        request = request_of(equipment(), work_area=area, readings=15, candidates=120, links=True)
+        request = request_of(equipment(), work_area=AREA, readings=15, candidates=120, links=True)
         worst, mean = (
             plan_campaign(robot, replace(request, criterion=name)) for name in ("worst_place", "work_area")
         )
@@ -144,8 +142,7 @@ class TestPromise:
 
     def test_the_links_that_the_work_area_sees_are_kept(self, robot):
         """All but a hundredth of what links of 30 % of the joints' deflection do there, not the first few."""
-        area = np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]])
-        request = request_of(equipment(), criterion="work_area", work_area=area, candidates=120, links=True)
+        request = request_of(equipment(), criterion="work_area", work_area=AREA, candidates=120, links=True)
         pool = Pool.of(robot, request)
         variance = np.diagonal(pool.places, axis1=1, axis2=2).mean(axis=0)
         by_joints, by_links = variance[:N].sum(), variance[N:]
@@ -156,40 +153,35 @@ class TestPromise:
         )
 
 
+DOWN = np.array([[0.0, 0.0, -1.0]])
+BOX = np.array([1.64 + 0.24, 0.0, 0.78 + 1.12 + 0.06]) + np.array([[-0.1], [0.1]])  # about the flange at zero
+AHEAD, BEHIND = (Instrument((x, 0.0, z), 1e-5, 0.0, 1e-5, 0.0) for x, z in ((5.0, 2.0), (-5.0, 1.2)))
+TURNED = Cell(link_radius=0.0, facing=np.tile([0.0, 0.0, 1.0], (3, 1)), acceptance=0.5)
+CABLE = equipment("cable", anchors=[[-3.0, 0.0, 1.2]])
+
+
 class TestFeasibility:
-    def test_each_reason_strikes_out_what_it_should(self, robot):
-        straight = np.zeros((1, N))
-        flange = np.array([1.64 + 0.24, 0.0, 0.78 + 1.12 + 0.06])
-        down = np.array([[0.0, 0.0, -1.0]])
-        station = Instrument((5.0, 0.0, 2.0), 1e-5, 0.0, 1e-5, 0.0)
-        box = np.array([[flange - 0.1, flange + 0.1]])
-        behind = Instrument((-5.0, 0.0, 1.2), 1e-5, 0.0, 1e-5, 0.0)
-        facing = np.tile([0.0, 0.0, 1.0], (3, 1))
-        cases = {
-            "joint_limits": (equipment(), Cell(), straight + np.radians([0, 100, 0, 0, 0, 0]), None),
-            "torque": (equipment("dead_weight", torque_limit=np.full(N, 100.0)), Cell(), straight, down),
-            "floor_or_box": (equipment(), Cell(floor=3.0), straight, None),
-            "line_of_sight": (equipment(instrument=behind), Cell(link_radius=0.15), straight, None),
-            "reflector_acceptance": (
-                equipment(instrument=behind),
-                Cell(link_radius=0.0, facing=facing, acceptance=0.5),
-                straight,
-                None,
-            ),
-            "cable": (
-                equipment("cable", anchors=[[-3.0, 0.0, 1.2]]),
-                Cell(link_radius=0.15),
-                straight,
-                np.array([[-1.0, 0.0, -0.2]]),
-            ),
-        }
-        for reason, (tools, cell, joints, direction) in cases.items():
-            kept, strikes = feasible(robot, tools, cell, joints, direction)
-            assert strikes.reasons == {reason: 1}, reason
-            assert not kept.any()
-        assert feasible(robot, equipment(instrument=station), Cell(floor=0.1), straight, None)[0].all()
-        assert not feasible(robot, equipment(), Cell(obstacles=box), straight, None)[0].any()
-        assert not feasible(robot, equipment(), Cell(inside=box[0] + 9.0), straight, None)[0].any()
+    @pytest.mark.parametrize(
+        ("reason", "tools", "cell", "degrees", "direction"),
+        [
+            ("joint_limits", equipment(), Cell(), 100, None),
+            ("torque", equipment("dead_weight", torque_limit=np.full(N, 100.0)), Cell(), 0, DOWN),
+            ("floor_or_box", equipment(), Cell(floor=3.0), 0, None),
+            ("floor_or_box", equipment(), Cell(obstacles=BOX[None]), 0, None),
+            ("floor_or_box", equipment(), Cell(inside=BOX + 9.0), 0, None),
+            ("line_of_sight", equipment(instrument=BEHIND), Cell(link_radius=0.15), 0, None),
+            ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
+            ("cable", CABLE, Cell(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
+            (None, equipment(instrument=AHEAD), Cell(floor=0.1), 0, None),
+        ],
+    )
+    def test_each_reason_strikes_out_what_it_should(self, robot, reason, tools, cell, degrees, direction):
+        joints = np.radians([[0.0, degrees, 0.0, 0.0, 0.0, 0.0]])
+        kept, strikes = feasible(
+            robot, tools, cell, joints, direction if direction is None else np.array(direction)
+        )
+        assert strikes.reasons == ({} if reason is None else {reason: 1})
+        assert kept.tolist() == [reason is None]
 
     def test_links_that_touch(self, robot):
         """Stretched out nothing touches; with the forearm folded back onto the upper arm it does."""
@@ -214,7 +206,14 @@ class TestFeasibility:
         joints = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
         order = ordered(joints, np.zeros(20, dtype=int))
         assert sorted(order.tolist()) == list(range(20))
+
+        def travel(path: np.ndarray) -> float:
+            return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
+
         assert travel(joints[order]) < 0.8 * travel(joints)
+
+
+THREE = np.random.default_rng(0).uniform(-1.0, 1.0, (3, N))
 
 
 class TestRefusals:
@@ -225,20 +224,18 @@ class TestRefusals:
         plan = plan_campaign(robot, request_of(equipment("dead_weight")))
         assert plan.parameters.joints.tolist() == every[1:].tolist()
 
-    def test_nothing_is_feasible(self, robot):
-        with pytest.raises(RequestError, match="none of 400 readings is feasible: floor_or_box 400"):
-            plan_campaign(robot, request_of(equipment(), cell=Cell(floor=9.0)))
-
-    def test_too_few_readings(self, robot):
-        one = replace(equipment(), targets=PLACES[:1])
-        with pytest.raises(RequestError, match="1 readings without those held out do not determine 6 joints"):
-            plan_campaign(robot, request_of(one, readings=1))
-
-    def test_a_criterion_without_its_work_area(self, robot):
-        with pytest.raises(RequestError, match="needs a work area"):
-            plan_campaign(robot, request_of(equipment(), criterion="work_area"))
-
-    def test_a_work_area_out_of_reach(self, robot):
-        area = np.array([[50.0, 50.0, 50.0], [60.0, 60.0, 60.0]])
-        with pytest.raises(RequestError, match="0 of 400 candidates have their load point"):
-            plan_campaign(robot, request_of(equipment(), criterion="work_area", work_area=area))
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"cell": Cell(floor=9.0)}, "none of 400 readings is feasible: floor_or_box 400"),
+            ({"readings": 1}, "1 readings without those held out do not determine 6 joints"),
+            ({"criterion": "work_area"}, "needs a work area"),
+            ({"work_area": [[50.0] * 3, [60.0] * 3]}, "0 of 400 candidates have their load point"),
+            ({"readings": 9, "angle": 9.0}, "only 1 candidates are in postures 516° apart"),
+            ({"postures": THREE, "validation": 0.5, "readings": 4}, "1 of 2 readings for validation"),
+        ],
+    )
+    def test_what_cannot_be_planned(self, robot, options, message):
+        tools = replace(equipment(), targets=PLACES[:1])
+        with pytest.raises(RequestError, match=message):
+            plan_campaign(robot, request_of(tools, **options))
