@@ -429,6 +429,6 @@ def _solve_design(
             break
     else:
         raise SolverError(f"Clarabel ended a design's program as {problem.status}")
-    weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, limit)
+    weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, 1.0)
     weights[weights < 1e-7] = 0.0
     return np.asarray(weights / weights.sum())

@@ -151,8 +151,7 @@ class Postures:
         J = self.target_jacobian
         motion = (J.transpose(0, 2, 1) @ J).transpose(1, 2, 0)[..., None]
         torque = np.ascontiguousarray((force @ self.load_jacobian).transpose(2, 0, 1))
-        information: FloatArray = motion * torque[:, None] * torque[None]
-        return information
+        return np.asarray(motion * torque[:, None] * torque[None])
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
@@ -304,8 +303,7 @@ class _Search:
             directions = np.concatenate([directions, cube, arm], axis=1)
         # A force tells the same as its opposite: of both, the one that is more like the set's own.
         sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
-        forces: FloatArray = self._strength * sign[..., None] * directions
-        return forces
+        return np.asarray(self._strength * sign[..., None] * directions)
 
     def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
         """Put a candidate into numbers, by a decomposition of all readings with it; or return None."""

@@ -10,13 +10,19 @@ Hence any supporting matrix G ⪰ 0 bounds it everywhere, ``φ(M′) ≤ ⟨G, M
 | E | λ_min(V C V) | X V Z V Xᵀ, X = M⁻¹ L C, Z ⪰ 0, tr Z = 1 |
 | G | 1 / max_r tr(W_r M⁻¹) | that of I for W = Σ π_r W_r, Σ π = 1 |
 
-L selects the s parameters of interest, which are the first; the others are a nuisance.
+L selects the s parameters of interest, which are the first; the others are a nuisance. Each class has
+
+* ``information(M)``, φ(M), zero where M is singular;
+* ``support(M, dual)``, G at a positive definite M. For E the dual is Z, for G it is π; it is brought to what
+  the proof asks of it, so that any is valid;
+* ``scaled(unit)``, the same criterion of parameters measured in other units, M → diag(u) M diag(u);
+* if Newton's method takes it, ``slope(M, K)``, −log φ at M with its derivatives along K (k, p, p).
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,37 +38,8 @@ class Slope:
     hessian: FloatArray  #: (k, k), positive semidefinite
 
 
-class Criterion(ABC):
-    """Information of a set of readings as one number: concave, homogeneous of degree 1, more is better."""
-
-    @abstractmethod
-    def information(self, M: FloatArray) -> float:
-        """Return φ(M); zero where M is singular."""
-
-    @abstractmethod
-    def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return G ⪰ 0 with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′ ⪰ 0.
-
-        Args:
-            M: (p, p) positive definite.
-            dual: for E, Z; for G, π; brought to what the proof asks of it, so that any is valid.
-        """
-
-    @abstractmethod
-    def scaled(self, unit: FloatArray) -> Criterion:
-        """Return the same criterion of parameters measured in other units, M → diag(u) M diag(u)."""
-
-
-class SmoothCriterion(Criterion):
-    """Criterion that Newton's method takes."""
-
-    @abstractmethod
-    def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return −log φ at M with its derivatives along K (k, p, p)."""
-
-
 @dataclass(frozen=True)
-class DOptimality(SmoothCriterion):
+class DOptimality:
     """Volume of the uncertainty ellipsoid of the first parameters."""
 
     interest: int  #: s, how many
@@ -93,7 +70,7 @@ class DOptimality(SmoothCriterion):
 
 
 @dataclass(frozen=True, eq=False)
-class AOptimality(SmoothCriterion):
+class AOptimality:
     """Weighted mean of the variances.
 
     With W = diag(1/c²) it is that of the relative variances, with W the mean of AᵀA over places that of the
@@ -109,7 +86,7 @@ class AOptimality(SmoothCriterion):
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return φ² · M⁻¹ W M⁻¹."""
         inverse = np.linalg.inv(M)
-        G: FloatArray = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2
+        G = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2
         return 0.5 * (G + G.T)
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
@@ -132,7 +109,7 @@ class AOptimality(SmoothCriterion):
 
 
 @dataclass(frozen=True, eq=False)
-class EOptimality(Criterion):
+class EOptimality:
     """Worst combination of the first parameters."""
 
     #: (s,) V, by which C is multiplied on both sides, as the criterion depends on the units
@@ -167,7 +144,7 @@ class EOptimality(Criterion):
 
 
 @dataclass(frozen=True, eq=False)
-class GOptimality(Criterion):
+class GOptimality:
     """Variance at the worst place."""
 
     places: FloatArray  #: (R, p, p) W_r of each place, positive semidefinite
@@ -178,8 +155,7 @@ class GOptimality(Criterion):
 
     def variances(self, M: FloatArray) -> FloatArray:
         """Return tr(W_r M⁻¹) of each place (R,)."""
-        variances: FloatArray = np.einsum("rij,ij->r", self.places, np.linalg.inv(M))
-        return variances
+        return np.asarray(np.einsum("rij,ij->r", self.places, np.linalg.inv(M)))
 
     def mean(self, shares: FloatArray) -> AOptimality:
         """Return the criterion of the mean variance, places weighted by shares (R,)."""
@@ -196,6 +172,10 @@ class GOptimality(Criterion):
     def scaled(self, unit: FloatArray) -> GOptimality:
         """Return the same criterion in other units."""
         return GOptimality(self.places * np.outer(unit, unit))
+
+
+SmoothCriterion: TypeAlias = DOptimality | AOptimality
+Criterion: TypeAlias = SmoothCriterion | EOptimality | GOptimality
 
 
 def _log_det(M: FloatArray) -> float:

@@ -92,22 +92,19 @@ class Equipment:
         if self.loads.kind == "dead_weight":
             return np.broadcast_to([0.0, 0.0, -1.0], (len(joints), 3))
         towards = self.loads.anchors[anchor] - self.load_place(robot, joints)
-        unit: FloatArray = towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
-        return unit
+        return np.asarray(towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9))
 
     def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return where the load acts (N, 3) in R0 [m]."""
         now = Configurations(robot, robot.joint_map.model_angles(joints))
-        place: FloatArray = now.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0]
-        return place
+        return np.asarray(now.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0])
 
     def strength(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return the greatest force (N,) [N] whose torques stay within the limits in every direction."""
         now = Configurations(robot, robot.joint_map.model_angles(joints))
         jacobian = now.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
         lever = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-9)
-        strength: FloatArray = np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1))
-        return strength
+        return np.asarray(np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,8 +243,7 @@ def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray)
     clipped = np.clip(y, 0.0, 1.0)
     again = np.where(a > tiny, (b * clipped - c) / np.where(a > tiny, a, 1.0), 0.0)
     x = np.where((clipped == y) & (e > tiny), x, np.clip(again, 0.0, 1.0))
-    distance: FloatArray = np.linalg.norm(w + x[:, None] * u - clipped[:, None] * v, axis=1)
-    return distance
+    return np.asarray(np.linalg.norm(w + x[:, None] * u - clipped[:, None] * v, axis=1))
 
 
 def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
@@ -287,5 +283,4 @@ def targets_in_flange(robot: Robot, measurements: Measurements) -> FloatArray:
     measured = (measurements.position - now.flange_translation[:, None]) @ now.flange_rotation
     places = np.where(measurements.in_flange[..., None], measurements.position, measured)
     present = measurements.present[..., None]
-    mean: FloatArray = np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
-    return mean
+    return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))

@@ -124,7 +124,7 @@ class Candidates:
                 force along each axis, for forces of any direction.
 
         Raises:
-            RequestError: there is none, or a number is not finite.
+            RequestError: a number is not finite.
         """
         p = rows.shape[-1]
         stack = rows[:, None] if rows.ndim == 3 else rows
@@ -137,11 +137,11 @@ class Candidates:
                 K = _upper_products(block[a], block[b])
                 K = K if a == b else 0.5 * (K + _upper_products(block[b], block[a]))
                 packed[start : start + _BLOCK, e] = K.T
-        if not len(packed) or not np.isfinite(packed).all():
+        if not np.isfinite(packed).all():
             raise RequestError(
-                "there are no candidates, or one has a number that is not finite",
+                "a candidate has a number that is not finite",
                 where="candidates",
-                remedy="give at least one posture with a finite load",
+                remedy="give postures and loads of plausible size",
             )
         return cls(packed, np.ones(p))
 
@@ -201,8 +201,7 @@ class Candidates:
 
     def _products(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
         twice = np.where(self._rows == self._columns, 1.0, 2.0)
-        products: FloatArray = self._packed[index] @ (twice * self._squares * G[self._rows, self._columns])
-        return products
+        return np.asarray(self._packed[index] @ (twice * self._squares * G[self._rows, self._columns]))
 
 
 def _forms(products: FloatArray) -> FloatArray:
@@ -240,8 +239,7 @@ def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
     r = np.sqrt(np.square(B).sum(axis=(-2, -1)) / 6.0)
     B /= np.where(r > 0.0, r, 1.0)[..., None, None]
     half = 0.5 * (B[..., 0, :] * np.cross(B[..., 1, :], B[..., 2, :])).sum(axis=-1)
-    greatest: FloatArray = mean + 2.0 * r * np.cos(np.arccos(np.clip(half, -1.0, 1.0)) / 3.0)
-    return greatest
+    return np.asarray(mean + 2.0 * r * np.cos(np.arccos(np.clip(half, -1.0, 1.0)) / 3.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,8 +287,7 @@ class DesignProblem:
 
     def matrix(self, atoms: Atoms, weights: FloatArray) -> FloatArray:
         """Return M0 + n Σ w_i K_i (p, p) in the problem's units."""
-        total: FloatArray = self.base + self.readings * np.tensordot(weights, atoms.information, axes=1)
-        return total
+        return np.asarray(self.base + self.readings * np.tensordot(weights, atoms.information, axes=1))
 
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
         """Bound what any weights of the candidates can reach.
@@ -414,11 +411,9 @@ def _solve_held(
 
     if isinstance(criterion, EOptimality):
         return programs.worst_direction(problem.base, K, criterion.metric)
-    if isinstance(criterion, GOptimality):
-        if len(problem.base) > _CONES:
-            return worst_place_weights(criterion, problem.base, K, weights)
-        return programs.worst_place(problem.base, K, criterion.places)
-    raise NotImplementedError(type(criterion))
+    if len(problem.base) > _CONES:
+        return worst_place_weights(criterion, problem.base, K, weights)
+    return programs.worst_place(problem.base, K, criterion.places)
 
 
 def optimal_weights(

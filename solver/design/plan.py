@@ -195,25 +195,23 @@ def ordered(joints: FloatArray, group: IndexArray) -> IndexArray:
         members = np.flatnonzero(group == each)
         start = joints[order[-1]] if order else np.zeros(joints.shape[1])
         places = np.vstack([start, joints[members]])
-        distance = np.abs(places[:, None] - places).max(axis=2)
+        distance = np.pad(np.abs(places[:, None] - places).max(axis=2), (0, 1))
         left, path = set(range(1, len(places))), [0]
         while left:
             path.append(min(left, key=lambda i: distance[path[-1], i]))
             left.remove(path[-1])
+        path.append(len(places))  # an end that is near to all
         improved = True
         while improved:
             improved = False
-            for i in range(1, len(path) - 1):
-                for j in range(i + 1, len(path)):
-                    before = distance[path[i - 1], path[i]]
-                    after = distance[path[i - 1], path[j]]
-                    if j + 1 < len(path):
-                        before += distance[path[j], path[j + 1]]
-                        after += distance[path[i], path[j + 1]]
+            for i in range(1, len(path) - 2):
+                for j in range(i + 1, len(path) - 1):
+                    before = distance[path[i - 1], path[i]] + distance[path[j], path[j + 1]]
+                    after = distance[path[i - 1], path[j]] + distance[path[i], path[j + 1]]
                     if after < before - 1e-9:
                         path[i : j + 1] = path[i : j + 1][::-1]
                         improved = True
-        order += [int(members[i - 1]) for i in path[1:]]
+        order += [int(members[i - 1]) for i in path[1:-1]]
     return np.array(order, dtype=np.intp)
 
 
@@ -228,8 +226,7 @@ class Distinct:
 
     def near(self, candidate: int, index: IndexArray | slice) -> BoolArray:
         """Return which of some candidates are not distinct from one."""
-        near: BoolArray = np.abs(self.postures[index] - self.postures[candidate]).max(axis=1) < self.angle
-        return near
+        return np.asarray(np.abs(self.postures[index] - self.postures[candidate]).max(axis=1) < self.angle)
 
     def best_mean(self, prices: FloatArray, count: int) -> float:
         """Bound the mean price of any list of distinct readings.
@@ -286,10 +283,8 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
     search = _Search(problem, design, distinct)
     best = search.improved(search.completed([]))
     random = np.random.default_rng(seed)
-    restarts = min(_MOST_RESTARTS, _RESTARTED // problem.readings)
-    if problem.readings >= _LONG or len(problem.base) > _MANY:
-        restarts = 0
-    for _ in range(restarts):
+    few = problem.readings < _LONG and len(problem.base) <= _MANY
+    for _ in range(min(_MOST_RESTARTS, _RESTARTED // problem.readings) if few else 0):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
         trial = search.improved(search.completed([best[i] for i in kept]))
         best = max(best, trial, key=lambda atoms: problem.criterion.information(search.matrix(atoms)))
@@ -331,8 +326,7 @@ class _Search:
 
     def matrix(self, atoms: list[Atoms]) -> FloatArray:
         """Return M0 + Σ K_i (p, p)."""
-        total: FloatArray = self._base + sum(each.information[0] for each in atoms)
-        return total
+        return np.asarray(self._base + sum(each.information[0] for each in atoms))
 
     def completed(self, kept: list[Atoms]) -> list[Atoms]:
         """Complete a list, the reading of the best price after the other."""
@@ -384,16 +378,11 @@ class _Search:
         at = rest if self._criterion.information(rest) > 1e-6 * value else M
         G = self._criterion.support(at)
         prices = np.where(free, self._candidates.prices(G), -np.inf)
-        tried = np.argsort(-prices)[:_TRIED]
-        tried = tried[np.isfinite(prices[tried])]
-        if not len(tried):
-            return None
+        tried = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
         atoms = self._candidates.atoms(tried, G)
-        values = [self._criterion.information(rest + K) for K in atoms.information]
+        values = [_IMPROVES * value, *(self._criterion.information(rest + K) for K in atoms.information)]
         best = int(np.argmax(values))
-        if values[best] <= _IMPROVES * value:
-            return None
-        return self._in_all(atoms[best : best + 1])
+        return self._in_all(atoms[best - 1 : best]) if best else None
 
     def _in_all(self, atoms: Atoms) -> Atoms:
         """Return atoms of the pool as atoms of all candidates."""
@@ -440,5 +429,4 @@ def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
 def _drawn_directions(random: np.random.Generator, count: int) -> FloatArray:
     """Draw unit vectors (count, 3)."""
     draws = random.standard_normal((count, 3))
-    unit: FloatArray = draws / np.linalg.norm(draws, axis=1, keepdims=True)
-    return unit
+    return np.asarray(draws / np.linalg.norm(draws, axis=1, keepdims=True))

@@ -207,8 +207,3 @@ class TestRefusals:
         postures = np.repeat([[0.0], [1.0], [2.0]], 10, axis=0)
         with pytest.raises(RequestError, match="only 3 candidates"):
             exact_design(problem, optimise(problem), Distinct(postures, 0.5))
-
-    @pytest.mark.parametrize("rows", [np.zeros((0, 2, P)), np.full((5, 2, P), np.nan)])
-    def test_no_candidate_or_one_that_is_not_finite(self, rows):
-        with pytest.raises(RequestError, match="no candidates, or one"):
-            Candidates.from_rows(rows)
