@@ -149,11 +149,13 @@ def _complete(arrays: dict[str, FloatArray], sigma: float) -> Measurements:
     """Every target read in every configuration, its place measured in R0."""
     present = np.ones(arrays["position"].shape[:2], dtype=np.bool_)
     return Measurements(
-        **arrays,
+        joints=arrays["joints"],
+        force=arrays["force"],
+        moment=arrays["moment"],
+        load_point=arrays["load_point"],
+        position=arrays["position"],
+        deflection=arrays["deflection"],
         in_flange=~present,
         present=present,
         sigma=sigma,
-        refuted_sigma=None,
-        encoders=None,
-        common_uncertainty=None,
     )

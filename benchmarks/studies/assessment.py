@@ -75,7 +75,7 @@ def run(*, quick: bool) -> list[Section]:
 def assess_set(posted: Posted, method: str, truth: FloatArray) -> Assessed:
     """Inspect, identify with K_c included, and assess."""
     robot, m = _ROBOT, posted.measurements
-    findings = inspect(robot, m, tuple(TARGETS), degrees=posted.degrees)
+    findings = inspect(robot, m, degrees=posted.degrees)
     settings = Settings(METHODS[method], "covariance", Bounds.positive(robot.n), complementary_stiffness=True)
     estimate = identify(robot, m, settings)
     prediction = predict(robot, m, estimate.compliance, complementary_stiffness=True)
@@ -261,7 +261,7 @@ def _cost_section(rounds: int) -> Section:
 
 
 def _run(robot: Robot, m: Measurements, settings: Settings, *, assessed: bool = False) -> object:
-    findings = inspect(robot, m, tuple(TARGETS), degrees=False)
+    findings = inspect(robot, m, degrees=False)
     estimate = identify(robot, m, settings)
     prediction = predict(robot, m, estimate.compliance)
     if assessed:

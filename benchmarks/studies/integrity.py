@@ -16,7 +16,6 @@ from benchmarks.campaigns import default_robot, large_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.studies.mistakes import MISTAKES, Mistake, Posted, clean_set, only_deflections
 from jointstiff.simulator import default_arm
-from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.integrity.report import inspect
 from jointstiff.solver.readings.measurements import Measurements
@@ -93,7 +92,7 @@ def clean_sets(robot: Robot, sets: int, *, deflections: bool, first: int = FIRST
 
 
 def _look(robot: Robot, posted: Posted) -> list[Finding]:
-    return inspect(robot, posted.measurements, tuple(TARGETS), degrees=posted.degrees)
+    return inspect(robot, posted.measurements, degrees=posted.degrees)
 
 
 def _mistakes_section(robot: Robot, sets: int) -> Section:
@@ -168,6 +167,6 @@ def _median_seconds(robot: Robot, measurements: Measurements, repeats: int) -> f
     times = []
     for _ in range(repeats):
         start = time.process_time()
-        inspect(robot, measurements, tuple(TARGETS), degrees=False)
+        inspect(robot, measurements, degrees=False)
         times.append(time.process_time() - start)
     return float(np.median(times))

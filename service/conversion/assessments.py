@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from jointstiff.schemas import assessment as messages
 from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget
 from jointstiff.service.conversion.message import message, messages_of
-from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.inference.assessment import Assessment
 from jointstiff.solver.inference.reason import Action, Place, Usability
 from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.readings.measurements import Measurements
 
 
 def to_assessment(
-    assessment: Assessment, joints: Sequence[JointCompliance], readings: ReadingArrays
+    assessment: Assessment, joints: Sequence[JointCompliance], measurements: Measurements
 ) -> messages.Assessment:
     """Return verdict and reasons of an identification, and how many of its joints have a number."""
     return messages.Assessment(
@@ -27,8 +27,8 @@ def to_assessment(
             message(
                 messages.Reason,
                 reason,
-                where=_where(reason.where, readings),
-                action=None if reason.action is None else _action(reason.action, readings),
+                where=_where(reason.where, measurements),
+                action=None if reason.action is None else _action(reason.action, measurements),
             )
             for reason in assessment.reasons
         ],
@@ -87,18 +87,18 @@ def combined(assessments: Sequence[messages.Assessment]) -> messages.Assessment:
 _ORDER: tuple[messages.Verdict, ...] = ("use", "use_with_care", "do_not_use")
 
 
-def _where(place: Place | None, readings: ReadingArrays) -> str | None:
+def _where(place: Place | None, measurements: Measurements) -> str | None:
     if place is None:
         return None
     if place.observation is None:
         return place.joint
-    return readings.place(place.observation)
+    return measurements.place(place.observation)
 
 
-def _action(action: Action, readings: ReadingArrays) -> messages.Action:
+def _action(action: Action, measurements: Measurements) -> messages.Action:
     return message(
         messages.Action,
         action,
-        observations=[str(readings.labels[i]) for i in action.observations],
-        target=None if action.target is None else str(readings.targets[action.target]),
+        observations=[measurements.labels[i] for i in action.observations],
+        target=None if action.target is None else measurements.targets[action.target],
     )

@@ -53,6 +53,9 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
         deflection=length * deflection,
         present=readings.present,
         direction=direction,
+        unloaded_only=readings.unloaded_only if readings.unloaded_only.any() else None,
+        labels=tuple(readings.labels.tolist()),
+        targets=tuple(readings.targets.tolist()),
     )
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
     refuted_sigma = None
@@ -141,23 +144,22 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)
 
 
-def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.QualityWarning]:
+def to_warnings(findings: list[Finding], measurements: Measurements) -> list[sets.QualityWarning]:
     """Return what was noticed, with the observations' labels."""
-    labels = readings.labels.tolist()
     return [
         message(
             sets.QualityWarning,
             finding,
-            where=None if finding.observation is None else readings.place(finding.observation),
-            observation=None if finding.observation is None else labels[finding.observation],
+            where=None if finding.observation is None else measurements.place(finding.observation),
+            observation=None if finding.observation is None else measurements.labels[finding.observation],
         )
         for finding in findings
     ]
 
 
-def to_findings(warnings: Sequence[sets.QualityWarning], readings: ReadingArrays) -> list[Finding]:
+def to_findings(warnings: Sequence[sets.QualityWarning], measurements: Measurements) -> list[Finding]:
     """Return the findings of a set's checks, from its warnings."""
-    place = {label: i for i, label in enumerate(readings.labels.tolist())}
+    place = {label: i for i, label in enumerate(measurements.labels)}
     return [
         Finding(
             cast("FindingCode", warning.code),

@@ -53,7 +53,6 @@ class PreparedSet:
 
     robot: Robot  # the robot that was measured
     measurements: Measurements  # the readings in SI units
-    readings: ReadingArrays  # the same as they are stored, for labels and names of targets
     warnings: list[QualityWarning]  # what was noticed when the set was checked
     robot_id: str  # id of the stored robot
     content: str  # hash of robot and readings
@@ -64,7 +63,7 @@ class PreparedSet:
         Raises:
             RequestError: there are positions without a load.
         """
-        if self.readings.unloaded_only.any():
+        if self.measurements.unloaded_only is not None:
             raise RequestError(
                 "the set has positions without load, which show no deflection",
                 where="measurement_set_id",
@@ -74,7 +73,7 @@ class PreparedSet:
 
     def is_sound(self, estimate: Estimate) -> bool:
         """Return whether no gross mistake shows, behind which tests of smaller effects say nothing."""
-        if any(finding.severity == "error" for finding in to_findings(self.warnings, self.readings)):
+        if any(finding.severity == "error" for finding in to_findings(self.warnings, self.measurements)):
             return False
         return gross_mistake(self.robot, self.measurements, estimate) is None
 
@@ -86,7 +85,7 @@ class PreparedSet:
         screening: Screening | None = None,
     ) -> Assessment:
         """Assess an identification of this set by its prediction, with what was noticed in the readings."""
-        findings = to_findings(self.warnings, self.readings)
+        findings = to_findings(self.warnings, self.measurements)
         return assess(self.robot, self.measurements, settings, estimate, prediction, findings, screening)
 
 
@@ -139,12 +138,11 @@ def check_set(
     """
     readings = ReadingArrays.from_observations(document.observations)
     measurements = to_measurements(*in_base(document, readings, resolved), robot)
-    targets = tuple(readings.targets.tolist())
     findings: list[Finding] = []
-    if not readings.unloaded_only.any():  # without a load there is no deflection to inspect
-        findings = inspect(robot, measurements, targets, degrees=document.units.angle == "deg")
+    if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
+        findings = inspect(robot, measurements, degrees=document.units.angle == "deg")
         findings += inspect_encoders(robot, measurements)
-    warnings = [*noticed, *to_warnings(findings, readings)]
+    warnings = [*noticed, *to_warnings(findings, measurements)]
     return CheckedSet(readings, measurements, warnings, content_hash(document, readings, resolved))
 
 
@@ -173,7 +171,6 @@ def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id
     return PreparedSet(
         robot=robot.robot,
         measurements=checked.measurements,
-        readings=checked.readings,
         warnings=checked.warnings,
         robot_id=robot_id,
         content=hash_of(robot.content_hash, checked.content_hash),

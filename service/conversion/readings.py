@@ -118,10 +118,6 @@ class ReadingArrays:
             for i in range(len(self.labels))
         ]
 
-    def place(self, i: int) -> str:
-        """Return the place of an observation in what was posted."""
-        return f"observations[{i}] '{self.labels[i]}'"
-
     def _reading(self, i: int, t: int) -> Reading:
         loaded = tuple(self.loaded[i, t].tolist())
         noise = self.noise.fields(i, t) if self.noise else {}

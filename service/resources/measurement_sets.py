@@ -138,9 +138,7 @@ class MeasurementSets:
             stored.model_copy(update={"observations": kept}), robot, stored.resolved_frame, noticed
         )
         content = hash_of(robot_hash, checked.content_hash)
-        return PreparedSet(
-            robot, checked.measurements, checked.readings, checked.warnings, stored.robot_id, content
-        )
+        return PreparedSet(robot, checked.measurements, checked.warnings, stored.robot_id, content)
 
     def _prepare(self, set_id: str) -> PreparedSet:
         record = self._store.sets.get(set_id)
@@ -150,7 +148,6 @@ class MeasurementSets:
         return PreparedSet(
             robot=robot,
             measurements=to_measurements(*in_base(stored, readings, stored.resolved_frame), robot),
-            readings=readings,
             warnings=stored.warnings,
             robot_id=stored.robot_id,
             content=hash_of(robot_hash, stored.content_hash),

@@ -8,7 +8,6 @@ covariance. Candidates are compared by it, and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -80,11 +79,11 @@ class Advice:
         """Standard uncertainty of the compliance after the reading [rad/(N·m)]."""
         return None if self.sigma is None else self.sigma * self.deviation
 
-    def in_words(self, names: Sequence[str], labels: Sequence[str]) -> str:
+    def in_words(self, robot: Robot, measurements: Measurements) -> str:
         """Return the advice as a sentence: posture, load, and the uncertainty or at least the torque."""
-        name, size = names[self.joint], float(np.linalg.norm(self.force))
+        name, size = robot.joint_names[self.joint], float(np.linalg.norm(self.force))
         if self.observation is not None:
-            posture = f"in posture {labels[self.observation]}"
+            posture = f"in posture {measurements.labels[self.observation]}"
         else:
             angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(self.joints))
             posture = f"in posture ({angles})°, if it is free of collisions,"

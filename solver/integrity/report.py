@@ -22,9 +22,7 @@ MAX_FINDINGS_PER_CODE: Final = 10
 """Further findings of a kind are counted in its last message."""
 
 
-def inspect(
-    robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool
-) -> list[Finding]:
+def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[Finding]:
     """Look for the usual mistakes of a day of measurements.
 
     What a check finds wrong with the whole set ends the search for what follows from it: positions that no
@@ -33,13 +31,12 @@ def inspect(
     Args:
         robot: n joints.
         measurements: N observations of T targets.
-        targets: the names of the targets.
         degrees: whether the angles were posted in degrees.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    view = View.of(robot, measurements, targets, degrees=degrees)
+    view = View.of(robot, measurements, degrees=degrees)
     return [finding for check in _checks(view) for finding in _shortened(check)]
 
 

@@ -32,14 +32,18 @@ class View:
 
     robot: Robot  #: as its model says
     measurements: Measurements  #: as they came
-    targets: tuple[str, ...]  #: (T,) names
     degrees: bool  #: whether the angles were posted in degrees
     configurations: Configurations  #: configurations by the model, without load
 
     @classmethod
-    def of(cls, robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool) -> View:
+    def of(cls, robot: Robot, measurements: Measurements, *, degrees: bool) -> View:
         """Compute the kinematics."""
-        return cls(robot, measurements, targets, degrees, unloaded_configurations(robot, measurements))
+        return cls(robot, measurements, degrees, unloaded_configurations(robot, measurements))
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """(T,) names of the targets."""
+        return self.measurements.targets
 
     @cached_property
     def measured(self) -> BoolArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -65,7 +65,7 @@ class PredictedDeflection:
 
 
 def configuration_shares(
-    labels: Sequence[str],
+    campaign: PairSide,
     predicted: PredictedDeflection,
     side: Literal["first", "second"],
     matches: Matches | None = None,
@@ -74,7 +74,7 @@ def configuration_shares(
     """Yield the shares of a campaign's N observations.
 
     Args:
-        labels: (N,) of the observations.
+        campaign: of N observations.
         predicted: for the same.
         side: which campaign.
         matches: observations of the first campaign that the second has, too.
@@ -82,7 +82,7 @@ def configuration_shares(
     """
     rows = [] if matches is None or measured is None else matches.first.tolist()
     each = dict(zip(rows, () if measured is None else measured.each, strict=True))
-    for i, label in enumerate(labels):
+    for i, label in enumerate(campaign.measurements.labels):
         share = predicted.share(np.array([i])).value
         yield ConfigurationShare(label, "both" if i in each else side, each.get(i), share)
 

@@ -147,11 +147,11 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
         measured = measured_share(first, second, matches, (free[0].sigma, free[1].sigma))
     unknown = free[0].observability.null | free[1].observability.null
     of_first, of_second = (predicted_deflection(side, compliances, unknown) for side in (first, second))
-    alone = np.setdiff1d(np.arange(len(second.labels)), matches.second)
+    alone = np.setdiff1d(np.arange(len(second.measurements)), matches.second)
     rest = PredictedDeflection(of_second.first[alone], of_second.second[alone])
     shares = (
-        *configuration_shares(first.labels, of_first, "first", matches, measured),
-        *(s for i, s in enumerate(configuration_shares(second.labels, of_second, "second")) if i in alone),
+        *configuration_shares(first, of_first, "first", matches, measured),
+        *(s for i, s in enumerate(configuration_shares(second, of_second, "second")) if i in alone),
     )
     return Pair(
         first=estimates[0],

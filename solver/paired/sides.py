@@ -29,8 +29,6 @@ class PairSide:
 
     robot: Robot  #: n joints
     measurements: Measurements  #: N observations of T targets
-    labels: tuple[str, ...]  #: (N,) labels of the observations
-    targets: tuple[str, ...]  #: (T,) names of the targets
     settings: Settings  #: how to identify
 
 
@@ -79,13 +77,13 @@ def models_differ(first: Robot, second: Robot) -> bool:
 
 def match(first: PairSide, second: PairSide) -> Matches:
     """Find the observations of equal label, posture and load that share a target."""
-    shared = [name for name in first.targets if name in second.targets]
-    t1 = np.array([first.targets.index(name) for name in shared], dtype=np.intp)
-    t2 = np.array([second.targets.index(name) for name in shared], dtype=np.intp)
-    place = {label: i for i, label in enumerate(second.labels)}
-    pairs = [(i, place[label]) for i, label in enumerate(first.labels) if label in place]
-    rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     one, two = first.measurements, second.measurements
+    shared = [name for name in one.targets if name in two.targets]
+    t1 = np.array([one.targets.index(name) for name in shared], dtype=np.intp)
+    t2 = np.array([two.targets.index(name) for name in shared], dtype=np.intp)
+    place = {label: i for i, label in enumerate(two.labels)}
+    pairs = [(i, place[label]) for i, label in enumerate(one.labels) if label in place]
+    rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     along, other = (np.zeros(m.position.shape) if m.direction is None else m.direction for m in (one, two))
     along, other = along[rows[:, :1], t1], other[rows[:, 1:], t2]
     cosine = np.abs((along * other).sum(axis=-1))  # a gauge on the flange turns with the postures
@@ -99,7 +97,7 @@ def match(first: PairSide, second: PairSide) -> Matches:
         present=present[kept],
         targets_first=t1,
         targets_second=t2,
-        unlike=tuple(first.labels[i] for i in rows[dropped, 0]),
+        unlike=tuple(one.labels[i] for i in rows[dropped, 0]),
     )
 
 

@@ -173,11 +173,18 @@ class Measurements:
     weight: FloatArray | None = None
     #: common uncertainty of loads and places, common to all observations; None for exact ones
     common_uncertainty: CommonUncertainty | None = None
+    #: (N, T) targets that were read without load and not under it: `position` alone counts, `present` is
+    #: False. None if there are none.
+    unloaded_only: BoolArray | None = None
+    labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
+    targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
 
     def __post_init__(self) -> None:
         count, targets = self.present.shape
         if count == 0 or targets == 0:
             raise MeasurementError("no observation", remedy="give at least one observation")
+        object.__setattr__(self, "labels", _named("labels", self.labels, count))
+        object.__setattr__(self, "targets", _named("targets", self.targets, targets))
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
             raise MeasurementError(
                 f"sigma must be positive, but is {self.sigma} m",
@@ -193,23 +200,18 @@ class Measurements:
             ("deflection", (count, targets, 3)),
             ("in_flange", (count, targets)),
             ("present", (count, targets)),
+            ("direction", (count, targets, 3)),
+            ("weight", (count, targets)),
+            ("unloaded_only", (count, targets)),
+            ("covariance", (3, 3) if self.covariance.ndim == 2 else (count, targets, 3, 3)),
         ):
-            _check(name, getattr(self, name), shape)
-        if self.covariance.shape not in {(3, 3), (count, targets, 3, 3)}:
-            _check("covariance", self.covariance, (count, targets, 3, 3))
-        self.covariance.setflags(write=False)
+            if getattr(self, name) is not None:
+                _check(name, getattr(self, name), shape)
         if self.direction is not None:
-            _check("direction", self.direction, (count, targets, 3))
             object.__setattr__(self, "deflection", self.shown(self.deflection))
-        if self.weight is not None:
-            _check("weight", self.weight, (count, targets))
         if self.encoders is not None:
-            self._check_encoders(self.encoders)
-
-    def _check_encoders(self, encoders: EncoderReadings) -> None:
-        if encoders.deflection.shape != self.joints.shape:
-            _check("encoder_readings", encoders.deflection, self.joints.shape)
-        if self.sigma is None:
+            _check("encoder_readings", self.encoders.deflection, self.joints.shape)
+        if self.encoders is not None and self.sigma is None:
             raise MeasurementError(
                 "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "
                 "weighted",
@@ -237,6 +239,10 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.joints)
 
+    def place(self, row: int) -> str:
+        """Return the place of an observation, as messages name it."""
+        return f"observations[{row}] '{self.labels[row]}'"
+
     def evenly(self, most: int) -> Measurements:
         """Return at most so many of the observations, evenly spread; the set itself if it has no more."""
         count = len(self)
@@ -261,7 +267,20 @@ class Measurements:
             encoders=None if self.encoders is None else self.encoders[rows],
             weight=None if self.weight is None else self.weight[rows],
             common_uncertainty=self.common_uncertainty,
+            unloaded_only=None if self.unloaded_only is None else self.unloaded_only[rows],
+            labels=tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist()),
+            targets=self.targets,
         )
+
+
+def _named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    if names and len(names) != count:
+        raise MeasurementError(
+            f"there are {len(names)} {where} for {count} of them",
+            where=where,
+            remedy="give one label for each observation, and one name for each target",
+        )
+    return names or tuple(map(str, range(1, count + 1)))
 
 
 def _check(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:

@@ -58,7 +58,7 @@ def test_the_finding_of_the_recipe_is_found():
     check = defined("Add a finding of the integrity checks", "light_loads")
     robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=4, seed=5))
     weak = replace(measurements, force=measurements.force * np.array([1.0, 0.01, 1.0, 0.01])[:, None])
-    findings = list(check(View.of(robot, weak, ("P0", "P1", "P2"), degrees=False)))
+    findings = list(check(View.of(robot, weak, degrees=False)))
     assert [(finding.observation, finding.severity) for finding in findings] == [(1, "note"), (3, "note")]
 
 

@@ -59,6 +59,13 @@ def only_deflections(measurements: Measurements) -> Measurements:
     return replace(measurements, position=places, in_flange=measurements.present)
 
 
+def first_target(measurements: Measurements) -> Measurements:
+    """The readings of the first target alone."""
+    names = ("position", "deflection", "in_flange", "present")
+    first = {name: getattr(measurements, name)[:, :1] for name in names}
+    return replace(measurements, targets=measurements.targets[:1], **first)
+
+
 def straight_wrist(angle: float):
     """Pulls with joint 5 at ± this angle [rad], by exact springs, without noise."""
     arm = default_arm()

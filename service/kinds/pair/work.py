@@ -78,8 +78,6 @@ class Side:
         return PairSide(
             robot=prepared.robot,
             measurements=prepared.measurements,
-            labels=tuple(prepared.readings.labels.tolist()),
-            targets=tuple(prepared.readings.targets.tolist()),
             settings=to_settings(self.options, prepared.robot),
         )
 
@@ -98,10 +96,10 @@ class Side:
             estimate.compliance,
             complementary_stiffness=campaign.settings.complementary_stiffness,
         )
-        warnings = to_warnings(judge(estimate, prediction), self.prepared.readings)
+        warnings = to_warnings(judge(estimate, prediction), self.prepared.measurements)
         assessment = self.prepared.assess(campaign.settings, estimate, prediction)
         budget = UncertaintyBudget.of(estimate, campaign.settings.confidence)
-        judgement = to_assessment(assessment, estimate.joints, self.prepared.readings)
+        judgement = to_assessment(assessment, estimate.joints, self.prepared.measurements)
         return AssessedSide(
             assessment=judgement.model_copy(
                 update={"reasons": [self._placed(each) for each in judgement.reasons]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
@@ -24,9 +24,6 @@ from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Burden
 from jointstiff.solver.weight.planning import planned_rows
 
-SoFar: TypeAlias = tuple[Measurements, tuple[str, ...]]
-"""Readings of a campaign, and the names of their targets."""
-
 _LACK_OF_FIT: Final = 0.1
 """Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""
 _LINK_SHARE: Final = 0.3
@@ -42,7 +39,7 @@ def to_design_request(
     nominal: FloatArray,
     sigma: float | None,
     unexplained: float | None,
-    so_far: SoFar | None,
+    so_far: Measurements | None,
 ) -> PlanRequest:
     """Return what to plan.
 
@@ -110,7 +107,7 @@ def to_design_request(
         link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
         validation=request.validation,
-        so_far=None if so_far is None else so_far[0],
+        so_far=so_far,
         by_weight=None
         if load is None
         else planned_rows(
@@ -189,7 +186,7 @@ def _point(place: FloatArray) -> tuple[float, float, float]:
 
 
 def named_targets(
-    request: plans.PlanRequest, robot: Robot, so_far: SoFar | None
+    request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and places (T, 3) of the targets, flange frame [m]."""
     if request.targets:
@@ -200,9 +197,9 @@ def named_targets(
             where="targets",
             remedy="give `targets`: name and position of at least one target, in the flange frame, in m",
         )
-    places = targets_in_flange(robot, so_far[0])
-    if so_far[0].direction is None:
-        return so_far[1], places
+    places = targets_in_flange(robot, so_far)
+    if so_far.direction is None:
+        return so_far.targets, places
     if not request.directions:
         raise RequestError(
             "readings of the campaign are along directions, and the plan's are not said",
@@ -211,21 +208,20 @@ def named_targets(
         )
     # Each direction of a gauge has a name of its own; the plan names places.
     first = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
-    return tuple(so_far[1][t] for t in first), places[first]
+    return tuple(so_far.targets[t] for t in first), places[first]
 
 
-def _load_point(request: plans.PlanRequest, so_far: SoFar | None) -> FloatArray:
+def _load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
     if request.load_point is not None:
         refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
     if so_far is None:
         return np.zeros(3)
-    measured = so_far[0]
-    point: FloatArray = measured.load_point[int(np.argmax(np.linalg.norm(measured.force, axis=1)))]
+    point: FloatArray = so_far.load_point[int(np.argmax(np.linalg.norm(so_far.force, axis=1)))]
     return point
 
 
-def _loads(request: plans.PlanRequest, robot: Robot, so_far: SoFar | None) -> Loads:
+def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
     """Return the loads; those of the campaign are a weight if all pull down, else of any direction."""
     limits = np.full(robot.n, np.inf)
     for name, limit in request.torque_limits.items():
@@ -236,14 +232,14 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: SoFar | None) -> Lo
     if load is not None:
         anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
         return Loads(load.kind, load.force, limits, anchors)
-    size = 0.0 if so_far is None else float(np.linalg.norm(so_far[0].force, axis=1).max())
+    size = 0.0 if so_far is None else float(np.linalg.norm(so_far.force, axis=1).max())
     if so_far is None or size == 0.0:
         raise RequestError(
             "the loads are missing",
             where="load",
             remedy="give `load`: its kind (dead_weight, any_direction or cable) and its force in N",
         )
-    down = so_far[0].force[:, 2] < -0.999 * np.linalg.norm(so_far[0].force, axis=1)
+    down = so_far.force[:, 2] < -0.999 * np.linalg.norm(so_far.force, axis=1)
     return Loads("dead_weight" if down.all() else "any_direction", size, limits)
 
 

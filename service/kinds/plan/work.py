@@ -100,7 +100,7 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
         )
         screening = screen_estimate(robot, prepared.measurements, estimate)
         judgement = prepared.assess(settings, estimate, prediction, screening)
-        assessment = to_assessment(judgement, estimate.joints, prepared.readings)
+        assessment = to_assessment(judgement, estimate.joints, prepared.measurements)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,
@@ -109,10 +109,9 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
             passed_over=_TOO_LITTLE | _LINKS if screening.links_speak else _TOO_LITTLE,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
-    so_far = None
-    if prepared is not None:
-        read = replace(prepared.measurements, present=prepared.readings.present)
-        so_far = (read, tuple(prepared.readings.targets.tolist()))
+    so_far = None if prepared is None else prepared.measurements
+    if so_far is not None and so_far.unloaded_only is not None:
+        so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
     asked = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )

@@ -250,10 +250,8 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         assessment = prepared.assess(self._settings, estimate, elastic.prediction, screening)
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
         warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
-        warnings += to_warnings(findings, prepared.readings)
-        result = to_result(
-            estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
-        )
+        warnings += to_warnings(findings, prepared.measurements)
+        result = to_result(robot, estimate, elastic.prediction, assessment, prepared.measurements, warnings)
         links = to_links_result(elastic, robot.joint_names, options, self._losses)
         return result.model_copy(update={"links": links, "model": self._model(elastic)})
 

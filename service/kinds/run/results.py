@@ -14,7 +14,6 @@ from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.message import message, rows
-from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.budgets import to_budget, to_joint_budgets
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.advice import Advice
@@ -22,19 +21,20 @@ from jointstiff.solver.inference.assessment import Assessment
 from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Contributions, Prediction
-from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingSummary
+from jointstiff.solver.robot.model import Robot
 
 MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""
 
 
 def to_result(
+    robot: Robot,
     estimate: Estimate,
     prediction: Prediction,
     assessment: Assessment,
     measurements: Measurements,
-    readings: ReadingArrays,
     warnings: list[QualityWarning],
     advice: Sequence[Advice] = (),
     budget: UncertaintyBudget | None = None,
@@ -44,13 +44,13 @@ def to_result(
     return message(
         runs.RunResult,
         estimate,
-        assessment=to_assessment(assessment, estimate.joints, readings),
+        assessment=to_assessment(assessment, estimate.joints, measurements),
         joints=to_joints(estimate.joints, assessment.joints, to_joint_budgets(budget, len(names))),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         goodness=message(runs.Goodness, estimate, test=estimate.sigma_test),
-        identifiability=to_identifiability(estimate, advice, readings.labels.tolist()),
-        robust=to_robust_loss(estimate, readings),
+        identifiability=to_identifiability(estimate, advice, robot, measurements),
+        robust=to_robust_loss(estimate, measurements),
         contributions=to_contributions(prediction.contributions, names),
         resampling=None,
         model=None,
@@ -58,7 +58,7 @@ def to_result(
         links=None,
         selection=None,
         choice=None,
-        residuals=_residuals(prediction, measurements, readings),
+        residuals=_residuals(prediction, measurements),
         encoder_residuals=[],
         weight=None,
         warnings=warnings,
@@ -79,7 +79,7 @@ def to_contributions(contributions: Contributions | None, names: Sequence[str]) 
 
 
 def to_identifiability(
-    estimate: Estimate, advice: Sequence[Advice], labels: Sequence[str]
+    estimate: Estimate, advice: Sequence[Advice], robot: Robot, measurements: Measurements
 ) -> identifiabilities.Identifiability:
     """Return rank, condition, combinations and indices, with advice in words."""
     names = [joint.name for joint in estimate.joints]
@@ -93,15 +93,15 @@ def to_identifiability(
                 identifiabilities.Advice,
                 piece,
                 joint=names[piece.joint],
-                observation=None if piece.observation is None else labels[piece.observation],
-                message=piece.in_words(names, labels),
+                observation=None if piece.observation is None else measurements.labels[piece.observation],
+                message=piece.in_words(robot, measurements),
             )
             for piece in advice
         ],
     )
 
 
-def to_robust_loss(estimate: Estimate, readings: ReadingArrays) -> runs.RobustLoss | None:
+def to_robust_loss(estimate: Estimate, measurements: Measurements) -> runs.RobustLoss | None:
     """Return the readings that the Huber loss suspects, worst first; None for the squared loss."""
     robust = estimate.robust
     if robust is None:
@@ -109,8 +109,8 @@ def to_robust_loss(estimate: Estimate, readings: ReadingArrays) -> runs.RobustLo
     i, t = robust.suspicious[:MAX_SUSPICIOUS].T
     suspicious = rows(
         runs.SuspiciousReading,
-        observation=readings.labels[i],
-        target=readings.targets[t],
+        observation=np.array(measurements.labels)[i],
+        target=np.array(measurements.targets)[t],
         weight=robust.weight[i, t],
         residual_norm=robust.residual_norm[i, t],
     )
@@ -118,14 +118,17 @@ def to_robust_loss(estimate: Estimate, readings: ReadingArrays) -> runs.RobustLo
 
 
 def to_encoder_residuals(
-    encoders: EncoderReadings, predicted: FloatArray, labels: Sequence[str], joint_names: Sequence[str]
+    measurements: Measurements, predicted: FloatArray, robot: Robot
 ) -> list[runs.EncoderResidual]:
     """Return measured and predicted deflection (N, n) [rad] of each encoder that was read."""
+    encoders = measurements.encoders
+    if encoders is None:
+        return []
     i, j = np.nonzero(encoders.present)
     return rows(
         runs.EncoderResidual,
-        observation=np.array(labels)[i],
-        joint=np.array(joint_names)[j],
+        observation=np.array(measurements.labels)[i],
+        joint=np.array(robot.joint_names)[j],
         deflection=encoders.deflection[i, j],
         predicted=predicted[i, j],
         residual=(encoders.deflection - predicted)[i, j],
@@ -155,14 +158,12 @@ def to_resampling_result(
     )
 
 
-def _residuals(
-    prediction: Prediction, measurements: Measurements, readings: ReadingArrays
-) -> list[runs.Residual]:
+def _residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
     i, t = np.nonzero(measurements.present)
     return rows(
         runs.Residual,
-        observation=readings.labels[i],
-        target=readings.targets[t],
+        observation=np.array(measurements.labels)[i],
+        target=np.array(measurements.targets)[t],
         deflection=measurements.deflection[i, t],
         predicted=prediction.predicted[i, t],
         residual=prediction.residual[i, t],

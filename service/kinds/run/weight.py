@@ -42,7 +42,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     """
     readings, observation = _readings(prepared, weight)
     m = prepared.measurements
-    by_loads = m.present & prepared.readings.as_deflection
+    by_loads = m.present & m.in_flange
     loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
     estimate = identify_weight(
         prepared.robot,
@@ -62,7 +62,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         model = to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
-        assessment=to_assessment(assessment, joints, prepared.readings),
+        assessment=to_assessment(assessment, joints, prepared.measurements),
         joints=to_joints(joints, assessment.joints, [None] * len(joints)),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),
@@ -90,8 +90,8 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         ),
         residuals=rows(
             runs.Residual,
-            observation=prepared.readings.labels[observation[row]],
-            target=prepared.readings.targets[target],
+            observation=np.array(m.labels)[observation[row]],
+            target=np.array(m.targets)[target],
             deflection=displacement + residual,
             predicted=displacement,
             residual=residual,
@@ -111,8 +111,8 @@ def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, In
             where="weight",
             remedy="give `bodies` of the robot, or a URDF with inertials",
         )
-    unloaded = prepared.readings.present & ~prepared.readings.as_deflection
-    loaded = m.present & ~prepared.readings.as_deflection
+    loaded = m.present & ~m.in_flange
+    unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
     if not unloaded.any():
         raise RequestError(
             "the set has only deflections, which own weight does not change",
@@ -127,7 +127,7 @@ def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, In
         angles=m.joints[observation],
         points=np.concatenate([m.position[first], (m.position + m.deflection)[second]]),
         present=np.concatenate([unloaded[first], loaded[second]]),
-        targets=tuple(prepared.readings.targets.tolist()),
+        targets=m.targets,
         joint_map=robot.joint_map,
         sigma=m.sigma,
         covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,

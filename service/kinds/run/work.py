@@ -224,18 +224,18 @@ def _reported(
         complementary_stiffness=settings.complementary_stiffness,
         estimated=estimate.estimated,
     )
-    warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
+    warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.measurements)
     assessment = prepared.assess(settings, estimate, prediction, screening)
     # Behind a mistake, what another reading would bring is not known.
     usable = assessment.verdict != "do_not_use"
     advice = advise(prepared.robot, prepared.measurements, estimate) if usable else ()
     prediction = assessment.supported(prediction)
     result = to_result(
+        prepared.robot,
         estimate,
         prediction,
         assessment,
         prepared.measurements,
-        prepared.readings,
         warnings,
         advice,
         budget,
@@ -252,8 +252,7 @@ def _reported(
 def _encoder_residuals(
     prepared: PreparedSet, settings: Settings, estimate: Estimate
 ) -> list[EncoderResidual]:
-    encoders = prepared.measurements.encoders
-    if encoders is None:
+    if prepared.measurements.encoders is None:
         return []
     predicted = predict_encoders(
         prepared.robot,
@@ -261,5 +260,4 @@ def _encoder_residuals(
         estimate.compliance,
         complementary_stiffness=settings.complementary_stiffness,
     )
-    labels = prepared.readings.labels.tolist()
-    return to_encoder_residuals(encoders, predicted, labels, prepared.robot.joint_names)
+    return to_encoder_residuals(prepared.measurements, predicted, prepared.robot)

@@ -203,9 +203,8 @@ class TestNewPostures:
 class TestMessages:
     def test_with_label_direction_and_numbers(self):
         document = shared("simulated/dead_weight_motor")
-        *_, found, pieces = advised(document)
-        labels = [observation["label"] for observation in document["measurement_set"]["observations"]]
-        message = to_identifiability(found, pieces, labels)
+        robot, measurements, found, pieces = advised(document)
+        message = to_identifiability(found, pieces, robot, measurements)
         (advice,) = message.advice
         direction = ", ".join(f"{abs(x) / 1500:.2f}" for x in advice.force)
         assert advice.message == (
@@ -213,7 +212,9 @@ class TestMessages:
             f"u(joint_1) falls to {advice.standard_uncertainty:.2g} rad/(N.m)"
         )
         assert advice.joints == pytest.approx(
-            document["measurement_set"]["observations"][labels.index(advice.observation)]["joints"]
+            document["measurement_set"]["observations"][measurements.labels.index(advice.observation)][
+                "joints"
+            ]
         )
         json.dumps(message.model_dump(mode="json"), allow_nan=False)
 
@@ -234,20 +235,21 @@ class TestMessages:
         after = estimate(robot, follow(arm, robot, measurements, pieces[0]), **options)
         kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
         assert kept == same
-        (first, *_) = to_identifiability(found, pieces, [f"c0{i}" for i in range(4)]).advice
+        (first, *_) = to_identifiability(found, pieces, robot, measurements).advice
         assert ("with method partial_pose u(joint_1)" in first.message) != same
 
     def test_of_a_new_posture_and_without_sigma(self):
         robot, measurements, found, pieces = advised(
             simulate_campaign(default_arm(), configurations=3, seed=1)
         )
-        labels = ["c01", "c02", "c03"]
-        messages = to_identifiability(found, pieces, labels).advice
+        messages = to_identifiability(found, pieces, robot, measurements).advice
         (new, *_) = (piece for piece in messages if piece.observation is None)
         assert "if it is free of collisions, apply the load of 1500 N as before" in new.message
         assert f", {new.uncertainty_ratio:.2g} times its present value" in new.message
         unknown = replace(found, sigma=None)
-        (first, *_) = to_identifiability(unknown, advise(robot, measurements, unknown), labels).advice
+        (first, *_) = to_identifiability(
+            unknown, advise(robot, measurements, unknown), robot, measurements
+        ).advice
         assert first.joint == "joint_1"
         assert "about the axis of joint_1" in first.message
         assert first.standard_uncertainty is None
@@ -286,7 +288,7 @@ def follow(arm: SpringArm, robot: Robot, measurements: Measurements, advice: Adv
     reading |= {"position": unloaded, "deflection": loaded - unloaded + noise}
     reading |= {"in_flange": measurements.in_flange[:1], "present": measurements.present[:1]}
     joined = {name: np.concatenate([getattr(measurements, name), new]) for name, new in reading.items()}
-    return replace(measurements, **joined)
+    return replace(measurements, **joined, labels=(*measurements.labels, "advised"))
 
 
 def arm_of(robot: Robot, stiffness: list[float]) -> SpringArm:

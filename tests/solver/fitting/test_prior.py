@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import estimate, prepare, settings_of
+from support.campaigns import estimate, first_target, prepare, settings_of
 
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.conversion.message import message as message_of
@@ -143,17 +143,6 @@ def test_a_prior_that_outweighs_the_readings_is_a_warning(pulls):
         assert ("prior_dominates" in codes) == warned == (found.joints[4].prior_to_data > 1)
 
 
-def _one_target(measurements):
-    """Two observations of one target: as many readings as joints."""
-    return replace(
-        measurements,
-        present=measurements.present[:, :1],
-        position=measurements.position[:, :1],
-        in_flange=measurements.in_flange[:, :1],
-        deflection=measurements.deflection[:, :1],
-    )
-
-
 class TestRefusals:
     @pytest.mark.parametrize(
         ("options", "where"),
@@ -170,7 +159,8 @@ class TestRefusals:
     def test_without_sigma_and_degrees_of_freedom(self, pulls):
         robot, measurements = pulls
         with pytest.raises(UnsupportedMethodError, match="a prior needs sigma"):
-            estimate(robot, _one_target(replace(measurements[:2], sigma=None)), priors=PRIORS)
+            # Two observations of one target: as many readings as joints.
+            estimate(robot, first_target(replace(measurements[:2], sigma=None)), priors=PRIORS)
 
     @pytest.mark.parametrize("options", [{"priors": PRIORS}, {"stiffness_order": [["joint_2", "joint_3"]]}])
     def test_resampling(self, pulls, options):

@@ -10,11 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from support.campaigns import METHODS, estimate, prepare, settings_of
+from support.campaigns import METHODS, estimate, first_target, prepare, settings_of
 from support.examples import examples
 
-from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.results import to_robust_loss
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
@@ -286,19 +284,17 @@ class TestGrossErrors:
 
     def test_names_of_the_suspicious(self):
         document = simulate_campaign(ARM, load="pull", configurations=15, seed=6)
-        observations = Campaign.model_validate(document).measurement_set.observations
-        readings = ReadingArrays.from_observations(observations)
         robot, measurements = prepare(document)
         bad = measurements.deflection.copy()
         bad[7, 1, 2] += 1e-3
         found = estimate(robot, replace(measurements, deflection=bad), loss="huber")
-        message = to_robust_loss(found, readings)
+        message = to_robust_loss(found, measurements)
         assert message.threshold == 2.8
         assert message.suspicious_count == 1
         (reading,) = message.suspicious
         assert (reading.observation, reading.target) == ("c08", "P11")
         assert reading.weight == pytest.approx(2.8 / reading.residual_norm)
-        assert to_robust_loss(estimate(robot, measurements), readings) is None
+        assert to_robust_loss(estimate(robot, measurements), measurements) is None
 
     def test_a_scale_that_is_not_known_does_not_follow_the_gross_errors(self, pulls):
         robot, exact = pulls
@@ -440,14 +436,7 @@ def _stationary(robot: Robot, measurements: Measurements, found: Estimate, thres
 class TestRefusals:
     def test_no_sigma_and_no_readings_to_spare(self, pulls):
         robot, exact = pulls
-        few = replace(noisy(exact, 0)[:2], sigma=None)
-        few = replace(
-            few,
-            position=few.position[:, :1],
-            in_flange=few.in_flange[:, :1],
-            deflection=few.deflection[:, :1],
-            present=few.present[:, :1],
-        )
+        few = first_target(replace(noisy(exact, 0)[:2], sigma=None))
         with pytest.raises(UnsupportedMethodError, match="needs sigma"):
             estimate(robot, few, loss="huber")
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, only_deflections, prepare
+from support.campaigns import METHODS, first_target, only_deflections, prepare
 from support.shared_data import shared
 
 from jointstiff.schemas.run.options import RunOptions
@@ -52,9 +52,8 @@ def assessed(
     """Inspect, identify, and assess with the options of a run; K_c included if nothing is said."""
     options = {"complementary_stiffness": "included"} | options
     settings = replace(to_settings(RunOptions(**options), robot), prior=prior)
-    names = tuple(f"P{t}" for t in range(measurements.present.shape[1]))
     if findings is None:
-        findings = tuple(inspect(robot, measurements, names, degrees=False))
+        findings = tuple(inspect(robot, measurements, degrees=False))
     found = identify(robot, measurements, settings)
     prediction = predict(
         robot, measurements, found.compliance, complementary_stiffness=settings.complementary_stiffness
@@ -66,13 +65,6 @@ def reason_of(assessment: Assessment, code: str):
     reasons = [reason for reason in assessment.reasons if reason.code == code]
     assert len(reasons) == 1, assessment.reasons
     return reasons[0]
-
-
-def first_target(measurements: Measurements, observations: list[int]) -> Measurements:
-    """The readings of the first target in some observations."""
-    names = ("position", "deflection", "in_flange", "present")
-    first = {name: getattr(measurements, name)[:, :1] for name in names}
-    return replace(measurements, **first)[np.array(observations)]
 
 
 def is_true(found: Estimate, truth=TRUTH) -> bool:
@@ -307,7 +299,7 @@ class TestFit:
 
     def test_no_residual_freedom(self, deflections):
         robot, measurements = deflections
-        two = first_target(measurements, [0, 9])
+        two = first_target(measurements)[np.array([0, 9])]
         assessment, found = assessed(robot, two, findings=())
         assert found.degrees_of_freedom == 0.0
         assert reason_of(assessment, "no_residual_freedom").weight == "do_not_use"
@@ -316,7 +308,7 @@ class TestFit:
 
     def test_no_joint_identified(self, deflections):
         robot, measurements = deflections
-        one = replace(first_target(measurements, [0]), sigma=2e-5)
+        one = replace(first_target(measurements)[:1], sigma=2e-5)
         assessment, _ = assessed(robot, one, complementary_stiffness="neglected", findings=())
         assert assessment.verdict == "do_not_use"
         assert "6 not observable" in reason_of(assessment, "no_joint_identified").message

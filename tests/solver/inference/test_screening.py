@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import estimate, only_deflections, prepare
+from support.campaigns import estimate, first_target, only_deflections, prepare
 from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -55,13 +55,7 @@ class TestClean:
 
     def test_too_few_readings_tell_nothing(self):
         robot, measurements = springs(1, configurations=4)
-        one = replace(
-            measurements,
-            **{
-                name: getattr(measurements, name)[:, :1]
-                for name in ("position", "deflection", "in_flange", "present")
-            },
-        )
+        one = first_target(measurements)
         assert screened(robot, one) is not None
         assert not screened(robot, one).lack_of_fit
 

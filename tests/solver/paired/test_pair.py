@@ -31,14 +31,7 @@ ACROSS = {"method": "decoupled_partial_pose", "stiffness_order": [["joint_6", "j
 
 def side(document, **options):
     robot, measurements = prepare(document)
-    observations = document["measurement_set"]["observations"]
-    return PairSide(
-        robot,
-        measurements,
-        labels=tuple(o["label"] for o in observations),
-        targets=tuple(dict.fromkeys(r["target"] for o in observations for r in o["readings"])),
-        settings=settings_of(robot, **options),
-    )
+    return PairSide(robot, measurements, settings_of(robot, **options))
 
 
 def simulated(method="partial_pose", **options):
@@ -309,9 +302,7 @@ def test_other_postures_and_loads_do_not_match():
 def test_labels_find_each_other_in_any_order():
     first, second = simulated()
     order = np.random.default_rng(1).permutation(19)
-    shuffled = replace(
-        second, measurements=second.measurements[order], labels=tuple(second.labels[i] for i in order)
-    )
+    shuffled = replace(second, measurements=second.measurements[order])
     straight, crossed = pair_of(first, second), pair_of(first, shuffled)
     assert crossed.avoided.measured.overall.value == pytest.approx(straight.avoided.measured.overall.value)
     assert crossed.avoided.predicted.value == pytest.approx(straight.avoided.predicted.value)
@@ -319,7 +310,8 @@ def test_labels_find_each_other_in_any_order():
 
 def test_no_common_observation_leaves_the_prediction():
     first, second = simulated()
-    renamed = replace(second, labels=tuple(f"x{label}" for label in second.labels))
+    labels = tuple(f"x{label}" for label in second.measurements.labels)
+    renamed = replace(second, measurements=replace(second.measurements, labels=labels))
     avoided = pair_of(first, renamed).avoided
     assert avoided.measured is None
     assert 0.2 < avoided.predicted.value < 0.6

@@ -105,7 +105,9 @@ class TestPose:
         arm = position - position.mean(axis=1, keepdims=True)
         moved = translation[:, None] + np.cross(rotation[:, None], arm)
         ones = np.ones((4, targets), dtype=bool)
-        changed = replace(measurements, position=position, deflection=moved, present=ones, in_flange=~ones)
+        changed = replace(
+            measurements, position=position, deflection=moved, present=ones, in_flange=~ones, targets=()
+        )
         (block,) = regressor_blocks(robot, changed)
         x, _, _ = displacement(block)
         np.testing.assert_allclose(x, np.hstack([translation, rotation]), atol=1e-14)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, prepare
+from support.campaigns import METHODS, estimate, first_target, prepare
 
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
@@ -253,12 +253,7 @@ class TestReported:
 
     def test_no_sigma_and_no_freedom_leave_the_shift_unknown(self):
         robot, measurements = exact(configurations=2)
-        one = replace(
-            measurements,
-            sigma=None,
-            **{name: getattr(measurements, name)[:, :1] for name in ("position", "in_flange", "deflection")},
-            present=measurements.present[:, :1],
-        )
+        one = replace(first_target(measurements), sigma=None)
         assert estimate(robot, one).complementary_stiffness.largest_shift is None
 
     @pytest.mark.parametrize(("sigma", "warned"), [(SIGMA, True), (3 * SIGMA, False)])

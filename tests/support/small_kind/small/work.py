@@ -11,7 +11,7 @@ from jointstiff.service.kinds.work import QuickWork
 def work(inputs: Inputs, request: SmallRequest) -> QuickWork:
     """Return the work of a count."""
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
-    counts = [len(each.readings) for each in prepared.readings.observations()]
+    counts = prepared.measurements.present.sum(axis=1).tolist()
     kept = [count for count in counts if count >= request.least]
     return QuickWork(
         compute=lambda: SmallResult(observations=len(kept), readings=sum(kept)),
