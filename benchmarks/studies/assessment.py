@@ -33,7 +33,7 @@ from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

@@ -21,7 +21,7 @@ from jointstiff.solver.inference.assessment import Assessment, assess, gross_mis
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
 from jointstiff.solver.inference.screening import Screening
-from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot

@@ -1,1 +1,58 @@
-"""Plausibility checks of a measurement set: the usual mistakes of a long day."""
+"""Plausibility checks of a measurement set: the usual mistakes of a long day.
+
+Each finding has a severity, a figure and a remedy; none is mended silently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from jointstiff.solver.finding import Finding, FindingCode
+from jointstiff.solver.integrity.places import inspect_drift, inspect_places, inspect_rigidity
+from jointstiff.solver.integrity.response import inspect_response
+from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+
+MAX_FINDINGS_PER_CODE: Final = 10
+"""Further findings of a kind are counted in its last message."""
+_NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
+    {"angle_unit_suspect", "length_unit_suspect", "deflection_implausibly_large", "sigma_suspect"}
+)
+"""With these the deflections are not what the springs would make of the load."""
+
+
+def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[Finding]:
+    """Look for the usual mistakes of a day of measurements.
+
+    What a check finds wrong with the whole set ends the search for what follows from it: positions that no
+    posture explains say nothing of drift, and angles that are not the robot's nothing of its springs.
+
+    Args:
+        robot: n joints.
+        measurements: N observations of T targets.
+        degrees: whether the angles were posted in degrees.
+
+    Returns:
+        The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
+    """
+    view = View(robot, measurements, degrees)
+    findings = list(inspect_values(view))
+    responds = not any(finding.code in _NO_RESPONSE for finding in findings)
+    suspects, good = inspect_places(view)
+    findings += [*suspects, *inspect_repeats(view)]
+    if good.any():
+        findings += [*inspect_rigidity(view, good), *inspect_drift(view, good)]
+        findings += inspect_response(view, good) if responds else ()
+    kinds: dict[FindingCode, list[Finding]] = {}
+    for finding in findings:
+        kinds.setdefault(finding.code, []).append(finding)
+    shown: list[Finding] = []
+    for same in kinds.values():
+        shown += same[:MAX_FINDINGS_PER_CODE]
+        more = len(same) - MAX_FINDINGS_PER_CODE
+        if more > 0:
+            message = f"{shown[-1].message} (and {more} more of this kind)"
+            shown[-1] = replace(shown[-1], message=message)
+    return shown

@@ -1,22 +1,35 @@
-"""Positions of the targets on the flange: constant if angles and readings belong together.
+"""Positions of the targets: constant on the flange if angles and readings belong together.
 
 A robot stands where its model says within millimetres. A mistake in the angles, their order, a name or a
 unit moves a target by centimetres or metres as seen from the flange; and the mistake that was made is the
-one whose correction brings the targets back to one place.
+one whose correction brings the targets back to one place. Targets on a flange keep their distances; one that
+does not was bumped, and stays where it was put.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
+from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.finding import Finding, length_text
-from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses, unit_hypotheses
-from jointstiff.solver.integrity.view import View, median, seen_from_flange
+from jointstiff.solver.finding import M_AS_MM, MM_AS_M, Finding, FindingCode, length_text
+from jointstiff.solver.integrity.values import (
+    FALSE_ALARM,
+    MEDIAN_SIZE,
+    MODEL_ALLOWANCE,
+    SAME_ANGLE,
+    View,
+    median,
+    normal_quantile,
+    seen_from_flange,
+    vector_quantile,
+    vector_scale,
+)
 from jointstiff.solver.robot.configuration import Configurations
 
 LARGEST_MODEL_ERROR: Final = 0.02
@@ -33,105 +46,167 @@ _ROWS: Final = 150
 _SEARCHED: Final = 300
 """Maximum number of rows for which the matching posture is searched."""
 
+LEAST_SIGMA: Final = 1e-6
+"""Standard uncertainty of a reading [m] that is assumed where none is stated and the distances show less."""
+OVERSTATED: Final = 2.0
+"""Scatter of distances relative to the stated noise above which it is reported."""
+_ENOUGH: Final = 30
+_ORDERED: Final = 2.0
+"""Factor on a step where postures were measured in order: the model's errors then look like steps."""
+_CLEARER: Final = 4.0
+"""Ratio of the sums of squares above which another target is no explanation."""
+LEAST_ROWS: Final = 4
+SMALLEST_MOTION: Final = 1e-4
+"""Least displacement, change of a distance and drift that is reported [m]: less does not matter for
+deflections, differences within minutes."""
+
+LEAST_ROWS_OF_DRIFT: Final = 8
+LEAST_FREEDOM: Final = 3
+_RANK: Final = 1e-10
+_EXACT: Final = 1e-18
+"""Variance [m²] of exact readings: rounding is no drift."""
+
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Findings from the positions of the targets on the flange."""
+class Hypothesis:
+    """Angles and positions of some rows, corrected for one assumed mistake."""
 
-    findings: tuple[Finding, ...]  #: suspicious places
-    good: BoolArray  #: (N,) rows whose targets sit where they should, or that measured no place
-    sound: bool  #: whether the set as a whole may be looked at further
-
-
-@dataclass(frozen=True, eq=False)
-class _Consensus:
-    """The place (T, 3) of the targets on which most rows agree, and which do (M,)."""
-
-    place: FloatArray
-    agree: BoolArray
-    apart: FloatArray
-
-    @property
-    def count(self) -> int:
-        return int(self.agree.sum())
+    code: FindingCode  #: the finding if it is true
+    joints: FloatArray  #: (M, n) controller angles [rad]
+    figure: str  #: change that was tried, for the message: "with ... ".
+    remedy: str  #: the proposed correction
+    rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
+    length: float = 1.0  #: factor on the positions
 
 
-def inspect_places(view: View) -> Places:
-    """Compare where each observation sees the targets on the flange."""
+def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
+    """Yield lengths and angles in another unit.
+
+    Args:
+        joints: (M, n) controller angles as posted [rad].
+    """
+    rows = np.arange(len(joints))
+    for factor, changed, remedy in (
+        (1e-3, "all lengths divided by 1000", MM_AS_M),
+        (1e3, "all lengths multiplied by 1000", M_AS_MM),
+    ):
+        yield Hypothesis("length_unit_suspect", joints, changed, remedy, rows, factor)
+    for angles, right, declared, unit in (
+        (np.deg2rad(joints), "degrees", "radians", "deg"),
+        (np.rad2deg(joints), "radians", "degrees", "rad"),
+    ):
+        remedy = f"the angles seem to be in {right} and declared as {declared}: set `units.angle` to {unit}"
+        yield Hypothesis("angle_unit_suspect", angles, f"all angles taken as {right}", remedy, rows)
+
+
+def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
+    """Yield a joint's sign, two joints' columns, and rows shifted against the readings.
+
+    Args:
+        joints: (N, n) controller angles of the whole set [rad].
+        rows: (M,) which of its rows are asked for.
+        names: of the controller's joints.
+    """
+    angles, every = joints[rows], np.arange(len(rows))
+    for j, name in enumerate(names):
+        sign = np.where(np.arange(len(names)) == j, -1.0, 1.0)
+        figure = f"the angle of {name} with the other sign"
+        remedy = f"change the sign of {name} in every observation, or in the joint map"
+        yield Hypothesis("joint_sign_suspect", angles * sign, figure, remedy, every)
+    for j, k in combinations(range(len(names)), 2):
+        order = np.arange(len(names))
+        order[[j, k]] = k, j
+        figure = f"the angles of {names[j]} and {names[k]} exchanged"
+        remedy = f"exchange the columns of {names[j]} and {names[k]} in every observation"
+        yield Hypothesis("joints_swapped", angles[:, order], figure, remedy, every)
+    for shift, neighbour in ((-1, "before"), (1, "after")):
+        inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
+        if len(inside):
+            figure = f"the angles of the row {neighbour}"
+            remedy = f"shift the readings by one row: they belong to the angles of the row {neighbour}"
+            shifted = joints[rows[inside] + shift]
+            yield Hypothesis("observations_out_of_order", shifted, figure, remedy, inside)
+
+
+def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
+    """Compare where each observation sees the targets on the flange.
+
+    Returns:
+        The findings; and (N,) rows whose targets sit where they should, or that measured no place: none
+        where the set as a whole is not to be looked at further.
+    """
     useful = view.measured & (view.measured.sum(axis=0) > 1)
     rows = np.flatnonzero(useful.any(axis=1))
     good = np.ones(len(useful), dtype=np.bool_)
     if len(rows) < 2:
-        return Places((), good, sound=True)
+        return [], good
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
     place = _median(seen)
-    apart = _apart(seen, place)
-    if apart.max() <= LARGEST_MODEL_ERROR:
-        findings = [*_outliers(rows, seen - place), *_loaded_under_other_names(view, rows, place)]
-        return Places(tuple(findings), good, sound=True)
+    if _apart(seen, place).max() <= LARGEST_MODEL_ERROR:
+        return [*_outliers(view, rows, seen - place), *_loaded_under_other_names(view, rows, place)], good
     # Some targets are far from where the others say: find the mistake that explains it.
-    as_posted = _consensus(seen)
+    place = _consensus(seen)
+    agree = _apart(seen, place) <= LARGEST_MODEL_ERROR
     sample = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))]
-    hypotheses = [*unit_hypotheses(view.measurements.joints[sample])]
-    hypotheses += angle_hypotheses(view.measurements.joints, sample, view.robot.joint_names)
-    judged = [(h, _consensus(_places_under(view, sample, h))) for h in hypotheses]
-    best, places = max(judged, key=lambda pair: (pair[1].count, -median(pair[1].apart)))
-    posted_share = as_posted.count / len(rows)
-    if places.count >= EXPLAINED * len(sample) and places.count / len(sample) > posted_share + 0.1:
-        mistake = Finding(
+    joints, judged = view.measurements.joints, []
+    for h in (*unit_hypotheses(joints[sample]), *angle_hypotheses(joints, sample, view.robot.joint_names)):
+        asked = sample[h.rows]
+        at = Configurations(view.robot, view.robot.joint_map.model_angles(h.joints))
+        there = seen_from_flange(at, h.length * view.measurements.position[asked], view.measured[asked])
+        mended = _consensus(there)
+        judged.append((h, mended, _apart(there, mended)))
+    best, mended, apart = max(
+        judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
+    )
+    near = apart <= LARGEST_MODEL_ERROR
+    count, posted_share = int(near.sum()), float(agree.mean())
+    if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
+        mistake = view.finding(
             best.code,
             None,
-            f"as posted, the targets keep one position on the flange in {as_posted.count} of {len(rows)} "
-            f"observations; with {best.figure}, in {places.count} of {len(places.agree)}, within "
-            f"{length_text(float(places.apart[places.agree].max()))}",
+            f"as posted, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
+            f"observations; with {best.figure}, in {count} of {len(near)}, within "
+            f"{length_text(float(apart[near].max()))}",
             best.remedy,
             "error",
         )
-        return Places((mistake,), np.zeros(len(view.measured), bool), sound=False)
-    if best.code == "observations_out_of_order" and places.count / len(sample) > posted_share:
-        as_posted = _against(seen, places.place)
-    return _row_by_row(view, rows, seen, as_posted)
+        return [mistake], ~good
+    if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
+        place, agree = mended, _apart(seen, mended) <= LARGEST_MODEL_ERROR
+    good[rows[~agree]] = False
+    findings = list(_row_by_row(view, rows[~agree], seen[~agree], place))
+    return findings, good & (agree.sum() >= max(2, len(rows) // 2))
 
 
-def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, consensus: _Consensus) -> Places:
-    """The rows that disagree one by one: names exchanged, or the readings of another posture."""
-    bad = np.flatnonzero(~consensus.agree)
-    good = np.ones(len(view.measured), dtype=np.bool_)
-    good[rows[bad]] = False
-    findings: list[Finding] = []
+def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArray) -> Iterator[Finding]:
+    """Look at rows (K,) that disagree one by one: names exchanged, or the readings of another posture.
+
+    Their targets are seen (K, T, 3) on the flange, and those of the others at a place (T, 3) [m].
+    """
     elsewhere: dict[int, int] = {}
-    for b in bad.tolist():
-        i = int(rows[b])
-        swapped = _swapped(seen[b], consensus.place)
-        if swapped is not None:
-            findings.append(_exchanged(view, i, swapped))
-        elif len(elsewhere) < _SEARCHED and (j := _posture_of(view, i, consensus.place)) is not None:
+    for i, own in zip(rows.tolist(), seen, strict=True):
+        order = _true_target_of_each(own, place)
+        if order is not None:
+            yield _exchanged(view, i, order)
+        elif len(elsewhere) < _SEARCHED and (j := _posture_of(view, i, place)) is not None:
             elsewhere[i] = j
         else:
-            apart = np.nan_to_num(np.linalg.norm(seen[b] - consensus.place, axis=1))
+            apart = np.nan_to_num(np.linalg.norm(own - place, axis=1))
             t = int(apart.argmax())
-            findings.append(
-                Finding(
-                    "target_off_model",
-                    i,
-                    f"target '{view.targets[t]}' is {length_text(apart[t])} away from its median position on "
-                    "the flange",
-                    "check that positions are in R0 and in `units.length`, the angles and their order, the "
-                    "joint map, and the robot's model",
-                    "error",
-                )
+            yield view.finding(
+                "target_off_model",
+                i,
+                f"target '{view.measurements.targets[t]}' is {length_text(apart[t])} away from its median "
+                "position on the flange",
+                "check that positions are in R0 and in `units.length`, the angles and their order, the "
+                "joint map, and the robot's model",
+                "error",
             )
-    findings += _out_of_order(elsewhere)
-    return Places(tuple(findings), good, sound=consensus.count >= max(2, len(rows) // 2))
-
-
-def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
-    """Shifted rows in one finding, others one by one."""
     for shift, neighbour in ((-1, "before"), (1, "after")):
         moved = [i for i, j in elsewhere.items() if j == i + shift]
         if len(moved) < 2 or any(elsewhere.get(elsewhere[i]) == i for i in moved):
             continue
-        yield Finding(
+        yield view.finding(
             "observations_out_of_order",
             moved[0],
             f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were "
@@ -139,10 +214,9 @@ def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
             f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
             "error",
         )
-        for i in moved:
-            del elsewhere[i]
+        elsewhere = {i: j for i, j in elsewhere.items() if i not in moved}
     for i, j in elsewhere.items():
-        yield Finding(
+        yield view.finding(
             "observations_out_of_order",
             i,
             f"its readings match the angles of observations[{j}]",
@@ -151,10 +225,22 @@ def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
         )
 
 
+def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
+    """Return the row whose posture these readings were taken in, the nearest of several; None without one."""
+    at = view.configurations
+    expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
+    known = view.measured[i] & ~np.isnan(place[:, 0])
+    if not known.any():
+        return None
+    apart = np.linalg.norm(expected[:, known] - view.measurements.position[i, known], axis=2).max(axis=1)
+    fitting = np.flatnonzero(apart <= LARGEST_MODEL_ERROR)
+    return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
+
+
 def _exchanged(view: View, i: int, order: IndexArray) -> Finding:
-    wrong = [t for t in np.flatnonzero(view.measured[i]).tolist() if order[t] != t]
-    pairs = ", ".join(f"'{view.targets[t]}' is '{view.targets[order[t]]}'" for t in wrong)
-    return Finding(
+    names, wrong = view.measurements.targets, np.flatnonzero(view.measured[i]).tolist()
+    pairs = ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in wrong if order[t] != t)
+    return view.finding(
         "targets_swapped",
         i,
         f"the targets are at each other's positions on the flange: the target named {pairs}",
@@ -164,92 +250,279 @@ def _exchanged(view: View, i: int, order: IndexArray) -> Finding:
 
 
 def _loaded_under_other_names(view: View, rows: IndexArray, place: FloatArray) -> Iterator[Finding]:
-    """Unloaded readings are right, and loaded ones sit where other targets do."""
-    length = np.linalg.norm(view.measurements.deflection[rows], axis=2)
-    far = rows[(length > LARGEST_MODEL_ERROR).any(axis=1)]
+    """Name rows whose unloaded readings are right, and whose loaded ones sit where other targets do."""
+    deflection = view.measurements.deflection
+    far = rows[(np.linalg.norm(deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)]
     for i in far.tolist():
-        turned = view.measurements.deflection[i] @ view.configurations.flange_rotation[i]
-        order = _swapped(view.places[i] + turned, place)
+        turned = deflection[i] @ view.configurations.flange_rotation[i]
+        order = _true_target_of_each(view.places[i] + turned, place)
         if order is not None:
             yield _exchanged(view, i, order)
 
 
-def _outliers(rows: IndexArray, apart: FloatArray) -> Iterator[Finding]:
-    """A mistyped angle moves all targets at once, further than the model's errors do elsewhere."""
+def _outliers(view: View, rows: IndexArray, apart: FloatArray) -> Iterator[Finding]:
+    """Name mistyped angles: they move all targets at once, further than the model's errors do elsewhere."""
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(apart, axis=2), axis=1)
-    limit = max(OUTLIER * median(nearest), SMALLEST_OUTLIER)
-    for b in np.flatnonzero(nearest > limit):
-        yield Finding(
+    typical = median(nearest)
+    for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
+        yield view.finding(
             "target_off_model",
             int(rows[b]),
             f"all targets are at least {length_text(nearest[b])} away from their median positions on "
-            f"the flange; typical is {length_text(median(nearest))}",
+            f"the flange; typical is {length_text(typical)}",
             "check the angles of this observation for a typing error, and whether the robot stood still",
         )
 
 
 def _apart(seen: FloatArray, place: FloatArray) -> FloatArray:
-    """(M,) greatest distance of a target from its place [m]."""
-    distance = np.linalg.norm(seen - place, axis=2)
-    apart: FloatArray = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
-    return apart
+    """(M,) greatest distance of a target from its place [m]; 0 where none was measured."""
+    return np.asarray(np.nan_to_num(np.linalg.norm(seen - place, axis=2)).max(axis=1))
 
 
-def _against(seen: FloatArray, place: FloatArray) -> _Consensus:
-    apart = _apart(seen, place)
-    return _Consensus(place, apart <= LARGEST_MODEL_ERROR, apart)
-
-
-def _consensus(seen: FloatArray) -> _Consensus:
-    """The place that most rows agree on: the median would be nowhere with half of the rows wrong."""
+def _consensus(seen: FloatArray) -> FloatArray:
+    """(T, 3) place that most rows agree on: the median would be nowhere with half of the rows wrong."""
     anchors = seen[np.unique(np.linspace(0, len(seen) - 1, _ANCHORS).round().astype(int))]
     support = [_apart(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
-    inliers = seen[max(support, key=lambda near: int(near.sum()))]
-    return _against(seen, _median(inliers))
+    return _median(seen[max(support, key=lambda near: int(near.sum()))])
 
 
 def _median(seen: FloatArray) -> FloatArray:
     """(T, 3) median place of each target; nan where it was not measured."""
     read = ~np.isnan(seen[..., 0])
     if read.all():
-        whole: FloatArray = np.median(seen, axis=0)
-        return whole
+        return np.asarray(np.median(seen, axis=0))
     place = np.full(seen.shape[1:], np.nan)
     for t in np.flatnonzero(read.any(axis=0)):
         place[t] = np.median(seen[read[:, t], t], axis=0)
     return place
 
 
-def _places_under(view: View, rows: IndexArray, hypothesis: Hypothesis) -> FloatArray:
-    """(M, T, 3) places on the flange, had that mistake been made [m]."""
-    asked = rows[hypothesis.rows]
-    q = view.robot.joint_map.model_angles(hypothesis.joints)
-    position = hypothesis.length * view.measurements.position[asked]
-    return seen_from_flange(Configurations(view.robot, q), position, view.measured[asked])
-
-
-def _swapped(seen: FloatArray, place: FloatArray) -> IndexArray | None:
+def _true_target_of_each(seen: FloatArray, place: FloatArray) -> IndexArray | None:
     """(T,) the target that each one really is; None if that explains nothing."""
     order = np.arange(len(place))
     read = np.flatnonzero(~np.isnan(seen[:, 0]))
     distance = np.linalg.norm(seen[read, None] - place, axis=2)
     distance = np.where(np.isnan(distance), np.inf, distance)
     order[read] = distance.argmin(axis=1)
-    fits = distance.min(axis=1).max() <= LARGEST_MODEL_ERROR
-    others = order[read]
-    if not fits or len(set(others.tolist())) < len(others) or np.array_equal(others, read):
+    others, off = order[read], distance.min(axis=1).max() > LARGEST_MODEL_ERROR
+    if off or len(np.unique(others)) < len(others) or np.array_equal(others, read):
         return None
     return order
 
 
-def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
-    """The row whose posture these readings were taken in, the nearest of several; None if there is none."""
-    at = view.configurations
-    expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
-    known = view.measured[i] & ~np.isnan(place[:, 0])
-    if not known.any():
+def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
+    """Look for targets that moved on the flange.
+
+    Args:
+        view: of the set.
+        good: (N,) rows whose angles and names are not in doubt.
+    """
+    measured, names = view.measured & good[:, None], view.measurements.targets
+    places = np.where(measured[..., None], view.places, np.nan)
+    step = find_step(places, view.measurements.joints, allowance=_ORDERED if view.in_order else 1.0)
+    if step is not None:
+        yield view.finding(
+            "target_moved",
+            step.row,
+            f"from here on, '{names[step.target]}' is displaced by {length_text(step.size)} on "
+            f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
+            "check that the target is attached firmly; treat it as another target from here on "
+            "(another name), or repeat",
+            "error",
+        )
+    first, second = np.triu_indices(measured.shape[1], k=1)
+    usable = (measured[:, first] & measured[:, second]).any(axis=0)
+    first, second = first[usable], second[usable]
+    if not len(first):
+        return
+    both = measured[:, first] & measured[:, second]
+    change = _changes_of_distance(view, first, second, both, step)
+    scatter = median(np.abs(change[:, both])) / MEDIAN_SIZE
+    sigma = np.where(both, np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second]), 0.0)
+    typical = median(sigma[both])
+    if typical > 0.0 and both.sum() >= _ENOUGH and scatter >= OVERSTATED * typical:
+        yield view.finding(
+            "sigma_suspect",
+            None,
+            f"distances between targets scatter by {length_text(scatter)}, but the stated noise "
+            f"gives {length_text(typical)}",
+            "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the "
+            "residuals",
+        )
+    # (N, P) changes beyond which it is not noise [m]: as stated, or as the distances scatter
+    quantile = normal_quantile(2 * int(both.sum()))
+    chance = MODEL_ALLOWANCE * quantile * max(np.sqrt(2.0) * LEAST_SIGMA, scatter)
+    limits = np.maximum(quantile * sigma, 0.5 * chance if sigma.any() else chance)
+    for i in np.flatnonzero((np.abs(change).max(axis=0) > limits).any(axis=1)).tolist():
+        own = np.abs(change[:, i])
+        p = int((own.max(axis=0) / limits[i]).argmax())
+        # The target that leaves the least change to the others, and those that do nearly as well
+        squares, pairs = (own**2).sum(axis=0), np.array([first, second])
+        present = np.unique(pairs[:, both[i]])
+        left = np.array([squares[(pairs != t).all(axis=0)].sum() for t in present])
+        suspects = present[left <= _CLEARER * (left.min() + (scatter + 1e-9) ** 2)]
+        who = " or ".join(f"'{names[t]}'" for t in suspects)
+        yield view.finding(
+            "targets_not_rigid",
+            i,
+            f"the distance between '{names[first[p]]}' and '{names[second[p]]}' "
+            f"({'loaded' if own[1, p] > own[0, p] else 'unloaded'}) differs by "
+            f"{length_text(own[:, p].max())} from its median (limit {length_text(limits[i, p])}): "
+            f"{who} moved",
+            f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove "
+            "that reading",
+            "error",
+        )
+
+
+@dataclass(frozen=True)
+class Step:
+    """A lasting displacement of one target."""
+
+    target: int  #: index of the target
+    row: int  #: the first observation in which it sits elsewhere
+    size: float  #: size of the displacement [m]
+    ratio: float  #: ratio of the displacement to what chance allows
+
+
+def _changes_of_distance(
+    view: View, first: IndexArray, second: IndexArray, both: BoolArray, step: Step | None
+) -> FloatArray:
+    """(2, N, P) distance of each pair less its median [m], unloaded and loaded; zero where not measured.
+
+    Those to a target that moved are compared with others of the same side of the step.
+    """
+    m = view.measurements
+    states = (m.position, m.position + m.deflection)
+    lengths = np.stack([np.linalg.norm(s[:, first] - s[:, second], axis=2) for s in states])
+    change = _less_median(lengths, both)
+    if step is not None:
+        touched = (first == step.target) | (second == step.target)
+        for side in (slice(None, step.row), slice(step.row, None)):
+            change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
+    return change
+
+
+def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
+    """(2, N, P) each distance less the median of its pair; zero where not measured."""
+    if both.all():
+        return np.asarray(lengths - np.median(lengths, axis=(0, 1)))
+    out = np.zeros(lengths.shape)
+    for p in np.flatnonzero(both.any(axis=0)):
+        out[:, both[:, p], p] = lengths[:, both[:, p], p] - np.median(lengths[:, both[:, p], p])
+    return out
+
+
+def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) -> Step | None:
+    """Find the most significant lasting displacement of a target beside the barycentre of the others.
+
+    The others take away what the model has wrong of the flange's position; what it has wrong of its
+    direction, a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the
+    scatter. The scale is that of the changes from row to row, by their median, which a single step does not
+    touch, or that of the rows about the means of both sides, whichever is greater. The model's error of the
+    flange's direction moves a target beside the others, too, but changes no distance: a step needs a distance
+    that changed by `SMALLEST_MOTION`. And it needs two postures on each side, as one may be off the model.
+
+    Args:
+        places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
+        joints: (N, n) angles [rad].
+        allowance: factor on what chance allows.
+
+    Returns:
+        None if there is none beyond chance.
+    """
+    read = ~np.isnan(places[..., 0])
+    together = read.sum(axis=1)
+    if len(places) < LEAST_ROWS or together.max() < 2:
         return None
-    apart = np.linalg.norm(expected[:, known] - view.measurements.position[i, known], axis=2).max(axis=1)
-    fitting = np.flatnonzero(apart <= LARGEST_MODEL_ERROR)
-    return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
+    filled = np.where(read[..., None], places, 0.0)
+    rows_of = [np.flatnonzero(own & (together == together.max())) for own in read.T]
+    series = [
+        (t, rows, filled[rows, t] - (filled[rows].sum(axis=1) - filled[rows, t]) / (together.max() - 1))
+        for t, rows in enumerate(rows_of)
+        if len(rows) >= LEAST_ROWS
+    ]
+    if not series:
+        return None
+    changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])
+    scale = vector_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
+    freedom = 3.0 * len(changes) * (len(series) - 1) / len(series)
+    limit = allowance * MODEL_ALLOWANCE * vector_quantile(len(changes), freedom)
+    posture, best = np.round(joints / SAME_ANGLE), None
+    for t, rows, y in series:
+        # The most significant step (3,) [m], and the number k of rows before it
+        before = np.arange(1, len(y))
+        sums = np.cumsum(y, axis=0)
+        shifts = (sums[-1] - sums[:-1]) / (len(y) - before)[:, None] - sums[:-1] / before[:, None]
+        k = 1 + int((before * (len(y) - before) * (shifts**2).sum(axis=1)).argmax())
+        sides = np.concatenate([y[:k] - y[:k].mean(axis=0), y[k:] - y[k:].mean(axis=0)])
+        within = max(scale, vector_scale(np.linalg.norm(sides, axis=1)), 1e-9)
+        size = float(np.linalg.norm(shifts[k - 1]))
+        ratio = size / (limit * within * np.sqrt(1.0 / k + 1.0 / (len(y) - k)))
+        if not ratio > (best.ratio if best else 1.0):
+            continue
+        if any(len(np.unique(posture[side], axis=0)) < 2 for side in (rows[:k], rows[k:])):
+            continue
+        lengths = np.linalg.norm(np.delete(places[rows], t, axis=1) - places[rows, t, None], axis=2)
+        lengths = lengths[:, ~np.isnan(lengths).any(axis=0)]
+        change = np.abs(np.median(lengths[k:], axis=0) - np.median(lengths[:k], axis=0))
+        if change.max(initial=0.0) > SMALLEST_MOTION:
+            best = Step(t, int(rows[k]), size, ratio)
+    return best
+
+
+def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
+    """Fit a steady motion of the barycentre of the targets, beside what may be wrong of the model.
+
+    Joint offsets, the base's place and the barycentre's place on the flange are fitted together with it.
+    F-test of its three components. Nothing is said where the postures themselves were measured in order.
+
+    Args:
+        view: of the set.
+        good: (N,) rows whose angles and names are not in doubt.
+    """
+    measured = view.measured & good[:, None]
+    most = measured.sum(axis=1).max()
+    rows = np.flatnonzero((measured == measured[measured.sum(axis=1).argmax()]).all(axis=1))
+    if most == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
+        return
+    # Motion of the barycentre for offsets of the joints, of its place on the flange and of the base, and
+    # where it is off its median place on the flange, axes of R0 [m]
+    at, which = view.configurations, measured[rows[0]]
+    points = np.zeros((len(at), 1, 3))
+    points[rows, 0] = view.measurements.position[rows][:, which].mean(axis=1)
+    place = view.places[rows][:, which].mean(axis=1)
+    rotation = at.flange_rotation[rows]
+    off = np.einsum("nij,nj->ni", rotation, place - np.median(place, axis=0))
+    base = np.broadcast_to(np.eye(3), rotation.shape)
+    nuisance = np.concatenate([at.jacobian_at(points)[rows, 0], rotation, base], axis=2)
+    freedom = 3 * len(rows) - nuisance.shape[2] - 3
+    if freedom < LEAST_FREEDOM:
+        return
+    time = (rows - rows.mean()) / np.ptp(rows)
+    motion = time[:, None, None] * np.eye(3)
+    without, _ = _least_squares(nuisance, off)
+    left, motions = _least_squares(np.concatenate([nuisance, motion], axis=2), off)
+    ratio = (without - left) / 3.0 / max(left / freedom, _EXACT) / MODEL_ALLOWANCE**2
+    chance = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
+    drift, size = motions[-3:], float(np.linalg.norm(motions[-3:]))
+    if chance < FALSE_ALARM and size > SMALLEST_MOTION:
+        yield view.finding(
+            "drift_in_time",
+            None,
+            f"over the whole set, the unloaded targets drifted by {length_text(size)} relative to the "
+            f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
+            f"{length_text(drift[2])}; p = {chance:.1g})",
+            "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
+            "drift between its two readings",
+        )
+
+
+def _least_squares(A: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
+    """Residual sum of squares and solution of ``A_n x = b_n``, (N, 3, p) and (N, 3)."""
+    flat, right = A.reshape(-1, A.shape[2]), b.reshape(-1)
+    unit = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+    flat = flat / unit
+    x = np.linalg.pinv(flat.T @ flat, rcond=_RANK, hermitian=True) @ (flat.T @ right)
+    return float(((right - flat @ x) ** 2).sum()), x / unit

@@ -1,15 +1,47 @@
-"""Numbers that no robot, tracker or controller gives: units, limits, loads, names, copies."""
+"""A measurement set as all checks see it, and checks of its numbers as such: units, limits, names, copies.
+
+Every statistical check of a set is allowed `FALSE_ALARM` of false findings, divided among its comparisons
+(Bonferroni). Where the scale is not stated but taken from the data, robustly, its own uncertainty counts:
+quantiles are then those of F with the degrees of freedom that a median leaves.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy import special
 
-from jointstiff.solver.finding import M_AS_MM, MM_AS_M, NOISE_SIGMAS, Finding, length_text
-from jointstiff.solver.integrity.view import View
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.finding import (
+    M_AS_MM,
+    MM_AS_M,
+    NOISE_SIGMAS,
+    Finding,
+    FindingCode,
+    Severity,
+    length_text,
+)
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.terms.block import unloaded_configurations
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
+IN_ORDER: Final = 0.8
+"""Correlation of a joint's angle with the row."""
+FALSE_ALARM: Final = 1e-6
+"""Significance level of a check: a dozen checks, a set a day for centuries."""
+MODEL_ALLOWANCE: Final = 1.5
+"""Factor for deviations that are not noise: they are not normal, and their extremes may be larger."""
+MEDIAN_EFFICIENCY: Final = 0.37
+"""Confidence of a scale estimated by medians, as the standard deviation of that share of the readings."""
+MEDIAN_SIZE: Final = 0.6744897501960817
+"""Median of the absolute value of one."""
+SAME_ANGLE: Final = 1e-5
+"""Tolerance of angles [rad] of the same posture: 20 µm at 2 m."""
 LARGEST_DEFLECTION: Final = 0.02
 """Largest plausible deflection [m]: more is a mistake in a unit or a label."""
 SMALLEST_DEFLECTION: Final = 5e-6
@@ -30,24 +62,109 @@ _NUMBERS_OF_CHANCE: Final = 3
 """Number of values that may agree in two observations by chance, when rounded."""
 
 
-def inspect_values(view: View) -> Iterator[Iterator[Finding]]:
+@dataclass(frozen=True, eq=False)
+class View:
+    """N observations of T targets of a robot with n joints, seen from the flange."""
+
+    robot: Robot  #: as its model says
+    measurements: Measurements  #: as they came
+    degrees: bool = False  #: whether the angles were posted in degrees
+
+    def finding(
+        self, code: FindingCode, row: int | None, message: str, remedy: str, severity: Severity = "warning"
+    ) -> Finding:
+        """Return what was found in an observation, or in the whole set (None)."""
+        return Finding(code, row, message, remedy, severity)
+
+    @cached_property
+    def configurations(self) -> Configurations:
+        """Configurations by the model, without load."""
+        return unloaded_configurations(self.robot, self.measurements)
+
+    @cached_property
+    def measured(self) -> BoolArray:
+        """(N, T) whose positions were read in R0."""
+        return np.asarray(self.measurements.present & ~self.measurements.in_flange)
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """(N, T, 3) of the unloaded targets as the model sees them from the flange [m]; nan if not measured.
+
+        A target sits still on the flange, so with a perfect model each stays where it is.
+        """
+        return seen_from_flange(self.configurations, self.measurements.position, self.measured)
+
+    @cached_property
+    def reading_sigma(self) -> FloatArray:
+        """(N, T) standard uncertainty of a position in its worst direction [m]; zero where unknown."""
+        m = self.measurements
+        worst = np.linalg.eigvalsh(m.covariance)[..., -1]
+        return np.broadcast_to((m.sigma or 0.0) * np.sqrt(worst / 2.0), m.present.shape)
+
+    @cached_property
+    def in_order(self) -> bool:
+        """Return whether the postures were measured in the order of a joint's angle.
+
+        What the model has wrong then changes with the rows as a drift does.
+        """
+        q = self.measurements.joints
+        time = np.arange(len(q)) - 0.5 * (len(q) - 1)
+        off = q - q.mean(axis=0)
+        size = np.linalg.norm(off, axis=0) * np.linalg.norm(time)
+        return bool((np.abs(time @ off) > IN_ORDER * size).any())
+
+    @cached_property
+    def loaded(self) -> BoolArray:
+        """(N,) which observations have a load at all."""
+        return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
+
+
+def seen_from_flange(configurations: Configurations, position: FloatArray, measured: BoolArray) -> FloatArray:
+    """(N, T, 3) positions in R0 [m] brought into the flange frame; nan where not measured."""
+    arm = position - configurations.flange_translation[:, None]
+    return np.where(measured[..., None], arm @ configurations.flange_rotation, np.nan)
+
+
+def normal_quantile(comparisons: int) -> float:
+    """Standard deviations that one of so many normal variables exceeds, on either side, at `FALSE_ALARM`."""
+    return float(-special.ndtri(FALSE_ALARM / (2.0 * max(comparisons, 1))))
+
+
+def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
+    """Norm, over its scale, that one of so many vectors exceeds at `FALSE_ALARM`.
+
+    The scale was taken by medians from so many coordinates (freedom); a vector has three or as many as stated.
+    """
+    below = 1.0 - FALSE_ALARM / max(comparisons, 1)
+    F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), below)
+    return float(np.sqrt(coordinates * F))
+
+
+def median(sizes: FloatArray) -> float:
+    """Return the median of finite numbers, at least one; `np.median` takes five times as long."""
+    middle = (sizes.size - 1) // 2, sizes.size // 2
+    ordered = np.partition(sizes.ravel(), middle)
+    return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
+
+
+def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
+    """Standard deviation of a coordinate, by the median of the norms (K,) of vectors; 0 for none."""
+    unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
+    return median(norms) / unit if norms.size else 0.0
+
+
+def inspect_values(view: View) -> Iterator[Finding]:
     """Look at the numbers as such, without asking how they hang together."""
-    yield _angle_unit(view)
-    yield _limits(view)
-    yield _rare_targets(view)
-    yield _sigma(view)
-    yield _zero_load(view)
-    yield _force_unit(view)
-    yield _flange_lengths(view)
-    yield _size(view)
-    yield _below_noise(view)
-    yield _duplicates(view)
+    for check in (angles, rare_targets, stated_noise, loads, flange_lengths, deflections, duplicates):
+        yield from check(view)
 
 
-def _angle_unit(view: View) -> Iterator[Finding]:
-    largest = float(np.abs(view.measurements.joints).max())
+def angles(view: View) -> Iterator[Finding]:
+    """Name angles that look like another unit's, and those beyond the robot's limits."""
+    joints = view.measurements.joints
+    largest = float(np.abs(joints).max())
     if not view.degrees and largest > _MANY_TURNS:
-        yield Finding(
+        yield view.finding(
             "angle_unit_suspect",
             None,
             f"the largest joint angle is {largest:.4g} rad, more than two turns",
@@ -55,47 +172,46 @@ def _angle_unit(view: View) -> Iterator[Finding]:
             "error",
         )
     posted = float(np.rad2deg(largest))
-    if view.degrees and 0 < posted <= _SMALL_DEGREES and len(view.measurements) > 1:
-        yield Finding(
+    if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
+        yield view.finding(
             "angle_unit_suspect",
             None,
-            f"no joint turns by more than {posted:.3g}° in {len(view.measurements)} observations",
+            f"no joint turns by more than {posted:.3g}° in {len(joints)} observations",
             "set `units.angle` to rad: the angles look like radians",
             "error",
         )
-
-
-def _limits(view: View) -> Iterator[Finding]:
-    robot = view.robot
-    q = robot.joint_map.model_angles(view.measurements.joints)
-    lower, upper = robot.limits.T
+    q = view.robot.joint_map.model_angles(joints)
+    lower, upper = view.robot.limits.T
     outside = (q < lower - _LIMIT_MARGIN) | (q > upper + _LIMIT_MARGIN)
-    for i, j in zip(*np.nonzero(outside), strict=True):
-        yield Finding(
+    for i, j in np.argwhere(outside).tolist():
+        yield view.finding(
             "joint_outside_limits",
-            int(i),
-            f"the model angle of {robot.joint_names[j]} is {q[i, j]:.4g} rad, outside its limits "
+            i,
+            f"the model angle of {view.robot.joint_names[j]} is {q[i, j]:.4g} rad, outside its limits "
             f"[{lower[j]:.4g}, {upper[j]:.4g}] rad",
             "check `units.angle`, the joint map, and the order of the angles",
         )
 
 
-def _rare_targets(view: View) -> Iterator[Finding]:
+def rare_targets(view: View) -> Iterator[Finding]:
+    """Name targets that hardly any observation reads."""
     present = view.measurements.present
     count = present.sum(axis=0)
     for t in np.flatnonzero(count < RARE_TARGET * len(present)):
-        yield Finding(
+        yield view.finding(
             "target_name_suspect",
-            int(np.flatnonzero(present[:, t])[0]),
-            f"target '{view.targets[t]}' is read in only {count[t]} of {len(present)} observations",
+            int(present[:, t].argmax()),
+            f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
+            "observations",
             "check the spelling of its name",
         )
 
 
-def _sigma(view: View) -> Iterator[Finding]:
+def stated_noise(view: View) -> Iterator[Finding]:
+    """Name a standard uncertainty that no tracker has."""
     sigma = view.measurements.sigma
     if sigma is not None and sigma > LARGEST_SIGMA:
-        yield Finding(
+        yield view.finding(
             "sigma_suspect",
             None,
             f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
@@ -104,23 +220,21 @@ def _sigma(view: View) -> Iterator[Finding]:
         )
 
 
-def _zero_load(view: View) -> Iterator[Finding]:
-    for i in np.flatnonzero(~view.loaded):
-        yield Finding(
+def loads(view: View) -> Iterator[Finding]:
+    """Name observations without a load, and forces of an implausible size."""
+    for i in np.flatnonzero(~view.loaded).tolist():
+        yield view.finding(
             "zero_load",
-            int(i),
+            i,
             "force and moment are zero, so the observation carries no information on stiffness",
             "give the load, or remove the observation",
         )
-
-
-def _force_unit(view: View) -> Iterator[Finding]:
     sizes = np.linalg.norm(view.measurements.force, axis=1)
     if not sizes.any():
         return
     typical, (least, greatest) = float(np.median(sizes[sizes > 0.0])), FORCES
     if typical > greatest or (typical < least and not view.measurements.moment.any()):
-        yield Finding(
+        yield view.finding(
             "force_unit_suspect",
             None,
             f"the median force is {typical:.3g} N, outside the plausible {least:g} N to {greatest:g} N",
@@ -129,77 +243,128 @@ def _force_unit(view: View) -> Iterator[Finding]:
         )
 
 
-def _flange_lengths(view: View) -> Iterator[Finding]:
+def flange_lengths(view: View) -> Iterator[Finding]:
+    """Name load points and targets that are implausibly near the flange, or far from it."""
     m = view.measurements
-    lengths = np.concatenate(
-        [
-            np.linalg.norm(m.load_point, axis=1),
-            np.linalg.norm(m.position, axis=2)[m.present & m.in_flange],
-        ]
-    )
-    greatest, (near, far) = float(lengths.max()), FLANGE_LENGTHS
-    if greatest > far or 0.0 < greatest < near:
-        yield Finding(
+    points = np.concatenate([m.load_point, m.position[m.present & m.in_flange]])
+    largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
+    if largest > far or 0.0 < largest < near:
+        yield view.finding(
             "length_unit_suspect",
             None,
-            f"the load points and targets given in the flange frame are up to {length_text(greatest)} "
-            "from it",
-            MM_AS_M if greatest > far else M_AS_MM,
+            f"the load points and targets given in the flange frame are up to {length_text(largest)} from it",
+            MM_AS_M if largest > far else M_AS_MM,
             "error",
         )
 
 
-def _size(view: View) -> Iterator[Finding]:
-    length = np.linalg.norm(view.measurements.deflection, axis=2)
-    for i in np.flatnonzero(length.max(axis=1) > LARGEST_DEFLECTION):
-        t = int(length[i].argmax())
-        yield Finding(
+def deflections(view: View) -> Iterator[Finding]:
+    """Name deflections that are implausibly large or small, or that the noise hides."""
+    m = view.measurements
+    length = np.linalg.norm(m.deflection, axis=2)
+    largest = length.max(axis=1)
+    for i in np.flatnonzero(largest > LARGEST_DEFLECTION).tolist():
+        yield view.finding(
             "deflection_implausibly_large",
-            int(i),
-            f"target '{view.targets[t]}' moved by {length_text(length[i, t])}",
+            i,
+            f"target '{m.targets[length[i].argmax()]}' moved by {length_text(largest[i])}",
             "check `units.length`, and that unloaded and loaded readings belong together",
             "error",
         )
-    if length.max() < SMALLEST_DEFLECTION and view.loaded.any():
-        yield Finding(
+    if largest.max() < SMALLEST_DEFLECTION and view.loaded.any():
+        yield view.finding(
             "deflection_implausibly_small",
             None,
-            f"no target moved by more than {length_text(float(length.max()))}",
+            f"no target moved by more than {length_text(float(largest.max()))}",
             "check `units.length`, and that the loaded readings were taken with the load applied",
             "error",
         )
-
-
-def _below_noise(view: View) -> Iterator[Finding]:
-    noise = np.sqrt(2.0) * (view.measurements.sigma or 0.0)
-    length = np.linalg.norm(view.measurements.deflection, axis=2).max(axis=1)
-    for i in np.flatnonzero((length <= NOISE_SIGMAS * noise) & view.loaded):
-        yield Finding(
+    noise = np.sqrt(2.0) * (m.sigma or 0.0)
+    for i in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
+        yield view.finding(
             "deflection_below_noise",
-            int(i),
-            f"no target moved by more than {length_text(length[i])}; the noise of a deflection is "
+            i,
+            f"no target moved by more than {length_text(largest[i])}; the noise of a deflection is "
             f"{length_text(noise)}",
             "increase the load; check that the loaded readings were taken with the load applied, and "
             "check the stated noise",
         )
 
 
-def _duplicates(view: View) -> Iterator[Finding]:
-    """Two measurements never agree in every digit: a row that does is a copy."""
+def duplicates(view: View) -> Iterator[Finding]:
+    """Name copies: two measurements never agree in every digit."""
     m = view.measurements
-    count = len(m)
-    read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(count, -1)
-    first: dict[bytes, int] = {}
-    for i, key in enumerate(row.tobytes() for row in read + 0.0):  # no negative zeros
-        j = first.setdefault(key, i)
-        few = np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE
-        if j == i or (few and not np.array_equal(m.joints[i], m.joints[j])):
+    read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
+    for i, j in enumerate(first_equal(read).tolist()):
+        same = np.array_equal(m.joints[i], m.joints[j])
+        if j == i or (np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE and not same):
             continue
-        same = "joint angles and " if np.array_equal(m.joints[i], m.joints[j]) else ""
-        yield Finding(
+        yield view.finding(
             "duplicated_observation",
             i,
-            f"its {same}readings equal those of observations[{j}] to the last digit",
+            f"its {'joint angles and ' if same else ''}readings equal those of observations[{j}] to the last "
+            "digit",
             "remove one of the two, or give the readings that belong to it",
             "error",
         )
+
+
+def first_equal(keys: FloatArray) -> IndexArray:
+    """Return the first row (N,) that equals each row of keys (N, k)."""
+    first: dict[bytes, int] = {}
+    # Adding zero leaves no negative zeros.
+    return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
+
+
+def inspect_repeats(view: View) -> Iterator[Finding]:
+    """Pool the scatter of repeated deflections and of repeated unloaded positions.
+
+    Repeated deflections hold the tracker's noise alone: where the robot stands cancels.
+    """
+    m = view.measurements
+    posture = np.round(m.joints / SAME_ANGLE)
+    if len(np.unique(first_equal(posture))) == len(m):
+        return
+    load = np.concatenate([m.force, m.moment, m.load_point, m.present], axis=1)
+    along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
+    variance, freedom, count = _scatter(m.deflection, m.coordinates, np.hstack([posture, load, along]))
+    if variance:
+        sigma = np.sqrt(variance / 2.0)
+        stated, worse = "no noise is stated", False
+        if m.sigma is not None:
+            stated = f"the stated sigma is {length_text(m.sigma)}"
+            worse = special.chdtrc(freedom, freedom * (sigma / m.sigma) ** 2) < FALSE_ALARM
+        yield view.finding(
+            "repeated_readings",
+            None,
+            f"{count} observations repeat the posture and load of others; their deflections give sigma "
+            f"= {length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
+            "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
+            if worse
+            else "keep the repetitions in the set: they are used like all other observations",
+            "warning" if worse else "note",
+        )
+    variance, freedom, count = _scatter(m.position, 3 * view.measured, np.hstack([posture, view.measured]))
+    if variance:
+        yield view.finding(
+            "repeated_readings",
+            None,
+            f"in {count} repeated postures the unloaded targets scatter by {length_text(np.sqrt(variance))} "
+            f"per coordinate ({freedom} degrees of freedom): tracker and robot together",
+            "compare with the stated noise: the excess is the repeatability of the robot",
+            "note",
+        )
+
+
+def _scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray) -> tuple[float, int, int]:
+    """Return the variance of rows of equal keys, its degrees of freedom, and how many rows repeat others."""
+    squares, freedom, count = 0.0, 0, 0
+    group = first_equal(keys)
+    numbers, sizes = np.unique(group, return_counts=True)
+    for number in numbers[sizes > 1]:
+        rows = np.flatnonzero(group == number)
+        some = values[rows][:, coordinates[number] > 0]
+        squares += float(((some - some.mean(axis=0)) ** 2).sum())
+        freedom += (len(rows) - 1) * int(coordinates[number].sum())
+        count += len(rows) - 1
+    return squares / max(freedom, 1), freedom, count

@@ -21,7 +21,7 @@ from jointstiff.service.importing.layout import lay_out
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.finding import Finding, FindingCode
-from jointstiff.solver.integrity.view import View
+from jointstiff.solver.integrity.values import View
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -58,7 +58,7 @@ def test_the_finding_of_the_recipe_is_found():
     check = defined("Add a finding of the integrity checks", "light_loads")
     robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=4, seed=5))
     weak = replace(measurements, force=measurements.force * np.array([1.0, 0.01, 1.0, 0.01])[:, None])
-    findings = list(check(View.of(robot, weak, degrees=False)))
+    findings = list(check(View(robot, weak)))
     assert [(finding.observation, finding.severity) for finding in findings] == [(1, "note"), (3, "note")]
 
 

@@ -15,7 +15,7 @@ from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflect
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.integrity.report import MAX_FINDINGS_PER_CODE, inspect
+from jointstiff.solver.integrity import MAX_FINDINGS_PER_CODE, inspect
 from jointstiff.solver.robot.configuration import Configurations
 
 
