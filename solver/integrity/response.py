@@ -280,7 +280,7 @@ def _outliers(
 def exchanged_pair(
     deflection: FloatArray, predicted: FloatArray, present: BoolArray
 ) -> tuple[int, int] | None:
-    """Two targets of an observation whose deflections (T, 3) [m] fit better by far under each other's name."""
+    """Two targets whose deflections (T, 3) [m] fit better by far under each other's name."""
     read = np.flatnonzero(present)
     best, least = None, BETTER * float(np.linalg.norm(deflection[read] - predicted[read]))
     for a, b in combinations(read.tolist(), 2):

@@ -133,7 +133,7 @@ def normal_quantile(comparisons: int) -> float:
 def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
     """Norm, over its scale, that one of so many vectors exceeds at `FALSE_ALARM`.
 
-    The scale was taken by medians from so many coordinates (freedom); a vector has three or as many as stated.
+    The scale was taken by medians from so many coordinates (freedom).
     """
     below = 1.0 - FALSE_ALARM / max(comparisons, 1)
     F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), below)
