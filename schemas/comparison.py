@@ -8,8 +8,8 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Timestamp
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run.joints import JointResult, identified_in
 from jointstiff.schemas.run.options import Method, Weighting
@@ -139,7 +139,7 @@ class ComparisonResult(Result):
     entries: list[ComparedFit] = Field(
         description="Fits, one per method and constraint, in the requested order."
     )
-    warnings: list[QualityWarning] = Field(
+    warnings: list[Finding] = Field(
         description="Warnings of the measurement set, then of the fits; duplicates are omitted."
     )
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.geometry.message import (
     MAX_GEOMETRY_READINGS,
     GeometryNoise,
@@ -18,7 +19,6 @@ from jointstiff.schemas.measurement.measurement_set import (
     MAX_TARGETS,
     LengthUnit,
     MeasurementSetDocument,
-    QualityWarning,
 )
 from jointstiff.schemas.measurement.noise import Noise
 
@@ -92,7 +92,7 @@ class ImportAnswer(Message):
     missing_fields: list[MissingField] = Field(
         default_factory=list, description="Missing items by field, in the order of `missing`."
     )
-    findings: list[QualityWarning] | None = Field(
+    findings: list[Finding] | None = Field(
         default=None,
         description="Integrity findings of the measurement set with the robot `robot_id`; null without it.",
     )

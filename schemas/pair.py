@@ -16,8 +16,8 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Timestamp,
 )
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import MAX_LEFT_OUT, Certificate
@@ -204,7 +204,7 @@ class PairResult(Result):
     joints: list[PairedJoint]
     avoided: AvoidedDeflection
     ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")
-    warnings: list[QualityWarning] = Field(
+    warnings: list[Finding] = Field(
         description="Warnings of both sides, then of the pair; `where` begins with the side."
     )
 

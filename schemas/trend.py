@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from jointstiff.schemas.alarm import TrendChange
-from jointstiff.schemas.assessment import Assessment, Verdict
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
+from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.measurement.metadata import Notes
 from jointstiff.schemas.run.options import Method, Weighting

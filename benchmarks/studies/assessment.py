@@ -266,7 +266,7 @@ def _run(robot: Robot, m: Measurements, settings: Settings, *, assessed: bool = 
     prediction = predict(robot, m, estimate.compliance)
     if assessed:
         return assess(robot, m, settings, estimate, prediction, findings)
-    return judge(estimate, prediction)
+    return [*judge(estimate)]
 
 
 _RUN = "run, sigma stated"

@@ -223,7 +223,7 @@ def _flags(sweeps: int) -> Section:
         findings = sweep_findings(_fit(replace(clean, points=points)), NAMES)
         found += any(finding.code != "residuals_exceed_sigma" for finding in findings)
         placed += any(
-            finding.code == "tracker_bumped" and finding.where.endswith(f"position {at + 1}")
+            finding.code == "tracker_bumped" and str(finding.where).endswith(f"position {at + 1}")
             for finding in findings
         )
     return Section(

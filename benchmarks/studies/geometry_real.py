@@ -57,7 +57,7 @@ def _worn(seeds: range, text: str, spread: float) -> Section:
         conventions = Conventions("nominal", "nominal")
         found = identify_from_sweeps(sweeps_of(cell, rng, homes), conventions, nominal=chain)
         fits[found.fit or ""] += 1
-        errors += any(finding.severity == "error" for finding in found.findings)
+        errors += any(finding.weight == "do_not_use" for finding in found.findings)
         ratios += [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
     share = float(np.mean(np.abs(ratios) <= WITHIN))
     return Section(

@@ -15,8 +15,8 @@ import numpy as np
 from benchmarks.campaigns import default_robot, large_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.studies.mistakes import MISTAKES, Mistake, Posted, clean_set, only_deflections
+from jointstiff.schemas.finding import Finding
 from jointstiff.simulator import default_arm
-from jointstiff.solver.finding import Finding
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot

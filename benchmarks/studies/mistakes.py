@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.designs import Design
+from jointstiff.schemas.finding import FindingCode
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.finding import FindingCode
 from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["MISTAKES", "Mistake", "Posted", "clean_set", "only_deflections"]

@@ -20,6 +20,7 @@ from jointstiff.schemas.fields import (
     SquareRadians,
     StatedUnit,
 )
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Result
 from jointstiff.schemas.robot import DhRow, RobotDocument
 
@@ -260,32 +261,6 @@ class Drift(Message):
     moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
 
 
-class GeometryFinding(Message):
-    """A suspicion with its value; the data are never changed silently."""
-
-    code: Literal[
-        "short_arc",
-        "tracker_bumped",
-        "position_suspect",
-        "reading_suspect",
-        "residuals_exceed_sigma",
-        "residuals_below_sigma",
-        "angle_scale_suspect",
-        "axes_nearly_parallel",
-        "base_drifted",
-        "base_target_moved",
-        "sweeps_disagree",
-        "wrist_centres_disagree",
-        "parameters_not_identified",
-    ]
-    severity: Literal["error", "warning", "note"]
-    where: str
-    figure: StatedUnit[float] = Field(description="Value that caused the finding, in `unit`.")
-    unit: str = Field(description="Unit of the value; empty if it has none.")
-    message: str
-    remedy: str
-
-
 class GeometryResult(Result):
     """The identified robot."""
 
@@ -309,12 +284,12 @@ class GeometryResult(Result):
     drift: Drift | None = Field(
         description="Drift of the base targets; null unless they were read before and after."
     )
-    findings: list[GeometryFinding]
+    findings: list[Finding]
 
     @property
     def summary(self) -> ResultSummary:
         """Excerpt for listings."""
         return ResultSummary(
             verdict=self.assessment.verdict,
-            warning_count=sum(finding.severity != "note" for finding in self.findings),
+            warning_count=sum(finding.weight != "use" for finding in self.findings),
         )

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import FailFast, Field, model_validator
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp, Vector3
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
 from jointstiff.schemas.measurement.metadata import SetMetadata
 from jointstiff.schemas.measurement.noise import Matrix3, Noise, Sigma, refuse_two_kinds
@@ -201,69 +202,6 @@ class MeasurementSetRequest(MeasurementSetDocument):
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
 
 
-Severity = Literal["error", "warning", "note"]
-
-WarningCode = Literal[
-    "targets_not_rigid",
-    "target_moved",
-    "targets_swapped",
-    "target_off_model",
-    "observations_out_of_order",
-    "duplicated_observation",
-    "joint_sign_suspect",
-    "joints_swapped",
-    "length_unit_suspect",
-    "force_unit_suspect",
-    "force_sign_suspect",
-    "drift_in_time",
-    "repeated_readings",
-    "residual_outlier",
-    "deflections_unexplained",
-    "target_name_suspect",
-    "deflection_against_force",
-    "encoder_against_torque",
-    "encoder_deflection_implausibly_large",
-    "joint_outside_limits",
-    "angle_unit_suspect",
-    "deflection_implausibly_large",
-    "deflection_implausibly_small",
-    "deflection_below_noise",
-    "sigma_suspect",
-    "zero_load",
-    "residuals_exceed_sigma",
-    "sigma_overstated",
-    "prior_dominates",
-    "low_compensation",
-    "configurations_differ",
-    "robot_models_differ",
-    "base_drifted",
-    "base_target_moved",
-    "link_penalty_at_end",
-    "link_penalty_raised",
-    "loss_not_compared",
-    "stiffness_implausible",
-    "complementary_stiffness_matters",
-]
-
-
-class QualityWarning(Message):
-    """Something suspicious but not impossible, in a set or in a fit. Shown on every run."""
-
-    code: WarningCode = Field(description="Kind of the finding.")
-    severity: Severity = Field(
-        default="warning",
-        description="`error`: almost certainly a mistake, correct it before using any number; "
-        "`warning`: check "
-        "it; `note`: for information. The data are never refused or changed because of a finding.",
-    )
-    where: str | None = Field(description="Observation or reading; null for the whole set.")
-    observation: Name | None = Field(
-        default=None, description="Label of the observation; null if the finding concerns several."
-    )
-    message: str = Field(description="Observed effect, with value and unit.")
-    remedy: str = Field(description="Recommended checks.")
-
-
 class MeasurementSetSummary(SetMetadata):
     """A measurement set in a listing."""
 
@@ -284,7 +222,7 @@ class StoredMeasurementSet(MeasurementSetHeader):
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
     id: Identifier
     resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
-    warnings: list[QualityWarning]
+    warnings: list[Finding]
     archived: bool = Field(default=False, description="True if archived: listings omit the set.")
     content_hash: str = Field(
         description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."

@@ -7,8 +7,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.assessment import Verdict
 from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
+from jointstiff.schemas.finding import Verdict
 
 
 class OneSidedBounds(Message):

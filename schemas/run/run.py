@@ -17,8 +17,8 @@ from jointstiff.schemas.fields import (
     Radians,
     Timestamp,
 )
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.run.budget import Budget
 from jointstiff.schemas.run.identifiability import Identifiability
 from jointstiff.schemas.run.joints import JointResult, identified_in
@@ -257,7 +257,7 @@ class RunResult(Result):
         description="Result of a run with `weight`: deflections are relative to the geometry without sag, "
         "and intervals are outer bounds over all masses within their bounds; null for other runs.",
     )
-    warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
+    warnings: list[Finding] = Field(description="Warnings of the measurement set, then of the fit.")
 
     @property
     def summary(self) -> ResultSummary:

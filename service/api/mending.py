@@ -8,9 +8,9 @@ from typing import Annotated, Final, TypeVar, cast
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Response
 
-from jointstiff.schemas.assessment import Action
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.finding import Action
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import CampaignRun, Run, RunRequest

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from jointstiff.schemas.importing import FilePreview, ImportPreview
 from jointstiff.schemas.imports import ImportAnswer
+from jointstiff.service.tables.verdict import VERDICTS
 
 _VALUES_SHOWN = 2
 _LONGEST = 24
@@ -53,7 +54,7 @@ def import_report(answer: ImportAnswer) -> RenderableType:
 
 def has_errors(answer: ImportAnswer) -> bool:
     """Return whether the inspection of the readings finds errors."""
-    return any(finding.severity == "error" for finding in answer.findings or ())
+    return any(finding.weight == "do_not_use" for finding in answer.findings or ())
 
 
 def _findings(answer: ImportAnswer) -> Iterator[Text]:
@@ -64,9 +65,9 @@ def _findings(answer: ImportAnswer) -> Iterator[Text]:
         yield Text("  integrity: nothing suspicious", style="green")
     for finding in answer.findings:
         remedy = f"; {finding.remedy}" if finding.remedy else ""
-        style = "red" if finding.severity == "error" else "yellow"
+        style = "red" if finding.weight == "do_not_use" else "yellow"
         place = f"{finding.observation}: " if finding.observation else ""
-        yield Text(f"  {finding.severity}: {place}{finding.message}{remedy}", style=style)
+        yield Text(f"  {VERDICTS[finding.weight]}: {place}{finding.message}{remedy}", style=style)
 
 
 def _dialect(file: FilePreview) -> str:

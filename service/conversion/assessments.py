@@ -1,43 +1,31 @@
-"""Assessments: from the numerical core's reasons to messages, with labels and names of targets."""
+"""Assessments of results, one by one and of several together."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from jointstiff.schemas import assessment as messages
+from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget
-from jointstiff.service.conversion.message import message, messages_of
-from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.service.conversion.message import messages_of
 from jointstiff.solver.inference.assessment import Assessment
-from jointstiff.solver.inference.reason import Action, Place, Usability
 from jointstiff.solver.inference.verdict import JointCompliance
-from jointstiff.solver.readings.measurements import Measurements
 
 
-def to_assessment(
-    assessment: Assessment, joints: Sequence[JointCompliance], measurements: Measurements
-) -> messages.Assessment:
+def to_assessment(assessment: Assessment, joints: Sequence[JointCompliance]) -> messages.Assessment:
     """Return verdict and reasons of an identification, and how many of its joints have a number."""
     return messages.Assessment(
         verdict=assessment.verdict,
         joints_identified=sum(joint.status == "identified" for joint in joints),
         joint_count=len(joints),
+        reasons=list(assessment.reasons),
         notes=list(assessment.notes),
-        reasons=[
-            message(
-                messages.Reason,
-                reason,
-                where=_where(reason.where, measurements),
-                action=None if reason.action is None else _action(reason.action, measurements),
-            )
-            for reason in assessment.reasons
-        ],
     )
 
 
 def to_joints(
     joints: Sequence[JointCompliance],
-    verdicts: Sequence[Usability],
+    verdicts: Sequence[Verdict],
     budgets: Sequence[UncertaintyBudget | None],
 ) -> list[JointResult]:
     """Return the joints, each with its verdict and its budget."""
@@ -47,26 +35,15 @@ def to_joints(
     return messages_of(JointResult, joints, verdict=verdicts, budget=budgets, one_sided=one_sided)
 
 
-def to_geometry_assessment(findings: Sequence[GeometryFinding]) -> messages.Assessment:
-    """Return verdict and reasons of a geometry, by its findings that are no notes."""
-    reasons = [
-        messages.Reason(
-            code="gross_error" if finding.severity == "error" else "suspicious_readings",
-            weight="do_not_use" if finding.severity == "error" else "use_with_care",
-            where=finding.where,
-            message=finding.message,
-            remedy=finding.remedy,
-            action=None,
-        )
-        for finding in findings
-        if finding.severity != "note"
-    ]
+def to_geometry_assessment(findings: Sequence[Finding]) -> messages.Assessment:
+    """Return verdict and reasons of a geometry, by its findings that are not for information alone."""
+    reasons = [finding for finding in findings if finding.weight != "use"]
     return combined([messages.Assessment(verdict=each.weight, reasons=[each]) for each in reasons])
 
 
 def combined(assessments: Sequence[messages.Assessment]) -> messages.Assessment:
     """Return the worst verdict with all reasons, most severe first; of the same kind and place, the first."""
-    reasons: dict[tuple[str, str | None], messages.Reason] = {}
+    reasons: dict[tuple[str, str | None], Finding] = {}
     for reason in (reason for assessment in assessments for reason in assessment.reasons):
         reasons.setdefault((reason.code, reason.where), reason)
     counts = [
@@ -84,21 +61,4 @@ def combined(assessments: Sequence[messages.Assessment]) -> messages.Assessment:
     )
 
 
-_ORDER: tuple[messages.Verdict, ...] = ("use", "use_with_care", "do_not_use")
-
-
-def _where(place: Place | None, measurements: Measurements) -> str | None:
-    if place is None:
-        return None
-    if place.observation is None:
-        return place.joint
-    return measurements.place(place.observation)
-
-
-def _action(action: Action, measurements: Measurements) -> messages.Action:
-    return message(
-        messages.Action,
-        action,
-        observations=[measurements.labels[i] for i in action.observations],
-        target=None if action.target is None else measurements.targets[action.target],
-    )
+_ORDER: tuple[Verdict, ...] = ("use", "use_with_care", "do_not_use")

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
 from jointstiff.schemas.measurement import measurement_set as sets
 from jointstiff.service.conversion.encoders import EncoderArrays
-from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.point_noise import to_common_uncertainty, to_noise
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, EncoderReadings, Measurements
 from jointstiff.solver.robot.model import Robot
 
@@ -142,31 +138,3 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
             )
     in_flange = np.array([header.flange_targets.get(name, (0.0, 0.0, 0.0)) for name in names])
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)
-
-
-def to_warnings(findings: list[Finding], measurements: Measurements) -> list[sets.QualityWarning]:
-    """Return what was noticed, with the observations' labels."""
-    return [
-        message(
-            sets.QualityWarning,
-            finding,
-            where=None if finding.observation is None else measurements.place(finding.observation),
-            observation=None if finding.observation is None else measurements.labels[finding.observation],
-        )
-        for finding in findings
-    ]
-
-
-def to_findings(warnings: Sequence[sets.QualityWarning], measurements: Measurements) -> list[Finding]:
-    """Return the findings of a set's checks, from its warnings."""
-    place = {label: i for i, label in enumerate(measurements.labels)}
-    return [
-        Finding(
-            cast("FindingCode", warning.code),
-            None if warning.observation is None else place[warning.observation],
-            warning.message,
-            warning.remedy,
-            warning.severity,
-        )
-        for warning in warnings
-    ]

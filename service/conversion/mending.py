@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Action, Assessment
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.finding import Action
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading, Units
 from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.schemas.robot import JointMap

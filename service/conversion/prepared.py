@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.measurement.frame import ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, QualityWarning
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation
 from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
 from jointstiff.service.conversion import robots
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
-from jointstiff.service.conversion.measurements import to_findings, to_measurements, to_warnings
+from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash, hash_of
 from jointstiff.service.conversion.robots import dh_kinematics, to_bodies
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.finding import Finding
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.assessment import Assessment, assess, gross_mistake
 from jointstiff.solver.inference.estimate import Estimate
@@ -43,7 +43,7 @@ class CheckedSet:
 
     readings: ReadingArrays  # the readings as they are stored
     measurements: Measurements  # the readings in SI units
-    warnings: list[QualityWarning]  # what was noticed
+    warnings: list[Finding]  # what was noticed
     content_hash: str  # SHA-256 of readings, units and frame, not of the name
 
 
@@ -53,7 +53,7 @@ class PreparedSet:
 
     robot: Robot  # the robot that was measured
     measurements: Measurements  # the readings in SI units
-    warnings: list[QualityWarning]  # what was noticed when the set was checked
+    warnings: list[Finding]  # what was noticed when the set was checked
     robot_id: str  # id of the stored robot
     content: str  # hash of robot and readings
 
@@ -73,7 +73,7 @@ class PreparedSet:
 
     def is_sound(self, estimate: Estimate) -> bool:
         """Return whether no gross mistake shows, behind which tests of smaller effects say nothing."""
-        if any(finding.severity == "error" for finding in to_findings(self.warnings, self.measurements)):
+        if any(finding.weight == "do_not_use" for finding in self.warnings):
             return False
         return gross_mistake(self.robot, self.measurements, estimate) is None
 
@@ -85,8 +85,7 @@ class PreparedSet:
         screening: Screening | None = None,
     ) -> Assessment:
         """Assess an identification of this set by its prediction, with what was noticed in the readings."""
-        findings = to_findings(self.warnings, self.measurements)
-        return assess(self.robot, self.measurements, settings, estimate, prediction, findings, screening)
+        return assess(self.robot, self.measurements, settings, estimate, prediction, self.warnings, screening)
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
@@ -123,7 +122,7 @@ def check_set(
     document: MeasurementSetDocument,
     robot: Robot,
     resolved: ResolvedFrame | None,
-    noticed: list[QualityWarning],
+    noticed: list[Finding],
 ) -> CheckedSet:
     """Check a set, and look for the usual mistakes.
 
@@ -131,19 +130,18 @@ def check_set(
         document: the set as it was posted.
         robot: the robot that was measured.
         resolved: the transform that its frame stands for; None if all is in R0.
-        noticed: warnings about that frame.
+        noticed: findings about that frame.
 
     Raises:
         MeasurementError: the set cannot be used; with the place and the remedy.
     """
     readings = ReadingArrays.from_observations(document.observations)
     measurements = to_measurements(*in_base(document, readings, resolved), robot)
-    findings: list[Finding] = []
+    findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
-        findings = inspect(robot, measurements, degrees=document.units.angle == "deg")
+        findings += inspect(robot, measurements, degrees=document.units.angle == "deg")
         findings += inspect_encoders(robot, measurements)
-    warnings = [*noticed, *to_warnings(findings, measurements)]
-    return CheckedSet(readings, measurements, warnings, content_hash(document, readings, resolved))
+    return CheckedSet(readings, measurements, findings, content_hash(document, readings, resolved))
 
 
 def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id: str) -> PreparedSet:

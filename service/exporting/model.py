@@ -13,9 +13,9 @@ from jointstiff.service.kinds.deflection.work import result_of
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.service.tables.verdict import VERDICTS
-from jointstiff.solver.finding import rounded_down
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.text import rounded_down
 
 _UNIT = UNITS["MNm/rad"]
 PLACEHOLDERS = (

@@ -107,7 +107,7 @@ def warnings_table(model: ExportedModel) -> Sheet:
     rows: list[tuple[Value, ...]] = [
         (each.code, each.weight, each.where, each.message, each.remedy) for each in result.assessment.reasons
     ]
-    rows += [(each.code, each.severity, each.where, each.message, each.remedy) for each in result.warnings]
+    rows += [(each.code, each.weight, each.where, each.message, each.remedy) for each in result.warnings]
     headers = ("code", "weight", "where", "message", "remedy")
     return Sheet.of_rows(dict(zip(headers, row, strict=True)) for row in rows)
 

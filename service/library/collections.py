@@ -13,8 +13,8 @@ from urllib.parse import quote
 
 import httpx2
 
-from jointstiff.schemas.assessment import Action
 from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.finding import Action
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.program import Program, ProgramSummary
 from jointstiff.schemas.run.run import RunSummary

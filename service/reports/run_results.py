@@ -182,16 +182,10 @@ def _correlation(budget: Budget) -> str:
 
 def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
     """Return the verdict with its reasons, the alarms of the robot, and the warnings."""
-    reasons = [
-        f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in result.assessment.reasons
-    ]
-    known = {each.message for each in result.assessment.reasons}
-    warnings = [
-        f"{each.severity}: {each.message} ({each.remedy})"
-        for each in result.warnings
-        if each.message not in known
-    ]
-    lines = [*reasons, *warnings]
+    reasons = result.assessment.reasons
+    known = {each.message for each in reasons}
+    further = [each for each in result.warnings if each.message not in known]
+    lines = [f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in (*reasons, *further)]
     more = len(lines) - _MOST_WARNINGS
     return Section(
         statements.ASSESSMENT,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
 from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest, QualityWarning, WarningCode
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import Robot
 from jointstiff.service.conversion.frames import stated_transform, to_base_targets, to_resolved
 from jointstiff.service.conversion.units import LENGTH
@@ -22,13 +23,11 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.frames.base_drift import BaseDrift
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 
-FRAME_CODES: Final[frozenset[WarningCode]] = frozenset({"base_drifted", "base_target_moved"})
+FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""
 
 
-def resolve_frame(
-    store: Store, request: MeasurementSetRequest
-) -> tuple[ResolvedFrame | None, list[QualityWarning]]:
+def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[ResolvedFrame | None, list[Finding]]:
     """The transform from tracker to R0 that a set's frame stands for, and what was noticed.
 
     Returns:
@@ -47,7 +46,7 @@ def resolve_frame(
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     stated = result.base_frame.transform_tracker_to_base
     transform = RigidTransform(np.array(stated.rotation), np.array(stated.translation))
-    warnings: list[QualityWarning] = []
+    warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _drift(geometry.request, result, request, frame.base_targets)
         transform = transform.after(drift.transform_after_to_before)
@@ -59,7 +58,7 @@ def _drift(
     result: GeometryResult,
     request: MeasurementSetRequest,
     after: Mapping[str, Vector3],
-) -> tuple[BaseDrift, list[QualityWarning]]:
+) -> tuple[BaseDrift, list[Finding]]:
     """Return what moved between the geometry and the set."""
     factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
     later = {name: _scaled(place, factor) for name, place in after.items()}
@@ -72,16 +71,15 @@ def _drift(
         )
     drift = read.drift(result.goodness.sigma, _middle(request, read.after.mean(axis=0)))
     warnings = [
-        QualityWarning(
-            code=cast("WarningCode", finding.code),
-            where=None,
-            message=finding.message
-            if finding.code == "base_drifted"
-            else f"base target '{drift.moved_targets[0]}': {finding.message}",
-            remedy="the drift is corrected in this set; let the tracker warm up, and mount it more rigidly"
-            if finding.code == "base_drifted"
-            else finding.remedy,
+        finding.model_copy(
+            update={
+                "weight": "use",
+                "remedy": "the drift is corrected in this set; let the tracker warm up, and mount it more "
+                "rigidly",
+            }
         )
+        if finding.code == "base_drifted"
+        else finding
         for finding in drift.findings()
     ]
     return drift, warnings

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from pydantic import ValidationError
 
 from jointstiff.schemas.fields import FAR_POINT
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.importing import MAX_PREVIEW_ROWS, FilePreview, ImportFault, MissingField
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 from jointstiff.service.problems.errors import FilesError
@@ -23,7 +24,6 @@ from jointstiff.service.resources.imported_messages import (
 )
 from jointstiff.service.resources.imported_preview import preview_of
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.finding import M_AS_MM
 
 if TYPE_CHECKING:
     from jointstiff.solver.robot.model import Robot
@@ -155,7 +155,7 @@ def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
     return [*stated, *imported.assembly.unusual]
 
 
-def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWarning]:
+def _findings(document: MeasurementSetDocument, robot: Robot) -> list[Finding]:
     """Inspect a set; lengths that the request states have another remedy than those of the files."""
     from jointstiff.service.conversion.prepared import check_set
 
@@ -168,7 +168,11 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWar
     fields = [f"`{field}`" for field in ("load_point", "flange_targets") if getattr(document, field)]
     for index, finding in enumerate(findings):
         if fields and finding.code == "length_unit_suspect" and "the flange frame" in finding.message:
-            small = "; the numbers seem to be in m, but are read as mm" if finding.remedy == M_AS_MM else ""
+            small = (
+                "; the numbers seem to be in m, but are read as mm"
+                if finding.action and finding.action.unit == "m"
+                else ""
+            )
             remedy = f"check the unit of {' and '.join(fields)}{small}"
             findings[index] = finding.model_copy(update={"remedy": remedy})
     return findings

@@ -7,8 +7,8 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Final
 
-from jointstiff.schemas.assessment import Assessment, Reason, Verdict
-from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.tables.table import Line, Sheet, Style
 
@@ -25,7 +25,7 @@ _HEAD_STYLES: Final[Mapping[Verdict, Style]] = MappingProxyType(
 )
 """Styles of the first line of a report."""
 _STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
-_UNEXPLAINED: Final = frozenset({"low_compensation", "deflections_unexplained", "residual_outlier"})
+_UNEXPLAINED: Final = frozenset({"deflections_unexplained", "residual_outlier"})
 _SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
         "deflection_unexplained": _UNEXPLAINED,
@@ -84,7 +84,7 @@ def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
     return [Line("To do", "title"), *lines] if lines else []
 
 
-def warning_lines(assessment: Assessment, warnings: Sequence[QualityWarning], *, details: bool) -> list[Line]:
+def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
     """Return the warnings that no reason repeats, or without details their number."""
     rest = _not_said(warnings, assessment.reasons)
     if not details:
@@ -107,7 +107,7 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 
-def _not_said(warnings: Sequence[QualityWarning], reasons: Sequence[Reason]) -> list[QualityWarning]:
+def _not_said(warnings: Sequence[Finding], reasons: Sequence[Finding]) -> list[Finding]:
     """Leave out the kinds of warnings that a reason says or sums up, those of the whole set first."""
     codes: set[str] = {reason.code for reason in reasons} | {
         warning.code

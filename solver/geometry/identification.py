@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
 from jointstiff.solver.geometry.frames.wrist_centre import (
     CentreEstimate,
@@ -190,7 +190,7 @@ def _identified_geometry(
     identified: IdentifiedAxes,
     frame: _Frame,
     wrist: WristCentre | str,
-    findings: Sequence[GeometryFinding],
+    findings: Sequence[Finding],
     base_targets: BaseTargets | None,
     evidence: Evidence | None = None,
 ) -> IdentifiedGeometry:

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_drift import BaseDrift, find_drift
 from jointstiff.solver.geometry.frames.base_frame import BaseFrame, PlacedAxis, place_axes
 from jointstiff.solver.geometry.frames.wrist_centre import WristCentre
@@ -84,7 +84,7 @@ class IdentifiedGeometry:
     wrist: WristCentre | str  #: wrist centre, or the reason why there is none
     tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
     drift: BaseDrift | None  #: drift of the base; None if its targets were not read twice
-    findings: tuple[GeometryFinding, ...]  #: findings for the user
+    findings: tuple[Finding, ...]  #: findings for the user
 
     @cached_property
     def axes(self) -> tuple[PlacedAxis, ...]:

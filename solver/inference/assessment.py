@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
 
-from jointstiff.solver.finding import Finding, FindingCode
+from jointstiff.schemas.finding import Finding, FindingCode, Verdict
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.alternatives import LARGEST_RATIO, BetterAlternative, better_alternative
 from jointstiff.solver.inference.estimate import Estimate
@@ -23,7 +23,6 @@ from jointstiff.solver.inference.reading_reasons import (
     load_reasons,
     noise_reasons,
 )
-from jointstiff.solver.inference.reason import Reason, Usability
 from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, Measurements
@@ -31,17 +30,18 @@ from jointstiff.solver.robot.model import Robot
 
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
 """Findings that the alternatives examine, too, and can undo."""
-_ORDER: Final[dict[Usability, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
+_ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 
 
 @dataclass(frozen=True)
 class Assessment:
     """The verdict on a whole result and on each joint."""
 
-    verdict: Usability  #: the least of what the reasons allow
-    reasons: tuple[Reason, ...]  #: most severe first; none where the verdict is "use"
+    verdict: Verdict  #: the least of what the reasons allow
+    reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
+    remarks: tuple[Finding, ...]  #: of the weight "use", for information
     #: verdict on each joint, never better than what the reasons about the set or this joint allow
-    joints: tuple[Usability, ...]
+    joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
 
     def supported(self, prediction: Prediction) -> Prediction:
@@ -81,7 +81,7 @@ def assess(
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # Behind a gross error tests of smaller ones say nothing.
-    if any(finding.severity == "error" for finding in findings):
+    if any(finding.weight == "do_not_use" for finding in findings):
         screening = None
     elif screening is None and prediction.contributions is not None:
         screening = screen_estimate(robot, measurements, estimate)
@@ -107,13 +107,17 @@ def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) 
     return None if within_noise(estimate) else better_alternative(robot, measurements)
 
 
-def assessed(joints: Iterable[JointCompliance], reasons: Iterable[Reason]) -> Assessment:
-    """Return the verdict on joints that reasons allow, with the reasons in their order."""
-    ordered = tuple(sorted(reasons, key=lambda reason: -_ORDER[reason.weight]))
+def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
+    """Return the verdict on joints that findings allow, with the findings in their order."""
+    ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
+    names = {joint.name for joint in joints}
     return Assessment(
-        verdict=_least(reason.weight for reason in ordered),
-        reasons=ordered,
-        joints=tuple(_joint(joint, ordered) for joint in joints),
+        verdict=_least(finding.weight for finding in ordered),
+        reasons=tuple(finding for finding in ordered if finding.weight != "use"),
+        remarks=tuple(finding for finding in ordered if finding.weight == "use"),
+        joints=tuple(
+            _joint(joint, [f for f in ordered if f.where not in names - {joint.name}]) for joint in joints
+        ),
     )
 
 
@@ -130,16 +134,15 @@ def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
         )
 
 
-def _least(verdicts: Iterator[Usability]) -> Usability:
+def _least(verdicts: Iterable[Verdict]) -> Verdict:
     return max(verdicts, key=_ORDER.__getitem__, default="use")
 
 
-def _joint(joint: JointCompliance, reasons: tuple[Reason, ...]) -> Usability:
-    """Return the verdict on a joint by its status, capped by the reasons that concern it."""
-    verdict: Usability = "do_not_use"
+def _joint(joint: JointCompliance, findings: Sequence[Finding]) -> Verdict:
+    """Return the verdict on a joint by its status, capped by the findings that concern it."""
+    verdict: Verdict = "do_not_use"
     if joint.status == "identified":
         verdict = "use"
     elif joint.status in {"at_bound", "uncertain"}:
         verdict = "use_with_care"
-    others = (r.weight for r in reasons if r.where is None or r.where.joint in {None, joint.name})
-    return _least(iter([verdict, *others]))
+    return _least([verdict, *(finding.weight for finding in findings)])

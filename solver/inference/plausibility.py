@@ -1,4 +1,4 @@
-"""Warnings about implausible fits, reported with the numbers."""
+"""Findings about implausible fits, reported with the numbers."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.finding import Finding
+from jointstiff.schemas.finding import Action, Finding
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.verdict import JointCompliance
 
 CHECK_NOISE: Final = (
@@ -19,54 +18,17 @@ CHECK_NOISE: Final = (
 CHECK_ALL: Final = "check the robot's model, the joint map, the frame and signs of the forces, and the units"
 WORTH_A_WARNING: Final = 0.1
 """Relative error of sigma that changes no conclusion; in large sets the test detects even less."""
-LEAST_COMPENSATION: Final = 0.5
-"""Least compensation: joints usually explain 80 % of the deflection, in the paper's worst method 50 %."""
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
 """Range of joint stiffness of industrial robots [N·m/rad], with a margin of three decades."""
 LARGEST_SHIFT: Final = 0.5
 """Bias in standard uncertainties at which a 95 % interval covers only 92 %."""
 
 
-def judge(estimate: Estimate, prediction: Prediction) -> list[Finding]:
-    """Look at a fit with the eyes of someone who has seen many robots."""
-    return [
-        *_sigma(estimate),
-        *_priors(estimate),
-        *_compensation(prediction),
-        *_stiffness(estimate),
-        *_complementary_stiffness(estimate),
-    ]
-
-
-def _sigma(estimate: Estimate) -> Iterator[Finding]:
-    """A stated sigma that the chi-square test rejects."""
-    test = estimate.sigma_test
-    if test is None or test.verdict == "consistent":
-        return
-    ratio = float(np.sqrt(estimate.chi_square / estimate.degrees_of_freedom))
-    if abs(ratio - 1.0) < WORTH_A_WARNING:
-        return
-    if test.verdict == "residuals_too_small":
-        yield Finding(
-            "sigma_overstated",
-            None,
-            f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
-            f"{_p_value(test.p_value)}), so the uncertainties are too large",
-            "check `noise` and `units.length`; omit `noise` so that sigma is estimated from the residuals",
-        )
-    else:
-        yield Finding(
-            "residuals_exceed_sigma",
-            None,
-            f"the residuals are {ratio:.3g} times as large as sigma predicts (chi-square test, "
-            f"{_p_value(test.p_value)}), so the uncertainties are too small by the same factor",
-            CHECK_NOISE,
-        )
-
-
-def _p_value(p: float) -> str:
-    """A p value as people read it; one that underflows is not zero."""
-    return "p < 0.001" if p < 0.001 else f"p = {p:.1g}"
+def judge(estimate: Estimate) -> Iterator[Finding]:
+    """Look at the joints and at K_c with the eyes of someone who has seen many robots."""
+    yield from _priors(estimate)
+    yield from _stiffness(estimate)
+    yield from _complementary_stiffness(estimate)
 
 
 def _priors(estimate: Estimate) -> Iterator[Finding]:
@@ -80,23 +42,14 @@ def _priors(estimate: Estimate) -> Iterator[Finding]:
             else f"carries {ratio:.3g} times as much information as the readings"
         )
         yield Finding(
-            "prior_dominates",
-            None,
-            f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
-            "add loads and postures with more torque about its axis, or omit the prior to see what was "
-            "measured",
-            joint=joint.name,
-        )
-
-
-def _compensation(prediction: Prediction) -> Iterator[Finding]:
-    share = prediction.compensation
-    if share is not None and share < LEAST_COMPENSATION:
-        yield Finding(
-            "low_compensation",
-            None,
-            f"the joints explain only {100 * share:.3g} % of the mean deflection",
-            CHECK_ALL,
+            code="prior_dominates",
+            weight="use_with_care",
+            where=joint.name,
+            message=f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
+            remedy=(
+                "add loads and postures with more torque about its axis, or omit the prior to see what was "
+                "measured"
+            ),
         )
 
 
@@ -107,12 +60,14 @@ def _stiffness(estimate: Estimate) -> Iterator[Finding]:
             stiffness = 1.0 / joint.compliance if joint.compliance else np.inf
             if not least <= abs(stiffness) <= greatest:
                 yield Finding(
-                    "stiffness_implausible",
-                    None,
-                    f"the stiffness of {joint.name} is {stiffness:.3g} N.m/rad; joints of industrial robots "
-                    f"have {least:.0e} to {greatest:.0e} N.m/rad",
-                    _implausible_remedy(estimate, joint),
-                    joint=joint.name,
+                    code="stiffness_implausible",
+                    weight="do_not_use",
+                    where=joint.name,
+                    message=(
+                        f"the stiffness of {joint.name} is {stiffness:.3g} N.m/rad; joints of industrial "
+                        f"robots have {least:.0e} to {greatest:.0e} N.m/rad"
+                    ),
+                    remedy=_implausible_remedy(estimate, joint),
                 )
 
 
@@ -134,18 +89,21 @@ def _complementary_stiffness(estimate: Estimate) -> Iterator[Finding]:
     size = estimate.complementary_stiffness
     if size is not None and size.obstacle is not None:
         yield Finding(
-            "complementary_stiffness_matters",
-            None,
-            f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
-            "check the units of force and length",
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message=f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
+            remedy="check the units of force and length",
         )
         return
     if size is None or size.included or size.largest_shift is None or size.largest_shift <= LARGEST_SHIFT:
         return
     yield Finding(
-        "complementary_stiffness_matters",
-        None,
-        "neglecting the complementary stiffness K_c biases a compliance by "
-        f"{size.largest_shift:.2g} standard uncertainties",
-        "set complementary_stiffness: included",
+        code="complementary_stiffness_matters",
+        weight="use_with_care",
+        message=(
+            "neglecting the complementary stiffness K_c biases a compliance by "
+            f"{size.largest_shift:.2g} standard uncertainties"
+        ),
+        remedy="set complementary_stiffness: included",
+        action=Action.of("include_complementary_stiffness"),
     )

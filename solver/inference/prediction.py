@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.finding import Finding
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
@@ -151,21 +151,31 @@ def inspect_encoders(robot: Robot, measurements: Measurements) -> Iterator[Findi
         rows = np.flatnonzero(against[:, j])
         worst = int(rows[size[rows, j].argmax()])
         yield Finding(
-            "encoder_against_torque",
-            worst if len(rows) == 1 else None,
-            f"the encoder of {robot.joint_names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} "
-            f"µrad, opposite to the torque of {torque[worst, j]:.4g} N.m, in {len(rows)} of "
-            f"{int(encoders.present[:, j].sum())} readings",
-            "check the encoder's sign, which is that of the model's joint, not the controller's; that "
-            "unloaded and loaded are not exchanged; and the signs of the force",
+            code="encoder_against_torque",
+            weight="use_with_care",
+            where=measurements.place(worst) if len(rows) == 1 else None,
+            observation=measurements.labels[worst] if len(rows) == 1 else None,
+            message=(
+                f"the encoder of {robot.joint_names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} "
+                f"µrad, opposite to the torque of {torque[worst, j]:.4g} N.m, in {len(rows)} of "
+                f"{int(encoders.present[:, j].sum())} readings"
+            ),
+            remedy=(
+                "check the encoder's sign, which is that of the model's joint, not the controller's; that "
+                "unloaded and loaded are not exchanged; and the signs of the force"
+            ),
         )
     for j in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
         worst = int(size[:, j].argmax())
         yield Finding(
-            "encoder_deflection_implausibly_large",
-            worst,
-            f"the encoder of {robot.joint_names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
-            "check `units.angle`, and that unloaded and loaded readings are of the same posture",
+            code="encoder_deflection_implausibly_large",
+            weight="use_with_care",
+            where=measurements.place(worst),
+            observation=measurements.labels[worst],
+            message=(
+                f"the encoder of {robot.joint_names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad"
+            ),
+            remedy="check `units.angle`, and that unloaded and loaded readings are of the same posture",
         )
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Constraints
-from jointstiff.solver.finding import rounded_down
 from jointstiff.solver.fitting.fit import Fit, Scale
 from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.observability import Observability, noise_reason
+from jointstiff.solver.text import rounded_down
 
 
 def stiffness_of(compliance: float | None) -> float | None:

@@ -1,14 +1,13 @@
 """Plausibility checks of a measurement set: the usual mistakes of a long day.
 
-Each finding has a severity, a figure and a remedy; none is mended silently.
+Each finding has a weight, a figure and a remedy; none is mended silently.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
-from jointstiff.solver.finding import Finding, FindingCode
+from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.solver.integrity.places import inspect_drift, inspect_places, inspect_rigidity
 from jointstiff.solver.integrity.response import inspect_response
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
@@ -54,5 +53,5 @@ def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[
         more = len(same) - MAX_FINDINGS_PER_CODE
         if more > 0:
             message = f"{shown[-1].message} (and {more} more of this kind)"
-            shown[-1] = replace(shown[-1], message=message)
+            shown[-1] = shown[-1].model_copy(update={"message": message})
     return shown

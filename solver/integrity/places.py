@@ -16,11 +16,13 @@ from typing import Final
 import numpy as np
 from scipy import special
 
+from jointstiff.schemas.finding import Action, Finding, FindingCode
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.finding import M_AS_MM, MM_AS_M, Finding, FindingCode, length_text
 from jointstiff.solver.integrity.values import (
     FALSE_ALARM,
+    M_AS_MM,
     MEDIAN_SIZE,
+    MM_AS_M,
     MODEL_ALLOWANCE,
     SAME_ANGLE,
     View,
@@ -31,6 +33,7 @@ from jointstiff.solver.integrity.values import (
     vector_scale,
 )
 from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.text import length_text
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Largest plausible deviation from the model's position [m]: more is a wrong frame, map, unit or angle."""
@@ -77,6 +80,7 @@ class Hypothesis:
     remedy: str  #: the proposed correction
     rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
     length: float = 1.0  #: factor on the positions
+    action: Action | None = None  #: correction that a program can make
 
 
 def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
@@ -86,17 +90,20 @@ def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
         joints: (M, n) controller angles as posted [rad].
     """
     rows = np.arange(len(joints))
-    for factor, changed, remedy in (
-        (1e-3, "all lengths divided by 1000", MM_AS_M),
-        (1e3, "all lengths multiplied by 1000", M_AS_MM),
+    mm, m = Action.of("convert_units", unit="mm"), Action.of("convert_units", unit="m")
+    for factor, changed, remedy, action in (
+        (1e-3, "all lengths divided by 1000", MM_AS_M, mm),
+        (1e3, "all lengths multiplied by 1000", M_AS_MM, m),
     ):
-        yield Hypothesis("length_unit_suspect", joints, changed, remedy, rows, factor)
-    for angles, right, declared, unit in (
-        (np.deg2rad(joints), "degrees", "radians", "deg"),
-        (np.rad2deg(joints), "radians", "degrees", "rad"),
+        yield Hypothesis("length_unit_suspect", joints, changed, remedy, rows, factor, action)
+    deg, rad = Action.of("convert_units", unit="deg"), Action.of("convert_units", unit="rad")
+    for angles, right, declared, action in (
+        (np.deg2rad(joints), "degrees", "radians", deg),
+        (np.rad2deg(joints), "radians", "degrees", rad),
     ):
+        figure, unit = f"all angles taken as {right}", action.unit
         remedy = f"the angles seem to be in {right} and declared as {declared}: set `units.angle` to {unit}"
-        yield Hypothesis("angle_unit_suspect", angles, f"all angles taken as {right}", remedy, rows)
+        yield Hypothesis("angle_unit_suspect", angles, figure, remedy, rows, action=action)
 
 
 def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
@@ -168,7 +175,8 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
             f"observations; with {best.figure}, in {count} of {len(near)}, within "
             f"{length_text(float(apart[near].max()))}",
             best.remedy,
-            "error",
+            "do_not_use",
+            best.action,
         )
         return [mistake], ~good
     if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
@@ -200,7 +208,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
                 "position on the flange",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the "
                 "joint map, and the robot's model",
-                "error",
+                "do_not_use",
             )
     for shift, neighbour in ((-1, "before"), (1, "after")):
         moved = [i for i, j in elsewhere.items() if j == i + shift]
@@ -212,7 +220,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
             f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were "
             f"taken at the angles of the row {neighbour}",
             f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
-            "error",
+            "do_not_use",
         )
         elsewhere = {i: j for i, j in elsewhere.items() if i not in moved}
     for i, j in elsewhere.items():
@@ -221,7 +229,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
             i,
             f"its readings match the angles of observations[{j}]",
             "match readings and angles again; check the order of both",
-            "error",
+            "do_not_use",
         )
 
 
@@ -245,7 +253,7 @@ def _exchanged(view: View, i: int, order: IndexArray) -> Finding:
         i,
         f"the targets are at each other's positions on the flange: the target named {pairs}",
         "exchange their names in this observation",
-        "error",
+        "do_not_use",
     )
 
 
@@ -329,7 +337,7 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
             f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
             "check that the target is attached firmly; treat it as another target from here on "
             "(another name), or repeat",
-            "error",
+            "do_not_use",
         )
     first, second = np.triu_indices(measured.shape[1], k=1)
     usable = (measured[:, first] & measured[:, second]).any(axis=0)
@@ -372,7 +380,7 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
             f"{who} moved",
             f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove "
             "that reading",
-            "error",
+            "do_not_use",
         )
 
 

@@ -13,12 +13,13 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.finding import Action, Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.places import angle_hypotheses
 from jointstiff.solver.integrity.values import MODEL_ALLOWANCE, View, median, vector_quantile, vector_scale
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.terms.block import RegressorBlock, whole_block
+from jointstiff.solver.text import length_text
 
 UNEXPLAINED: Final = 0.5
 """Unexplained share of the median deflection: joints explain 80 % of a real robot's, the paper's worst
@@ -141,7 +142,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
             f"the other observations, by {length_text(predicted[k])}; with the load reversed only "
             f"{length_text(turned[k])} remain",
             "change the sign of this force, or exchange unloaded and loaded",
-            "error",
+            "do_not_use",
         )
     for coordinates in (1, 3):
         judged = (part.coordinates == coordinates) & ~against[:, None]
@@ -166,6 +167,7 @@ def _mistake_of_the_set(
             f"joint compliances do not explain the deflections: of {length_text(typical)} (median), "
             f"{100.0 * springs.unexplained:.3g} % remain unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
+            "use",
         )
     if springs.work >= 0.0:
         return None
@@ -176,7 +178,8 @@ def _mistake_of_the_set(
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(moved.sum())} of {len(moved)} observations",
         "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
-        "error",
+        "do_not_use",
+        Action.of("exchange_readings"),
     )
 
 
@@ -195,7 +198,7 @@ def _mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Fin
         f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
         f"unexplained; with {best.figure}, {100.0 * left:.3g} %",
         best.remedy,
-        "error",
+        "do_not_use",
     )
 
 
@@ -228,7 +231,7 @@ def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: 
         f"the deflections of {len(longest)} observations, observations[{first}] to [{last}], "
         f"match the load and posture of the row {neighbour}, not their own",
         f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
-        "error",
+        "do_not_use",
     )
 
 
@@ -264,7 +267,7 @@ def _outliers(
                 f"with the deflections of '{targets[pair[0]]}' and '{targets[pair[1]]}' exchanged, joint "
                 "compliances explain them twice as well",
                 "exchange their names in this observation",
-                "error",
+                "do_not_use",
             )
             continue
         yield view.finding(

@@ -15,21 +15,16 @@ from typing import Final
 import numpy as np
 from scipy import special
 
+from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.finding import (
-    M_AS_MM,
-    MM_AS_M,
-    NOISE_SIGMAS,
-    Finding,
-    FindingCode,
-    Severity,
-    length_text,
-)
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.terms.block import unloaded_configurations
+from jointstiff.solver.readings.measurements import NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import unloaded_configurations
+from jointstiff.solver.text import length_text
 
+MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"
+M_AS_MM: Final = "the lengths seem to be in m and declared as mm: set `units.length` to m"
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""
 FALSE_ALARM: Final = 1e-6
@@ -71,10 +66,26 @@ class View:
     degrees: bool = False  #: whether the angles were posted in degrees
 
     def finding(
-        self, code: FindingCode, row: int | None, message: str, remedy: str, severity: Severity = "warning"
+        self,
+        code: FindingCode,
+        row: int | None,
+        message: str,
+        remedy: str,
+        weight: Verdict = "use_with_care",
+        action: Action | None = None,
     ) -> Finding:
         """Return what was found in an observation, or in the whole set (None)."""
-        return Finding(code, row, message, remedy, severity)
+        where = None if row is None else self.measurements.place(row)
+        label = None if row is None else self.measurements.labels[row]
+        return Finding(
+            code=code,
+            weight=weight,
+            where=where,
+            observation=label,
+            message=message,
+            remedy=remedy,
+            action=action,
+        )
 
     @cached_property
     def configurations(self) -> Configurations:
@@ -169,7 +180,8 @@ def angles(view: View) -> Iterator[Finding]:
             None,
             f"the largest joint angle is {largest:.4g} rad, more than two turns",
             "set `units.angle` to deg: the angles look like degrees",
-            "error",
+            "do_not_use",
+            Action.of("convert_units", unit="deg"),
         )
     posted = float(np.rad2deg(largest))
     if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
@@ -178,7 +190,8 @@ def angles(view: View) -> Iterator[Finding]:
             None,
             f"no joint turns by more than {posted:.3g}° in {len(joints)} observations",
             "set `units.angle` to rad: the angles look like radians",
-            "error",
+            "do_not_use",
+            Action.of("convert_units", unit="rad"),
         )
     q = view.robot.joint_map.model_angles(joints)
     lower, upper = view.robot.limits.T
@@ -204,6 +217,7 @@ def rare_targets(view: View) -> Iterator[Finding]:
             f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
             "observations",
             "check the spelling of its name",
+            "use",
         )
 
 
@@ -216,7 +230,7 @@ def stated_noise(view: View) -> Iterator[Finding]:
             None,
             f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
             "check the stated noise: it is in `units.length`",
-            "error",
+            "do_not_use",
         )
 
 
@@ -228,6 +242,7 @@ def loads(view: View) -> Iterator[Finding]:
             i,
             "force and moment are zero, so the observation carries no information on stiffness",
             "give the load, or remove the observation",
+            "use",
         )
     sizes = np.linalg.norm(view.measurements.force, axis=1)
     if not sizes.any():
@@ -239,7 +254,8 @@ def loads(view: View) -> Iterator[Finding]:
             None,
             f"the median force is {typical:.3g} N, outside the plausible {least:g} N to {greatest:g} N",
             "check `units.force`: kN read as N, or N as kN? (kgf read as N is not detected)",
-            "error",
+            "do_not_use",
+            Action.of("convert_units", unit="N" if typical > greatest else "kN"),
         )
 
 
@@ -254,7 +270,8 @@ def flange_lengths(view: View) -> Iterator[Finding]:
             None,
             f"the load points and targets given in the flange frame are up to {length_text(largest)} from it",
             MM_AS_M if largest > far else M_AS_MM,
-            "error",
+            "do_not_use",
+            Action.of("convert_units", unit="mm" if largest > far else "m"),
         )
 
 
@@ -269,7 +286,7 @@ def deflections(view: View) -> Iterator[Finding]:
             i,
             f"target '{m.targets[length[i].argmax()]}' moved by {length_text(largest[i])}",
             "check `units.length`, and that unloaded and loaded readings belong together",
-            "error",
+            "do_not_use",
         )
     if largest.max() < SMALLEST_DEFLECTION and view.loaded.any():
         yield view.finding(
@@ -277,7 +294,7 @@ def deflections(view: View) -> Iterator[Finding]:
             None,
             f"no target moved by more than {length_text(float(largest.max()))}",
             "check `units.length`, and that the loaded readings were taken with the load applied",
-            "error",
+            "do_not_use",
         )
     noise = np.sqrt(2.0) * (m.sigma or 0.0)
     for i in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
@@ -288,6 +305,7 @@ def deflections(view: View) -> Iterator[Finding]:
             f"{length_text(noise)}",
             "increase the load; check that the loaded readings were taken with the load applied, and "
             "check the stated noise",
+            "use",
         )
 
 
@@ -305,7 +323,7 @@ def duplicates(view: View) -> Iterator[Finding]:
             f"its {'joint angles and ' if same else ''}readings equal those of observations[{j}] to the last "
             "digit",
             "remove one of the two, or give the readings that belong to it",
-            "error",
+            "do_not_use",
         )
 
 
@@ -342,7 +360,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if worse
             else "keep the repetitions in the set: they are used like all other observations",
-            "warning" if worse else "note",
+            "use_with_care" if worse else "use",
         )
     variance, freedom, count = _scatter(m.position, 3 * view.measured, np.hstack([posture, view.measured]))
     if variance:
@@ -352,7 +370,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
             f"in {count} repeated postures the unloaded targets scatter by {length_text(np.sqrt(variance))} "
             f"per coordinate ({freedom} degrees of freedom): tracker and robot together",
             "compare with the stated noise: the excess is the repeatability of the robot",
-            "note",
+            "use",
         )
 
 

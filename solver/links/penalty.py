@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from jointstiff.solver.finding import Finding
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.links.cross_validation import LIMITS, WEIGHTS
 from jointstiff.solver.links.losses import MOST_TARGETS
 
@@ -18,30 +18,34 @@ def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
     """
     if chosen >= WEIGHTS[-1]:
         yield Finding(
-            "link_penalty_at_end",
-            None,
-            f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best when "
-            "hardly any link bends",
-            "use elasticity joints; compare the models' held-out compensation in `selection`",
-            "note",
+            code="link_penalty_at_end",
+            weight="use",
+            message=(
+                f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best "
+                "when "
+                "hardly any link bends"
+            ),
+            remedy="use elasticity joints; compare the models' held-out compensation in `selection`",
         )
     elif chosen <= LIMITS[0]:
         yield Finding(
-            "link_penalty_at_end",
-            None,
-            f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
-            "hardly need one, and the penalty does not bias the links",
-            "give link_penalty to try a smaller one; predictions will hardly change",
-            "note",
+            code="link_penalty_at_end",
+            weight="use",
+            message=(
+                f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
+                "hardly need one, and the penalty does not bias the links"
+            ),
+            remedy="give link_penalty to try a smaller one; predictions will hardly change",
         )
     if used > chosen:
         yield Finding(
-            "link_penalty_raised",
-            None,
-            f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the certificate of "
-            f"its optimum: {used:.3g} was used instead",
-            "compare `selection`; give link_penalty, or choose fewer links",
-            "note",
+            code="link_penalty_raised",
+            weight="use",
+            message=(
+                f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the certificate of "
+                f"its optimum: {used:.3g} was used instead"
+            ),
+            remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
 
 
@@ -49,10 +53,13 @@ def judge_losses(targets: int) -> Iterator[Finding]:
     """Report that losses were not compared in a set of too many targets."""
     if targets > MOST_TARGETS:
         yield Finding(
-            "loss_not_compared",
-            None,
-            f"loss squared was used: other losses are compared only in sets of at most {MOST_TARGETS} "
-            f"targets, and this one has {targets}",
-            "leave observations out to compare losses; with this many readings the loss matters little",
-            "note",
+            code="loss_not_compared",
+            weight="use",
+            message=(
+                f"loss squared was used: other losses are compared only in sets of at most {MOST_TARGETS} "
+                f"targets, and this one has {targets}"
+            ),
+            remedy=(
+                "leave observations out to compare losses; with this many readings the loss matters little"
+            ),
         )

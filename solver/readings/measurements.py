@@ -62,6 +62,8 @@ class EncoderReadings:
         return sigma / self.sigma
 
 
+NOISE_SIGMAS: Final = 3.0
+"""Number of standard deviations below which a deflection carries little information."""
 ASSUMED_LOAD_POINT: Final = 0.01
 """Standard uncertainty of each coordinate of a load point of which nothing is stated [m]."""
 

@@ -16,24 +16,24 @@ from typing import Final
 import numpy as np
 from scipy import special
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import weighed_ends
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.deflection.own_weight import IdentifiedWeight
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.finding import length_text
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
 from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseState
 from jointstiff.solver.inference.fit_reasons import unidentified
-from jointstiff.solver.inference.reason import Reason
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.term import whitened_rows
+from jointstiff.solver.text import length_text
 from jointstiff.solver.weight.bodies import WeightReadings
 from jointstiff.solver.weight.fit import WeightFit, fit_weight
 from jointstiff.solver.weight.regressor import Frames, torques_of
@@ -59,7 +59,7 @@ class WeightedJoint:
         return None if self.share_of_readings is None else 1.0 - self.share_of_readings
 
 
-def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None) -> Iterator[Reason]:
+def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None) -> Iterator[Finding]:
     """Yield the reasons against the result: residuals beyond sigma, and masses that the readings contradict.
 
     Both sums are χ² where the model holds: that of all that no compliance, weight or geometry explains, and
@@ -69,24 +69,31 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
     chance = special.fdtrc(rank, freedom, loss / rank / (outside / freedom))
     if stated is not None and special.chdtrc(freedom, outside) < _BEYOND_CHANCE:
         factor = float(np.sqrt(outside / freedom))
-        yield Reason(
-            "residuals_exceed_sigma",
-            "use_with_care",
-            None,
-            f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} was "
-            "stated: something bends or moves that neither geometry nor own weight explains",
-            "look for gears, links that bend, a target or base that moved; the intervals use the larger "
-            "sigma",
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight="use_with_care",
+            message=(
+                f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} was "
+                "stated: something bends or moves that neither geometry nor own weight explains"
+            ),
+            remedy=(
+                "look for gears, links that bend, a target or base that moved; the intervals use the larger "
+                "sigma"
+            ),
         )
     elif stated is not None:
         chance = special.chdtrc(rank, loss)
     if chance < _BEYOND_CHANCE:
-        yield Reason(
-            "masses_contradicted",
-            "do_not_use",
-            None,
-            f"no masses and centres of mass within their bounds explain the readings (p = {chance:.1g})",
-            "check masses, centres of mass, their frames, and what hung on the flange; or widen the bounds",
+        yield Finding(
+            code="masses_contradicted",
+            weight="do_not_use",
+            message=(
+                f"no masses and centres of mass within their bounds explain the readings (p = {chance:.1g})"
+            ),
+            remedy=(
+                "check masses, centres of mass, their frames, and what hung on the flange; or widen the "
+                "bounds"
+            ),
         )
 
 
@@ -146,7 +153,7 @@ class WeightEstimate:
 
     joints: tuple[WeightedJoint, ...]  #: one for each joint
     fit: WeightFit  #: geometry, sag, and the last convex problem
-    reasons: tuple[Reason, ...]  #: reasons against its use, if any
+    reasons: tuple[Finding, ...]  #: reasons against its use, if any
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
     sigma_of_residuals: bool  #: whether it is from the residuals: none stated, or larger than stated
     chi_square: float  #: of all residuals, under the stated sigma; the degrees of freedom if none is stated

@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from support.campaigns import prepare
 
+from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.schemas.measurement.measurement_set import WarningCode
 from jointstiff.service.importing.errors import Faults
 from jointstiff.service.importing.grid import Grid, Row
 from jointstiff.service.importing.layout import lay_out
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.integrity.values import View
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +58,7 @@ def test_the_finding_of_the_recipe_is_found():
     robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=4, seed=5))
     weak = replace(measurements, force=measurements.force * np.array([1.0, 0.01, 1.0, 0.01])[:, None])
     findings = list(check(View(robot, weak)))
-    assert [(finding.observation, finding.severity) for finding in findings] == [(1, "note"), (3, "note")]
+    assert [(finding.observation, finding.weight) for finding in findings] == [("c02", "use"), ("c04", "use")]
 
 
 def test_the_format_of_the_recipe_is_understood():
@@ -73,5 +72,5 @@ def test_the_format_of_the_recipe_is_understood():
 
 def test_every_finding_has_a_row_in_a_guide():
     guides = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
-    codes = {*get_args(FindingCode), *get_args(WarningCode)}
+    codes = get_args(FindingCode)
     assert sorted(code for code in codes if f"`{code}`" not in guides) == []

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from jointstiff.schemas.assessment import Assessment, Reason
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunResult
@@ -149,13 +150,11 @@ def _assessment(outcomes: Sequence[RunResult | Problem]) -> Assessment:
     return combined(assessments) if assessments else Assessment(verdict="do_not_use", reasons=[_NO_FIT])
 
 
-_NO_FIT: Final = Reason(
+_NO_FIT: Final = Finding(
     code="no_joint_identified",
     weight="do_not_use",
-    where=None,
     message="these readings cannot support any of these methods",
     remedy="read the error of each method",
-    action=None,
 )
 
 

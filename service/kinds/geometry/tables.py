@@ -33,7 +33,7 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     if result.links:
         parts.append(_links(result.links))
     parts.append(Line("\n".join(f"  {line}" for line in _summary(result, details=view.details))))
-    notes = [finding for finding in result.findings if finding.severity == "note"]
+    notes = [finding for finding in result.findings if finding.weight == "use"]
     return Report(
         [*parts, *(Line(f"  {f.where}: {f.message}; {f.remedy}", "dim") for f in notes if view.details)]
     )

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 from jointstiff.schemas import pair as pairs
-from jointstiff.schemas.assessment import Assessment, Reason
-from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.pair import PairRequest, PairResult
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
-from jointstiff.service.conversion.measurements import to_warnings
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
@@ -25,21 +24,15 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import refuse_unsupported
 from jointstiff.solver.inference.budget import UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.paired.comparison import JointRatio, compare_pair
 from jointstiff.solver.paired.sides import PairSide, models_differ, refuse_other_joints
 
-Placed = TypeVar("Placed", QualityWarning, Reason)
-
-
-_NOTHING_COMMON: Final = Reason(
+_NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",
     weight="use_with_care",
-    where=None,
     message="no configuration was measured on both sides, so the avoided deflection is a prediction alone",
     remedy="measure some of the same postures under the same load on both sides",
-    action=None,
 )
 
 
@@ -49,7 +42,7 @@ class AssessedSide(NamedTuple):
     assessment: Assessment
     joints: list[JointResult]  # with their verdicts
     compensation: float | None  # share of the mean deflection that its model predicts; None: nothing moved
-    warnings: list[QualityWarning]  # about its set and its fit
+    warnings: list[Finding]  # about its set and its fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +89,9 @@ class Side:
             estimate.compliance,
             complementary_stiffness=campaign.settings.complementary_stiffness,
         )
-        warnings = to_warnings(judge(estimate, prediction), self.prepared.measurements)
         assessment = self.prepared.assess(campaign.settings, estimate, prediction)
         budget = UncertaintyBudget.of(estimate, campaign.settings.confidence)
-        judgement = to_assessment(assessment, estimate.joints, self.prepared.measurements)
+        judgement = to_assessment(assessment, estimate.joints)
         return AssessedSide(
             assessment=judgement.model_copy(
                 update={"reasons": [self._placed(each) for each in judgement.reasons]}
@@ -108,11 +100,11 @@ class Side:
                 estimate.joints, assessment.joints, to_joint_budgets(budget, len(estimate.joints))
             ),
             compensation=assessment.supported(prediction).compensation,
-            warnings=[self._placed(warning) for warning in [*self.prepared.warnings, *warnings]],
+            warnings=[self._placed(each) for each in (*self.prepared.warnings, *assessment.remarks)],
         )
 
-    def _placed(self, said: Placed) -> Placed:
-        """Return a warning or a reason whose place begins with the side."""
+    def _placed(self, said: Finding) -> Finding:
+        """Return a finding whose place begins with the side."""
         where = f"{self.name}.{said.where}" if said.where else self.name
         return said.model_copy(update={"where": where})
 
@@ -160,18 +152,18 @@ def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
     warnings = []
     if models_differ(one.robot, other.robot):
         warnings.append(
-            QualityWarning(
+            Finding(
                 code="robot_models_differ",
-                where=None,
+                weight="use",
                 message="the robots differ in their kinematics or joint map",
                 remedy="check that both are of one model; ratios compare joints with the same name",
             )
         )
     if unlike:
         warnings.append(
-            QualityWarning(
+            Finding(
                 code="configurations_differ",
-                where=None,
+                weight="use",
                 message=f"{len(unlike)} observations have the same label but different postures or "
                 "loads, or no "
                 f"common target; first '{unlike[0]}'",

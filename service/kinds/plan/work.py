@@ -100,7 +100,7 @@ def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
         )
         screening = screen_estimate(robot, prepared.measurements, estimate)
         judgement = prepared.assess(settings, estimate, prediction, screening)
-        assessment = to_assessment(judgement, estimate.joints, prepared.measurements)
+        assessment = to_assessment(judgement, estimate.joints)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,

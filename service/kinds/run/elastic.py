@@ -12,7 +12,6 @@ import numpy as np
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunResult
-from jointstiff.service.conversion.measurements import to_warnings
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.deflection.models import to_elastic_model
 from jointstiff.service.kinds.run.links import (
@@ -31,7 +30,6 @@ from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold, refined
 from jointstiff.solver.links.estimate import ElasticEstimate
@@ -240,17 +238,15 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         if intervals is not None and options.link_penalty is not None:
             intervals = intervals.without_ends()
         estimate = with_links(self._joints, elastic, effective_compliances(robot, elastic), intervals)
-        findings = judge(estimate, elastic.prediction)
-        if options.link_penalty is None:
-            findings += judge_penalty(weight, elastic.penalty)
-            findings += (
-                () if options.loss != "automatic" else judge_losses(int(prepared.measurements.present.sum()))
-            )
         # No advice: what a further reading would bring is known for a model of joints alone.
         assessment = prepared.assess(self._settings, estimate, elastic.prediction, screening)
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
         warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
-        warnings += to_warnings(findings, prepared.measurements)
+        warnings += assessment.remarks
+        if options.link_penalty is None:
+            warnings += judge_penalty(weight, elastic.penalty)
+            if options.loss == "automatic":
+                warnings += judge_losses(int(prepared.measurements.present.sum()))
         result = to_result(robot, estimate, elastic.prediction, assessment, prepared.measurements, warnings)
         links = to_links_result(elastic, robot.joint_names, options, self._losses)
         return result.model_copy(update={"links": links, "model": self._model(elastic)})

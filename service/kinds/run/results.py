@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import identifiability as identifiabilities
 from jointstiff.schemas.run import run as runs
 from jointstiff.schemas.run.joints import JointResult
@@ -35,7 +35,7 @@ def to_result(
     prediction: Prediction,
     assessment: Assessment,
     measurements: Measurements,
-    warnings: list[QualityWarning],
+    warnings: list[Finding],
     advice: Sequence[Advice] = (),
     budget: UncertaintyBudget | None = None,
 ) -> runs.RunResult:
@@ -44,7 +44,7 @@ def to_result(
     return message(
         runs.RunResult,
         estimate,
-        assessment=to_assessment(assessment, estimate.joints, measurements),
+        assessment=to_assessment(assessment, estimate.joints),
         joints=to_joints(estimate.joints, assessment.joints, to_joint_budgets(budget, len(names))),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,

@@ -62,7 +62,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         model = to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
-        assessment=to_assessment(assessment, joints, prepared.measurements),
+        assessment=to_assessment(assessment, joints),
         joints=to_joints(joints, assessment.joints, [None] * len(joints)),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),
@@ -98,7 +98,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         ),
         model=model,
         weight=_numbers(estimate),
-        warnings=prepared.warnings,
+        warnings=[*prepared.warnings, *assessment.remarks],
     )
 
 

@@ -9,7 +9,6 @@ from functools import cached_property, partial
 
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
-from jointstiff.service.conversion.measurements import to_warnings
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
@@ -30,7 +29,6 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.lack_of_fit import widened
-from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import predict, predict_encoders
 from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.links.estimation import refuse_unsupported_elastic
@@ -224,7 +222,6 @@ def _reported(
         complementary_stiffness=settings.complementary_stiffness,
         estimated=estimate.estimated,
     )
-    warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.measurements)
     assessment = prepared.assess(settings, estimate, prediction, screening)
     # Behind a mistake, what another reading would bring is not known.
     usable = assessment.verdict != "do_not_use"
@@ -236,7 +233,7 @@ def _reported(
         prediction,
         assessment,
         prepared.measurements,
-        warnings,
+        [*prepared.warnings, *assessment.remarks],
         advice,
         budget,
     )

@@ -8,12 +8,12 @@ import numpy as np
 from scipy import special
 from scipy.spatial.transform import Rotation
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.finding import length_text
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import minimise
+from jointstiff.solver.text import length_text
 from jointstiff.solver.triangle import whitener
 
 SIGNIFICANCE = 1e-4
@@ -41,7 +41,7 @@ class BaseDrift:
         """Return whether there is a drift beyond noise."""
         return self.probability < SIGNIFICANCE
 
-    def findings(self) -> tuple[GeometryFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Return what a user should know."""
         findings = []
         size = float(np.linalg.norm(self.displacement))
@@ -49,27 +49,29 @@ class BaseDrift:
             direction = self.displacement / max(size, 1e-300)
             spread = float(np.sqrt(direction @ self.displacement_covariance @ direction))
             findings.append(
-                GeometryFinding(
-                    "base_drifted",
-                    "base_targets",
-                    size,
-                    "m",
-                    "between the two readings of the base targets, tracker and robot base moved relative to "
-                    f"each other by {length_text(size)} ± {length_text(spread)} at the robot, and turned by "
-                    f"{np.linalg.norm(self.rotation) * 1e6:.0f} µrad",
-                    "correct later readings with the given transform, or measure again",
+                Finding(
+                    code="base_drifted",
+                    weight="use_with_care",
+                    where="base_targets",
+                    message=(
+                        "between the two readings of the base targets, tracker and robot base moved "
+                        "relative to "
+                        f"each other by {length_text(size)} ± {length_text(spread)} at the robot, and "
+                        "turned by "
+                        f"{np.linalg.norm(self.rotation) * 1e6:.0f} µrad"
+                    ),
+                    remedy="correct later readings with the given transform, or measure again",
                 )
             )
         for target in self.moved_targets:
             left = float(np.linalg.norm(self.residuals[self.names.index(target)]))
             findings.append(
-                GeometryFinding(
-                    "base_target_moved",
-                    f"base_targets.after.{target}",
-                    left,
-                    "m",
-                    f"this base target moved relative to the others, by about {length_text(left)}",
-                    "omit it, and attach it more firmly",
+                Finding(
+                    code="base_target_moved",
+                    weight="use_with_care",
+                    where=f"base_targets.after.{target}",
+                    message=f"this base target moved relative to the others, by about {length_text(left)}",
+                    remedy="omit it, and attach it more firmly",
                 )
             )
         return tuple(findings)

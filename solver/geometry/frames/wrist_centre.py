@@ -21,10 +21,9 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.finding import length_text
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import BaseFrame
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.frames.sphere_fit import SphereFit, fit_spheres, trilaterate
@@ -33,6 +32,7 @@ from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, po
 from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
+from jointstiff.solver.text import length_text
 
 
 @dataclass(frozen=True)
@@ -173,17 +173,21 @@ class WristCentre:
         influence[:, : estimate.influence.shape[1]] += T.rotation @ estimate.influence
         return centre, identified.sigma**2 * influence @ influence.T
 
-    def findings(self) -> tuple[GeometryFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Ways that contradict each other beyond noise."""
         return tuple(
-            GeometryFinding(
-                "wrist_centres_disagree",
-                "sweeps",
-                pair.distance,
-                "m",
-                f"the wrist centres by {pair.first} and by {pair.second} are {length_text(pair.distance)} "
-                f"apart, more than their uncertainties explain (p = {pair.probability:.1g})",
-                "check the sweeps of the wrist joints; axes that do not intersect have no common centre",
+            Finding(
+                code="wrist_centres_disagree",
+                weight="use_with_care",
+                where="sweeps",
+                message=(
+                    f"the wrist centres by {pair.first} and by {pair.second} are "
+                    f"{length_text(pair.distance)} "
+                    f"apart, more than their uncertainties explain (p = {pair.probability:.1g})"
+                ),
+                remedy=(
+                    "check the sweeps of the wrist joints; axes that do not intersect have no common centre"
+                ),
             )
             for pair in self.disagreements
             if pair.probability < DISAGREEMENT

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import (
     BaseFrame,
     chain_axes,
@@ -116,20 +116,21 @@ class LinkParameter:
         return f"{self.quantity} of joint {self.joint + 1} (± {shown})"
 
 
-def link_findings(links: Sequence[LinkParameter]) -> tuple[GeometryFinding, ...]:
+def link_findings(links: Sequence[LinkParameter]) -> tuple[Finding, ...]:
     """Report parameters that the readings leave vague."""
     vague = [link for link in links if link.is_vague]
     if not vague:
         return ()
     return (
-        GeometryFinding(
-            "parameters_not_identified",
-            "links",
-            float(len(vague)),
-            "",
-            "the readings hardly determine " + ", ".join(link.text for link in vague),
-            "read targets farther from the last axes, or turn these joints over more of their range; "
-            "results at the same targets, over the same range, are not affected",
+        Finding(
+            code="parameters_not_identified",
+            weight="use_with_care",
+            where="links",
+            message="the readings hardly determine " + ", ".join(link.text for link in vague),
+            remedy=(
+                "read targets farther from the last axes, or turn these joints over more of their range; "
+                "results at the same targets, over the same range, are not affected"
+            ),
         ),
     )
 

@@ -15,16 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.finding import length_text
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import chain_axes
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, Poses, PoseState, fit_poses
 from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.text import length_text
 from jointstiff.solver.triangle import whitener
 
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
@@ -70,36 +70,39 @@ class CalibratedAxes(IdentifiedAxes):
         read = self.residuals[self.residuals.any(axis=-1)]
         return float(np.sqrt(np.mean(np.square(read)))) if read.size else 0.0
 
-    def findings(self) -> tuple[GeometryFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Return what was not determined, and residuals beyond the stated noise."""
         undetermined = tuple(
-            GeometryFinding(
-                "parameters_not_identified",
-                "poses",
-                float(len(names)),
-                "",
-                "the poses do not determine "
-                + ("a combination of " if len(names) > 1 else "")
-                + ", ".join(names),
-                "add poses in which all joints turn over most of their range",
+            Finding(
+                code="parameters_not_identified",
+                weight="use_with_care",
+                where="poses",
+                message=(
+                    "the poses do not determine "
+                    + ("a combination of " if len(names) > 1 else "")
+                    + ", ".join(names)
+                ),
+                remedy="add poses in which all joints turn over most of their range",
             )
             for names in self.only_together
         )
         return (*self._beyond_noise(), *undetermined)
 
-    def _beyond_noise(self) -> tuple[GeometryFinding, ...]:
+    def _beyond_noise(self) -> tuple[Finding, ...]:
         if not self.exceeds_stated or self.stated_sigma is None:
             return ()
         return (
-            GeometryFinding(
-                "residuals_exceed_sigma",
-                "poses",
-                (self.sigma / self.stated_sigma) ** 2,
-                "",
-                f"the residuals give sigma = {length_text(self.sigma)}, but "
-                f"{length_text(self.stated_sigma)} was stated: gear errors and sag, which no geometry "
-                "explains, are part of it; the uncertainties include the part that changes from pose to pose",
-                "sweep single joints, which shows gear errors separately, or correct sigma",
+            Finding(
+                code="residuals_exceed_sigma",
+                weight="use_with_care",
+                where="poses",
+                message=(
+                    f"the residuals give sigma = {length_text(self.sigma)}, but "
+                    f"{length_text(self.stated_sigma)} was stated: gear errors and sag, which no geometry "
+                    "explains, are part of it; the uncertainties include the part that changes from pose "
+                    "to pose"
+                ),
+                remedy="sweep single joints, which shows gear errors separately, or correct sigma",
             ),
         )
 

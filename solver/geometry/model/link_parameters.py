@@ -22,8 +22,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames.base_frame import LEAST_SINE, chain_axes, common_feet
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.sweeps.axis import Axis
@@ -182,17 +182,18 @@ class DhTable:
     #: only, unless axes were made parallel
     deviation: float
 
-    def findings(self) -> tuple[GeometryFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Neighbours between which the numbers run away."""
         return tuple(
-            GeometryFinding(
-                "axes_nearly_parallel",
-                f"dh.{self.convention}",
-                pair.angle,
-                "rad",
-                f"axes {pair.joint + 1} and {pair.joint + 2} are {1e3 * pair.angle:.3g} mrad from "
-                "parallel: too much to neglect, and too little to determine a, d and theta separately",
-                "use the URDF, which does not need these parameters",
+            Finding(
+                code="axes_nearly_parallel",
+                weight="use",
+                where=f"dh.{self.convention}",
+                message=(
+                    f"axes {pair.joint + 1} and {pair.joint + 2} are {1e3 * pair.angle:.3g} mrad from "
+                    "parallel: too much to neglect, and too little to determine a, d and theta separately"
+                ),
+                remedy="use the URDF, which does not need these parameters",
             )
             for pair in self.parallel
             if not pair.made_parallel and pair.angle < RUNAWAY_BELOW

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from jointstiff.solver.finding import length_text
-from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.geometry.sweeps.anomaly import Anomaly, find_anomalies
 from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
+from jointstiff.solver.text import length_text
 
 SHORT_ARC = np.radians(30.0)
 """Arc [rad] below which an axis gets a warning: its centre is then ten times as uncertain along the
@@ -23,7 +23,7 @@ _UNEVEN = 0.01
 _SCALE_ALARM = 1e-3  # controller and tracker disagree by 0.1 % of the arc
 
 
-def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> tuple[GeometryFinding, ...]:
+def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> tuple[Finding, ...]:
     """Return the findings of all sweeps.
 
     Args:
@@ -41,7 +41,7 @@ def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> tuple[Geometry
 
 def sweep_findings(
     fit: AxisFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
-) -> tuple[GeometryFinding, ...]:
+) -> tuple[Finding, ...]:
     """Return suspicions about one sweep; none about a clean one.
 
     Args:
@@ -60,26 +60,29 @@ def sweep_findings(
     if fit.arc < SHORT_ARC:
         spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
         findings.append(
-            GeometryFinding(
-                "short_arc",
-                fit.sweep.where,
-                float(np.degrees(fit.arc)),
-                "°",
-                f"an arc of {np.degrees(fit.arc):.3g}° determines the axis only within {length_text(spread)}",
-                "sweep at least 90°",
+            Finding(
+                code="short_arc",
+                weight="use_with_care",
+                where=fit.sweep.where,
+                message=(
+                    f"an arc of {np.degrees(fit.arc):.3g}° determines the axis only within "
+                    f"{length_text(spread)}"
+                ),
+                remedy="sweep at least 90°",
             )
         )
     findings += _variance(fit)
     if abs(fit.angle_scale - 1.0) > _SCALE_ALARM:
         findings.append(
-            GeometryFinding(
-                "angle_scale_suspect",
-                fit.sweep.where,
-                fit.angle_scale,
-                "",
-                f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
-                "joint map give",
-                "check the joint map, the unit of the angles, and the order of the rows",
+            Finding(
+                code="angle_scale_suspect",
+                weight="do_not_use",
+                where=fit.sweep.where,
+                message=(
+                    f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
+                    "joint map give"
+                ),
+                remedy="check the joint map, the unit of the angles, and the order of the rows",
             )
         )
     return tuple(findings)
@@ -108,7 +111,7 @@ def disagree(probability: float | None) -> bool:
     return probability is not None and probability < _CHI_SQUARE_ALARM
 
 
-def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]:
+def agreement_findings(probability: float | None) -> tuple[Finding, ...]:
     """Report sweeps that no single robot model fits, by the p-value of one model for all.
 
     Args:
@@ -117,79 +120,88 @@ def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]
     if probability is None or not disagree(probability):
         return ()
     return (
-        GeometryFinding(
-            "sweeps_disagree",
-            "sweeps",
-            probability,
-            "",
-            "joints at rest were not where the controller shows them, or the arm sagged: no single robot "
-            f"fits all sweeps (p = {probability:.1g}), so the axes are those of the sweeps fitted one by one",
-            "use the result with its larger uncertainties; for smaller ones, rest all joints at the same "
-            "angles in all sweeps, approached from the same side",
+        Finding(
+            code="sweeps_disagree",
+            weight="use_with_care",
+            where="sweeps",
+            message=(
+                "joints at rest were not where the controller shows them, or the arm sagged: no single robot "
+                f"fits all sweeps (p = {probability:.1g}), so the axes are those of the sweeps fitted one "
+                "by one"
+            ),
+            remedy=(
+                "use the result with its larger uncertainties; for smaller ones, rest all joints at the same "
+                "angles in all sweeps, approached from the same side"
+            ),
         ),
     )
 
 
-def _anomaly(fit: AxisFit, anomaly: Anomaly, names: tuple[str, ...]) -> GeometryFinding:
+def _anomaly(fit: AxisFit, anomaly: Anomaly, names: tuple[str, ...]) -> Finding:
     size = float(np.linalg.norm(anomaly.displacement))
     place = f"{fit.sweep.where}, position {anomaly.position + 1}"
     chance = f"(p = {anomaly.probability:.1g})"
     if anomaly.kind == "bump":
-        return GeometryFinding(
-            "tracker_bumped",
-            place,
-            size,
-            "m",
-            f"from this position on, all readings are displaced by about {length_text(size)} {chance}: "
-            "the tracker or the robot's base was bumped",
-            "repeat the sweep, or omit the positions before or after the bump",
+        return Finding(
+            code="tracker_bumped",
+            weight="do_not_use",
+            where=place,
+            message=(
+                f"from this position on, all readings are displaced by about {length_text(size)} {chance}: "
+                "the tracker or the robot's base was bumped"
+            ),
+            remedy="repeat the sweep, or omit the positions before or after the bump",
         )
     if anomaly.kind == "position":
-        return GeometryFinding(
-            "position_suspect",
-            place,
-            size,
-            "m",
-            f"all targets are displaced by about {length_text(size)} {chance}",
-            "the robot may not have come to rest, or the angles belong to another position: omit the "
-            "position",
+        return Finding(
+            code="position_suspect",
+            weight="use_with_care",
+            where=place,
+            message=f"all targets are displaced by about {length_text(size)} {chance}",
+            remedy=(
+                "the robot may not have come to rest, or the angles belong to another position: omit the "
+                "position"
+            ),
         )
     target = names[anomaly.target] if anomaly.target is not None else ""
-    return GeometryFinding(
-        "reading_suspect",
-        f"{place}, target {target}",
-        size,
-        "m",
-        f"this reading is displaced by about {length_text(size)} {chance}",
-        "omit or repeat the reading",
+    return Finding(
+        code="reading_suspect",
+        weight="use_with_care",
+        where=f"{place}, target {target}",
+        message=f"this reading is displaced by about {length_text(size)} {chance}",
+        remedy="omit or repeat the reading",
     )
 
 
-def _variance(fit: AxisFit) -> list[GeometryFinding]:
+def _variance(fit: AxisFit) -> list[Finding]:
     if not fit.sigma_stated:
         return []
     rms = length_text(float(np.sqrt(fit.rss / fit.dof)))
     sigma = length_text(fit.sigma)
     if special.chdtrc(fit.dof, fit.rss / fit.sigma**2) < _CHI_SQUARE_ALARM:
         return [
-            GeometryFinding(
-                "residuals_exceed_sigma",
-                fit.sweep.where,
-                fit.variance_factor,
-                "",
-                f"the residuals give sigma = {rms}, but {sigma} was stated: the uncertainties are too small",
-                "correct or omit sigma; poor repeatability of the robot has the same effect",
+            Finding(
+                code="residuals_exceed_sigma",
+                weight="use_with_care",
+                where=fit.sweep.where,
+                message=(
+                    f"the residuals give sigma = {rms}, but {sigma} was stated: the uncertainties are too "
+                    "small"
+                ),
+                remedy="correct or omit sigma; poor repeatability of the robot has the same effect",
             )
         ]
     if special.chdtr(fit.dof, fit.rss / fit.sigma**2) < _CHI_SQUARE_ALARM:
         return [
-            GeometryFinding(
-                "residuals_below_sigma",
-                fit.sweep.where,
-                fit.variance_factor,
-                "",
-                f"the residuals give sigma = {rms}, but {sigma} was stated: the uncertainties are too large",
-                "check the unit of sigma",
+            Finding(
+                code="residuals_below_sigma",
+                weight="use",
+                where=fit.sweep.where,
+                message=(
+                    f"the residuals give sigma = {rms}, but {sigma} was stated: the uncertainties are too "
+                    "large"
+                ),
+                remedy="check the unit of sigma",
             )
         ]
     return []

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy import stats
+from support.figures import length_in
 from support.shared_data import shared
 from typer.testing import CliRunner
 
@@ -269,8 +270,8 @@ class TestRobots:
         result = made(memory, sweeps(TrackedArm(imperfect_arm(2)), count=8)).result
         assert max(abs(row.d) for table in result.dh for row in table.rows) > 100.0
         finding = next(one for one in result.findings if one.code == "axes_nearly_parallel")
-        assert finding.severity == "note"
-        assert finding.figure == pytest.approx(1.08e-3, abs=1e-5)
+        assert finding.weight == "use"
+        assert "1.08 mrad from parallel" in finding.message
 
     def test_without_a_nominal_model(self, memory):
         cell = TrackedArm()
@@ -297,8 +298,8 @@ class TestFindings:
             position["targets"] = {name: [x + 3e-4, y, z] for name, (x, y, z) in position["targets"].items()}
         found = made(memory, document).result.findings
         bump = next(finding for finding in found if finding.code == "tracker_bumped")
-        assert (bump.severity, bump.where) == ("error", "sweep of joint_3, position 10")
-        assert bump.figure == pytest.approx(3e-4, rel=0.3)
+        assert (bump.weight, bump.where) == ("do_not_use", "sweep of joint_3, position 10")
+        assert length_in(bump.message) == pytest.approx(3e-4, rel=0.3)
         assert bump.remedy
 
     def test_bumps_of_other_sweeps_do_not_hide_one(self, memory):

@@ -11,8 +11,8 @@ from support.campaigns import prepare
 from support.gauges import by_gauges, triads
 from support.importing_samples import sources_of
 
-from jointstiff.schemas.assessment import Action
 from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Reading
 from jointstiff.schemas.robot import RobotDocument
@@ -154,7 +154,7 @@ def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
         noise = {"sigma": 2e-5, "load_point": 1e-9}
         run = identify(measured(by_gauges(document, triads(20, seed)), noise=noise))
         assert run.result.assessment.verdict == "use", run.result.assessment.reasons
-        assert not [w for w in run.result.warnings if w.severity != "note"]
+        assert not [w for w in run.result.warnings if w.weight != "use"]
         for joint, k in zip(run.result.joints, ARM.stiffnesses, strict=True):
             joints += joint.stiffness_interval is not None
             low, high = joint.stiffness_interval
@@ -219,7 +219,7 @@ def test_repeated_gauges_are_not_taken_for_noise_of_the_tracker():
     changes = {"observations": observations, "flange_targets": places, "noise": {"sigma": 2e-5}}
     run = identify(measured(document, **changes), elasticity="joints")
     (repeated,) = [each for each in run.result.warnings if each.code == "repeated_readings"]
-    assert repeated.severity == "note", repeated.message
+    assert repeated.weight == "use", repeated.message
 
 
 def test_the_list_of_a_plan_is_filled_in_and_read_back():

@@ -215,7 +215,7 @@ def test_a_geometry_is_assessed_by_its_findings():
     document = shared("simulated/sweeps") | {"name": "simulated"}
     request = GeometryRequest.model_validate_json(json.dumps(document))
     geometry = in_process.geometry(request)
-    worst = {finding.severity for finding in geometry.result.findings} - {"note"}
+    worst = {finding.weight for finding in geometry.result.findings} - {"use"}
     assert (geometry.result.assessment.verdict == "use") == (not worst)
     assert len(geometry.result.assessment.reasons) == geometry.result.summary.warning_count
     assert first_line(job_report(GEOMETRY, geometry)).startswith("Use")

@@ -166,9 +166,12 @@ def test_warnings_say_which_side(memory):
     _, first = stored(memory, document, robot_id)
     document["measurement_set"]["observations"][4]["force"] = [0.0, 0.0, 0.0]
     _, second = stored(memory, document, robot_id)
-    warnings = made(memory, request(first, second)).result.warnings
-    assert any(w.code == "zero_load" and w.where.startswith("second.observations[4]") for w in warnings)
-    assert any(w.code == "residuals_exceed_sigma" and w.where == "second" for w in warnings)
+    result = made(memory, request(first, second)).result
+    assert any(
+        w.code == "zero_load" and w.where.startswith("second.observations[4]") for w in result.warnings
+    )
+    reasons = result.assessment.reasons
+    assert any(r.code == "residuals_exceed_sigma" and r.where == "second" for r in reasons)
 
 
 def test_a_result_does_not_depend_on_the_store(memory, database_url):

@@ -164,7 +164,7 @@ def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread: float, 
     for seed in range(6):
         found = _worn(seed, spread=spread)
         assert found.fit == fit
-        assert "error" not in {finding.severity for finding in found.findings}
+        assert "do_not_use" not in {finding.weight for finding in found.findings}
         assert ("sweeps_disagree" in {finding.code for finding in found.findings}) == (fit == "one_by_one")
         ratios += [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
     assert len(ratios) == 48

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from support.examples import examples
+from support.figures import length_in
 from support.geometry_truth import HOME, SIGMA, TARGETS, Cell, chi_square, imperfect_arm
 
 from jointstiff.solver.arrays import FloatArray
@@ -221,7 +222,7 @@ class TestFlags:
         first = sweep_findings(fitted(replace(sweep, points=points)), NAMES)[0]
         assert first.code == "tracker_bumped"
         assert first.where.endswith(f"position {at + 1}")
-        assert 2e-5 < first.figure < 1e-3
+        assert 2e-5 < length_in(first.message) < 1e-3
 
     def test_one_reading_is_named(self) -> None:
         sweep = made(4, -60.0, 60.0)
@@ -230,7 +231,7 @@ class TestFlags:
         found = sweep_findings(fitted(replace(sweep, points=points)), NAMES)
         suspects = [finding for finding in found if finding.code == "reading_suspect"]
         assert [finding.where for finding in suspects] == ["sweep of joint_5, position 7, target P11"]
-        assert suspects[0].figure == pytest.approx(2.2e-4, rel=0.4)
+        assert length_in(suspects[0].message) == pytest.approx(2.2e-4, rel=0.4)
 
     def test_one_position_is_named(self) -> None:
         sweep = made(2, -40.0, 60.0)
@@ -241,7 +242,7 @@ class TestFlags:
     def test_a_short_arc_is_flagged_with_its_figure(self) -> None:
         found = sweep_findings(fitted(made(2, 0.0, 20.0)), NAMES)
         assert [finding.code for finding in found] == ["short_arc"]
-        assert found[0].figure == pytest.approx(20.0, abs=0.1)
+        assert "an arc of 20° determines" in found[0].message
 
     def test_a_wrong_sigma_is_flagged(self) -> None:
         sweep = made(2, -40.0, 60.0)
@@ -258,7 +259,7 @@ class TestFlags:
         wrong[:, 2] *= 1.1
         found = sweep_findings(fitted(replace(sweep, angles=wrong)), NAMES)
         assert [finding.code for finding in found] == ["angle_scale_suspect"]
-        assert found[0].figure == pytest.approx(1 / 1.1, rel=1e-4)
+        assert f"turned {1 / 1.1:.4f} times as far" in found[0].message
 
 
 class TestRefused:

@@ -9,18 +9,17 @@ import pytest
 from support.campaigns import METHODS, first_target, only_deflections, prepare
 from support.shared_data import shared
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.finding import Finding
 from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.inference.alternatives import better_alternative
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.inference.reason import Place
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import JointMap, Robot
@@ -115,7 +114,7 @@ class TestAlternatives:
         assert assessment.verdict == reason.weight == "do_not_use"
         assert set(assessment.joints) == {"do_not_use"}
         assert reason.action.kind == "exchange_columns"
-        assert reason.action.joints == tuple(robot.joint_names[j] for j in columns)
+        assert reason.action.joints == [robot.joint_names[j] for j in columns]
         assert f"{reason.action.joints[0]} and {reason.action.joints[1]}" in reason.message
         back = [robot.joint_names.index(name) for name in reason.action.joints]
         joints = wrong.joints.copy()
@@ -163,7 +162,7 @@ class TestAlternatives:
             robot, replace(measurements, position=position, load_point=place), findings=()
         )
         action = reason_of(assessment, "alternative_explains_better").action
-        assert (action.kind, action.target) == ("exchange_load_and_target", 1)
+        assert (action.kind, action.target) == ("exchange_load_and_target", "P11")
 
     @pytest.mark.parametrize("load", ["pull", "dead_weight"])
     def test_forces_of_the_wrong_sign_are_no_other_zero_of_a_joint(self, load):
@@ -179,7 +178,7 @@ class TestAlternatives:
         robot, measurements = pulls
         place = np.broadcast_to(list(TARGETS.values())[2], measurements.load_point.shape)
         assessment, _ = assessed(robot, replace(measurements, load_point=place), findings=())
-        assert reason_of(assessment, "load_at_target").action.target == 2
+        assert reason_of(assessment, "load_at_target").action.target == "P12"
         assert assessment.verdict != "use"
 
     @pytest.mark.parametrize("columns", COLUMNS)
@@ -189,7 +188,7 @@ class TestAlternatives:
         order[list(columns)] = columns[::-1]
         wrong = replace(measurements, joints=measurements.joints[:, order])
         reason = reason_of(assessed(robot, wrong)[0], "alternative_explains_better")
-        assert reason.action.joints == tuple(robot.joint_names[j] for j in columns)
+        assert reason.action.joints == [robot.joint_names[j] for j in columns]
 
     def test_on_a_real_robot_without_joint_map_the_makers_map_is_found(self):
         document = shared("fanuc_r2000ic/campaign")
@@ -217,8 +216,8 @@ class TestReadings:
         assessment, _ = assessed(robot, wrong)
         reason = reason_of(assessment, "suspicious_readings")
         assert assessment.verdict == "use_with_care"
-        assert reason.where == Place(observation=5)
-        assert (reason.action.kind, reason.action.observations) == ("use_huber", (5,))
+        assert reason.where == "observations[5] 'c06'"
+        assert (reason.action.kind, reason.action.observations) == ("use_huber", ["c06"])
         assessment, found = assessed(robot, wrong, loss="huber")
         assert assessment.verdict == "use"
         assert is_true(found)
@@ -231,7 +230,7 @@ class TestReadings:
         assessment, _ = assessed(robot, wrong)
         reason = reason_of(assessment, "gross_error")
         assert assessment.verdict == "do_not_use"
-        assert (reason.action.kind, reason.action.observations) == ("leave_out_readings", (7,))
+        assert (reason.action.kind, reason.action.observations) == ("leave_out_readings", ["c08"])
         assert assessed(robot, wrong[np.delete(np.arange(19), 7)])[0].verdict == "use"
 
     def test_a_length_unit_is_named(self, pulls):
@@ -240,14 +239,15 @@ class TestReadings:
         assessment, _ = assessed(robot, wrong, complementary_stiffness="neglected")
         assert reason_of(assessment, "length_unit_suspect").weight == "do_not_use"
 
-    @pytest.mark.parametrize(("row", "left_out"), [(2, (0, 1)), (17, (17, 18)), (9, None)])
+    @pytest.mark.parametrize(("row", "left_out"), [(2, ["c01", "c02"]), (17, ["c18", "c19"]), (9, None)])
     def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
-        moved = Finding("target_moved", row, "m", "r", "error")
+        label = pulls[1].labels[row]
+        moved = Finding(code="target_moved", weight="do_not_use", observation=label, message="m", remedy="r")
         action = reason_of(assessed(*pulls, findings=(moved,))[0], "gross_error").action
         assert (action and action.observations) == left_out
 
     def test_notes_are_no_reasons(self, pulls):
-        note = Finding("repeated_readings", None, "m", "r", "note")
+        note = Finding(code="repeated_readings", weight="use", message="m", remedy="r")
         assert assessed(*pulls, findings=(note,))[0].verdict == "use"
 
 
@@ -287,7 +287,7 @@ class TestFit:
         mean, s = np.full(6, np.nan), np.full(6, np.inf)
         mean[3], s[3] = TRUTH[3], 1e-4 * TRUTH[3]
         assessment, _ = assessed(robot, measurements, prior=Prior(mean, s))
-        assert reason_of(assessment, "prior_dominates").where == Place(joint=robot.joint_names[3])
+        assert reason_of(assessment, "prior_dominates").where == robot.joint_names[3]
         assert assessment.verdict == "use_with_care"
         assert assessment.joints == ("use", "use", "use", "use_with_care", "use", "use")
 
@@ -341,7 +341,7 @@ class TestFit:
         assessment, _ = assessed(robot, soft, complementary_stiffness="neglected", findings=())
         reasons = [reason for reason in assessment.reasons if reason.code == "stiffness_implausible"]
         assert reasons[0].weight == "do_not_use"
-        assert reasons[0].where.joint in robot.joint_names
+        assert reasons[0].where in robot.joint_names
         assert "1e+03 to 1e+09 N.m/rad" in reasons[0].message
 
 

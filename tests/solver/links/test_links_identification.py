@@ -465,7 +465,7 @@ def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
 @pytest.mark.parametrize(("chosen", "remedy"), [(1.0, "elasticity joints"), (1e-7, "give link_penalty")])
 def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
     (finding,) = judge_penalty(chosen, chosen)
-    assert (finding.code, finding.severity) == ("link_penalty_at_end", "note")
+    assert (finding.code, finding.weight) == ("link_penalty_at_end", "use")
     assert remedy in finding.remedy
     assert not list(judge_penalty(1e-2, 1e-2))
 

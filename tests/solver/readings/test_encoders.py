@@ -187,7 +187,7 @@ def test_one_swapped_reading_is_noticed_where_it_is():
     swapped[7, 1] *= -1
     encoders = replace(measurements.encoders, deflection=swapped)
     (finding,) = inspect_encoders(robot, replace(measurements, encoders=encoders))
-    assert (finding.code, finding.observation) == ("encoder_against_torque", 7)
+    assert (finding.code, finding.observation) == ("encoder_against_torque", "c08")
 
 
 def test_an_angle_in_another_unit_is_noticed():

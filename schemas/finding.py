@@ -1,0 +1,176 @@
+"""Findings: what checks of readings and of results say, made once by the solver and shown everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Dimensionless, Message, Name, Radians
+
+Verdict = Literal["use", "use_with_care", "do_not_use"]
+
+ActionKind = Literal[
+    "leave_out_readings",
+    "use_huber",
+    "include_complementary_stiffness",
+    "omit_noise",
+    "exchange_columns",
+    "apply_joint_map",
+    "exchange_load_and_target",
+    "correct_load_point",
+    "correct_force",
+    "convert_units",
+    "exchange_readings",
+    "choose_model",
+    "show_posture",
+]
+
+Unit = Literal["m", "mm", "deg", "rad", "N", "kN"]
+
+
+class Action(Message):
+    """Action that a program can offer; it changes only the named options or readings."""
+
+    kind: ActionKind = Field(
+        description="Action. `correct_load_point` and `correct_force` add `correction` to every load point "
+        "or force; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
+        "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and loss."
+    )
+    observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
+    joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
+    joint_map: Dimensionless[list[list[float]]] = Field(
+        description="Rows of the matrix of the corrected joint map; empty for other actions."
+    )
+    offset: Radians[list[float]] = Field(
+        description="Offset of the corrected joint map; empty for other actions."
+    )
+    target: Name | None = Field(
+        description="Target whose position is exchanged with the load point; null for other actions."
+    )
+    correction: list[float] = Field(
+        description="Vector to add to the load points (flange frame, in m) or to the forces (axes of R0, in "
+        "N); empty for other actions.",
+    )
+    unit: Unit | None = Field(description="Unit of the numbers; null for other actions.")
+
+    @classmethod
+    def of(
+        cls,
+        kind: ActionKind,
+        observations: Sequence[str] = (),
+        *,
+        joints: Sequence[str] = (),
+        joint_map: Sequence[Sequence[float]] = (),
+        offset: Sequence[float] = (),
+        target: str | None = None,
+        correction: Sequence[float] = (),
+        unit: Unit | None = None,
+    ) -> Action:
+        """Return an action; what its kind does not need is empty."""
+        return cls(
+            kind=kind,
+            observations=list(observations),
+            joints=list(joints),
+            joint_map=[list(row) for row in joint_map],
+            offset=list(offset),
+            target=target,
+            correction=list(correction),
+            unit=unit,
+        )
+
+
+FindingCode = Literal[
+    # in the readings
+    "targets_not_rigid",
+    "target_moved",
+    "targets_swapped",
+    "target_off_model",
+    "observations_out_of_order",
+    "duplicated_observation",
+    "joint_sign_suspect",
+    "joints_swapped",
+    "length_unit_suspect",
+    "force_unit_suspect",
+    "force_sign_suspect",
+    "drift_in_time",
+    "repeated_readings",
+    "residual_outlier",
+    "deflections_unexplained",
+    "target_name_suspect",
+    "deflection_against_force",
+    "encoder_against_torque",
+    "encoder_deflection_implausibly_large",
+    "joint_outside_limits",
+    "angle_unit_suspect",
+    "deflection_implausibly_large",
+    "deflection_implausibly_small",
+    "deflection_below_noise",
+    "sigma_suspect",
+    "zero_load",
+    # in the readings of a geometry
+    "short_arc",
+    "tracker_bumped",
+    "position_suspect",
+    "reading_suspect",
+    "residuals_below_sigma",
+    "angle_scale_suspect",
+    "axes_nearly_parallel",
+    "base_drifted",
+    "base_target_moved",
+    "sweeps_disagree",
+    "wrist_centres_disagree",
+    "parameters_not_identified",
+    # in a result
+    "no_joint_identified",
+    "no_residual_freedom",
+    "few_postures",
+    "gross_error",
+    "suspicious_readings",
+    "residuals_exceed_sigma",
+    "sigma_overstated",
+    "residuals_vanish",
+    "deflection_unexplained",
+    "alternative_explains_better",
+    "load_at_target",
+    "stiffness_implausible",
+    "prior_dominates",
+    "complementary_stiffness_matters",
+    "links_bend_with_joints",
+    "masses_contradicted",
+    "lack_of_fit",
+    "sigma_implausible",
+    "deflections_below_noise",
+    "link_penalty_at_end",
+    "link_penalty_raised",
+    "loss_not_compared",
+    # in two results side by side
+    "no_common_configuration",
+    "configurations_differ",
+    "robot_models_differ",
+]
+
+
+class Finding(Message):
+    """Something suspicious about readings or a result; no data are refused or changed because of it."""
+
+    code: FindingCode = Field(description="Kind of the finding.")
+    weight: Verdict = Field(
+        description="Best verdict that it allows a result: `do_not_use`, almost certainly a mistake, to be "
+        "corrected before any number is used; `use_with_care`, to be checked; `use`, for information. A run "
+        "sums up the findings of its set by kind, and may explain them."
+    )
+    where: str | None = Field(
+        default=None,
+        description="Observation, reading, sweep or joint; null for the whole. In a pair it begins with the "
+        "side.",
+    )
+    observation: Name | None = Field(
+        default=None, description="Label of the observation; null if the finding concerns none or several."
+    )
+    message: str = Field(description="Observed effect, with its figure and unit.")
+    remedy: str = Field(description="Remedy in words.")
+    action: Action | None = Field(
+        default=None, description="Remedy that a program can carry out; null if it needs a person."
+    )
