@@ -39,10 +39,10 @@ class Assessment:
 
     verdict: Verdict  #: the least of what the reasons allow
     reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
-    remarks: tuple[Finding, ...]  #: of the weight "use", for information
     #: verdict on each joint, never better than what the reasons about the set or this joint allow
     joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
+    remarks: tuple[Finding, ...] = ()  #: of the weight "use", for information
 
     def supported(self, prediction: Prediction) -> Prediction:
         """Return what the readings support of a prediction.
