@@ -1,1 +1,1 @@
-"""The service: API, store, runs and command line. The only package that sees schemas and solver."""
+"""The service: API, store, runs and command line. It uses solver and schemas."""

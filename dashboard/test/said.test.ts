@@ -1,9 +1,9 @@
 import { describe, expect, it } from "vitest";
-import type { QualityWarning, Reason } from "../src/api/types";
+import type { Finding } from "../src/api/types";
 import { inShownUnits, placeName, sentence, unsaid } from "../src/lib/said";
 
-const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as QualityWarning;
-const reason = (code: string, message: string) => ({ code, message }) as Reason;
+const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as Finding;
+const reason = (code: string, message: string) => ({ code, message }) as Finding;
 
 describe("what a reason says", () => {
   it("is not said again, nor are others of its kind", () => {
@@ -16,7 +16,7 @@ describe("what a reason says", () => {
     expect(unsaid(warnings, reasons).map(({ code }) => code)).toEqual(["zero_load"]);
   });
   it("covers what it says better", () => {
-    const warnings = [warning("low_compensation", "46 %"), warning("residual_outlier", "c01")];
+    const warnings = [warning("deflections_unexplained", "46 %"), warning("residual_outlier", "c01")];
     expect(unsaid(warnings, [reason("deflection_unexplained", "46 %, usual is 80 %")])).toEqual([]);
     expect(unsaid(warnings, [])).toEqual(warnings);
   });

@@ -16,18 +16,19 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode
+from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.integrity.values import (
+    DEG_AS_RAD,
     FALSE_ALARM,
     M_AS_MM,
     MEDIAN_SIZE,
     MM_AS_M,
     MODEL_ALLOWANCE,
+    RAD_AS_DEG,
     SAME_ANGLE,
     View,
     median,
-    normal_quantile,
     seen_from_flange,
     vector_quantile,
     vector_scale,
@@ -90,20 +91,15 @@ def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
         joints: (M, n) controller angles as posted [rad].
     """
     rows = np.arange(len(joints))
-    mm, m = Action.of("convert_units", unit="mm"), Action.of("convert_units", unit="m")
-    for factor, changed, remedy, action in (
-        (1e-3, "all lengths divided by 1000", MM_AS_M, mm),
-        (1e3, "all lengths multiplied by 1000", M_AS_MM, m),
-    ):
-        yield Hypothesis("length_unit_suspect", joints, changed, remedy, rows, factor, action)
-    deg, rad = Action.of("convert_units", unit="deg"), Action.of("convert_units", unit="rad")
-    for angles, right, declared, action in (
-        (np.deg2rad(joints), "degrees", "radians", deg),
-        (np.rad2deg(joints), "radians", "degrees", rad),
-    ):
-        figure, unit = f"all angles taken as {right}", action.unit
-        remedy = f"the angles seem to be in {right} and declared as {declared}: set `units.angle` to {unit}"
-        yield Hypothesis("angle_unit_suspect", angles, figure, remedy, rows, action=action)
+    units: list[tuple[FindingCode, FloatArray, float, str, str, Unit]] = [
+        ("length_unit_suspect", joints, 1e-3, "all lengths divided by 1000", MM_AS_M, "mm"),
+        ("length_unit_suspect", joints, 1e3, "all lengths multiplied by 1000", M_AS_MM, "m"),
+        ("angle_unit_suspect", np.deg2rad(joints), 1.0, "all angles taken as degrees", DEG_AS_RAD, "deg"),
+        ("angle_unit_suspect", np.rad2deg(joints), 1.0, "all angles taken as radians", RAD_AS_DEG, "rad"),
+    ]
+    for code, angles, length, figure, remedy, unit in units:
+        action = Action.of("convert_units", unit=unit)
+        yield Hypothesis(code, angles, figure, remedy, rows, length, action)
 
 
 def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
@@ -358,8 +354,8 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
             "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the "
             "residuals",
         )
-    # (N, P) changes beyond which it is not noise [m]: as stated, or as the distances scatter
-    quantile = normal_quantile(2 * int(both.sum()))
+    # (N, P) changes beyond which it is not noise [m]: as stated, or as the distances scatter; in two states
+    quantile = -special.ndtri(FALSE_ALARM / (4.0 * both.sum()))
     chance = MODEL_ALLOWANCE * quantile * max(np.sqrt(2.0) * LEAST_SIGMA, scatter)
     limits = np.maximum(quantile * sigma, 0.5 * chance if sigma.any() else chance)
     for i in np.flatnonzero((np.abs(change).max(axis=0) > limits).any(axis=1)).tolist():
@@ -445,10 +441,10 @@ def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) ->
     if len(places) < LEAST_ROWS or together.max() < 2:
         return None
     filled = np.where(read[..., None], places, 0.0)
-    rows_of = [np.flatnonzero(own & (together == together.max())) for own in read.T]
+    units = [np.flatnonzero(own & (together == together.max())) for own in read.T]
     series = [
         (t, rows, filled[rows, t] - (filled[rows].sum(axis=1) - filled[rows, t]) / (together.max() - 1))
-        for t, rows in enumerate(rows_of)
+        for t, rows in enumerate(units)
         if len(rows) >= LEAST_ROWS
     ]
     if not series:

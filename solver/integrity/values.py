@@ -25,6 +25,8 @@ from jointstiff.solver.text import length_text
 
 MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"
 M_AS_MM: Final = "the lengths seem to be in m and declared as mm: set `units.length` to m"
+DEG_AS_RAD: Final = "the angles seem to be in degrees and declared as radians: set `units.angle` to deg"
+RAD_AS_DEG: Final = "the angles seem to be in radians and declared as degrees: set `units.angle` to rad"
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""
 FALSE_ALARM: Final = 1e-6
@@ -75,13 +77,11 @@ class View:
         action: Action | None = None,
     ) -> Finding:
         """Return what was found in an observation, or in the whole set (None)."""
-        where = None if row is None else self.measurements.place(row)
-        label = None if row is None else self.measurements.labels[row]
         return Finding(
             code=code,
             weight=weight,
-            where=where,
-            observation=label,
+            where=None if row is None else self.measurements.place(row),
+            observation=None if row is None else self.measurements.labels[row],
             message=message,
             remedy=remedy,
             action=action,
@@ -136,11 +136,6 @@ def seen_from_flange(configurations: Configurations, position: FloatArray, measu
     return np.where(measured[..., None], arm @ configurations.flange_rotation, np.nan)
 
 
-def normal_quantile(comparisons: int) -> float:
-    """Standard deviations that one of so many normal variables exceeds, on either side, at `FALSE_ALARM`."""
-    return float(-special.ndtri(FALSE_ALARM / (2.0 * max(comparisons, 1))))
-
-
 def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
     """Norm, over its scale, that one of so many vectors exceeds at `FALSE_ALARM`.
 
@@ -179,7 +174,7 @@ def angles(view: View) -> Iterator[Finding]:
             "angle_unit_suspect",
             None,
             f"the largest joint angle is {largest:.4g} rad, more than two turns",
-            "set `units.angle` to deg: the angles look like degrees",
+            DEG_AS_RAD,
             "do_not_use",
             Action.of("convert_units", unit="deg"),
         )
@@ -189,7 +184,7 @@ def angles(view: View) -> Iterator[Finding]:
             "angle_unit_suspect",
             None,
             f"no joint turns by more than {posted:.3g}° in {len(joints)} observations",
-            "set `units.angle` to rad: the angles look like radians",
+            RAD_AS_DEG,
             "do_not_use",
             Action.of("convert_units", unit="rad"),
         )

@@ -1,7 +1,7 @@
 /** The small parts all views are made of. */
 import type { ComponentChildren, ComponentProps } from "preact";
 import { useContext, useEffect, useId, useRef, useState } from "preact/hooks";
-import type { Problem, QualityWarning, RunState } from "../api/types";
+import type { Problem, Finding, RunState } from "../api/types";
 import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
 import { hasNavigated, link } from "../state/router";
@@ -178,8 +178,8 @@ export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () =
 const SAID = 2;
 
 /** Findings and warnings: those of one kind together, with their remedy once. */
-export function Warnings({ warnings }: { warnings: QualityWarning[] }) {
-  const kinds = new Map<string, QualityWarning[]>();
+export function Warnings({ warnings }: { warnings: Finding[] }) {
+  const kinds = new Map<string, Finding[]>();
   for (const warning of warnings) {
     const kind = `${warning.code}\n${warning.remedy}`;
     kinds.set(kind, [...(kinds.get(kind) ?? []), warning]);

@@ -3,9 +3,9 @@ import type { Facts as FileFacts } from "../lib/campaign";
 import { fixed, significant } from "../lib/format";
 import { text } from "../i18n";
 import { type Fact, Facts, Name, Warnings } from "./basics";
-import type { QualityWarning } from "../api/types";
+import type { Finding } from "../api/types";
 
-export function Findings({ warnings }: { warnings: QualityWarning[] }) {
+export function Findings({ warnings }: { warnings: Finding[] }) {
   if (warnings.length === 0) return <p class="note good">{text.files.clean}</p>;
   return (
     <>
@@ -16,7 +16,7 @@ export function Findings({ warnings }: { warnings: QualityWarning[] }) {
 }
 
 /** Warnings that no reason says, folded away: the verdict does not rest on them. */
-export function Further({ warnings }: { warnings: QualityWarning[] }) {
+export function Further({ warnings }: { warnings: Finding[] }) {
   if (warnings.length === 0) return null;
   return (
     <details class="card further">

@@ -1,8 +1,8 @@
 /** What has been said of a result, so that nothing is said twice. */
-import type { QualityWarning, Reason } from "../api/types";
+import type { Finding } from "../api/types";
 import { degrees } from "./units";
 
-const UNEXPLAINED = ["low_compensation", "deflections_unexplained", "residual_outlier"];
+const UNEXPLAINED = ["deflections_unexplained", "residual_outlier"];
 
 /** Warnings that a reason says better. */
 const SAID_BETTER: Record<string, string[]> = {
@@ -11,7 +11,7 @@ const SAID_BETTER: Record<string, string[]> = {
 };
 
 /** The warnings that no reason says or sums up. */
-export function unsaid(warnings: QualityWarning[], reasons: Reason[]): QualityWarning[] {
+export function unsaid(warnings: Finding[], reasons: Finding[]): Finding[] {
   const said = new Set<string>(reasons.map((reason) => reason.code));
   for (const { code, message } of warnings)
     if (reasons.some((reason) => reason.message.startsWith(message))) said.add(code);

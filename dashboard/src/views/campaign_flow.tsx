@@ -60,7 +60,7 @@ export function CampaignFlow({
   const identify = useAction(async () => {
     const known = set ?? (campaign && chosenRobot ? await store(campaign, chosenRobot) : null);
     if (!known) return;
-    if (campaign && set === null && known.warnings.some(({ severity }) => severity === "error")) {
+    if (campaign && set === null && known.warnings.some(({ weight }) => weight === "do_not_use")) {
       return setAdded({ of: campaign, set: known }); // to be read before it is identified all the same
     }
     const read = statesNoise(form.noise) ? await withNoise(known, form.noise) : known;

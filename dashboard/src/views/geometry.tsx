@@ -33,7 +33,7 @@ export function GeometryView({ id }: { id: string }) {
 
 function Found({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
   const source = useMemo(() => ({ robot: result.robot as RobotDocument }), [result]);
-  const notes = result.findings.filter((finding) => finding.severity === "note");
+  const notes = result.findings.filter((finding) => finding.weight === "use");
   return (
     <>
       <VerdictCard assessment={result.assessment} context={null} sentences={words.verdicts} />

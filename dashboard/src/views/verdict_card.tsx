@@ -1,5 +1,5 @@
 /** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
-import type { Action, Assessment, Reason, Usability } from "../api/types";
+import type { Action, Assessment, Finding, Usability } from "../api/types";
 import { Badge } from "../components/badge";
 import { ActionButton, LinkButton, Prose, Seen } from "../components/basics";
 import { sentence } from "../lib/said";
@@ -46,8 +46,8 @@ export function VerdictCard({
 }
 
 /** Reasons of one kind stand together. */
-function grouped(reasons: Reason[]): Reason[][] {
-  const groups = new Map<string, Reason[]>();
+function grouped(reasons: Finding[]): Finding[][] {
+  const groups = new Map<string, Finding[]>();
   for (const reason of reasons) {
     const key = `${reason.code}\n${reason.remedy}`;
     groups.set(key, [...(groups.get(key) ?? []), reason]);
@@ -55,7 +55,7 @@ function grouped(reasons: Reason[]): Reason[][] {
   return [...groups.values()];
 }
 
-function ReasonItem({ reasons, context }: { reasons: Reason[]; context: RunContext | null }) {
+function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunContext | null }) {
   const [first] = reasons;
   if (!first) return null;
   const actions = unique(reasons.flatMap(({ action }) => (action ? [action] : [])));

@@ -2,20 +2,21 @@
 import { useState } from "preact/hooks";
 import { describe, expect, it } from "vitest";
 import { ApiError } from "../../src/api/client";
-import type { Problem, QualityWarning } from "../../src/api/types";
+import type { Problem, Finding } from "../../src/api/types";
 import { Boundary } from "../../src/components/lazy";
 import { ProblemNote, Warnings } from "../../src/components/basics";
 import { useAction } from "../../src/state/action";
 import { cached, forget, useCached } from "../../src/state/cache";
 import { drawn, press, settled } from "./drawn";
 
-const warning = (part: Partial<QualityWarning>): QualityWarning => ({
+const warning = (part: Partial<Finding>): Finding => ({
   code: "target_moved",
-  severity: "warning",
+  weight: "use_with_care",
   where: null,
   observation: null,
   message: "a target moved",
   remedy: "measure it again",
+  action: null,
   ...part,
 });
 
