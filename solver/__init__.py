@@ -56,7 +56,7 @@ _HOMES = {
     "Settings": "fitting.settings",
     "WeightEstimate": "weight.identification",
     "WeightReadings": "weight.bodies",
-    "identify": "identification",
+    "identify": "estimate",
     "identify_weight": "weight.identification",
     "predict": "inference.prediction",
 }
