@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
     from jointstiff.solver.estimate import identify
     from jointstiff.solver.fitting.settings import Settings
-    from jointstiff.solver.geometry.sweeps.pose_fit import Poses
+    from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.inference.estimate import Estimate
     from jointstiff.solver.inference.prediction import predict
     from jointstiff.solver.readings.measurements import Measurements
@@ -51,7 +51,7 @@ _HOMES = {
     "JointstiffError": "errors",
     "KinematicChain": "robot.chain",
     "Measurements": "readings.measurements",
-    "Poses": "geometry.sweeps.pose_fit",
+    "Poses": "geometry.poses",
     "Robot": "robot.model",
     "Settings": "fitting.settings",
     "WeightEstimate": "weight.identification",

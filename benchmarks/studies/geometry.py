@@ -13,15 +13,20 @@ from benchmarks.report import Figure, Section
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
-from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
-from jointstiff.solver.geometry.sweeps.axis import Axis
-from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, fit_axis
-from jointstiff.solver.geometry.sweeps.findings import sweep_findings
-from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
+from jointstiff.solver.geometry.charts import Axis, RigidTransform
+from jointstiff.solver.geometry.findings import sweep_findings
+from jointstiff.solver.geometry.frames import find_base_frame, find_wrist_centre
+from jointstiff.solver.geometry.model import FlangeConvention, identify_model
+from jointstiff.solver.geometry.sweeps import (
+    AngleUse,
+    AxisFit,
+    Sweep,
+    SweepSet,
+    SweptAxes,
+    fit_axis,
+    identify_axes,
+    refine_axes,
+)
 from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -75,7 +80,7 @@ def _sweep(
     points = cell.readings(cell.sweep(joint, angles if real is None else real, home))
     points = points + rng.normal(0.0, SIGMA, points.shape)
     present = np.ones(points.shape[:2], dtype=np.bool_)
-    return Sweep(f"joint_{joint + 1}", joint, cell.sweep(joint, angles, home), points, present)
+    return Sweep(cell.sweep(joint, angles, home), points, present, f"joint_{joint + 1}", joint)
 
 
 def _fit(sweep: Sweep, angles: AngleUse = "free") -> AxisFit:
@@ -119,7 +124,7 @@ def _compared(cell: TrackedArm, found: SweptAxes) -> list[tuple[str, FloatArray,
     chain = read_urdf(urdf_text(cell.arm), "base_link", "flange")
     true = RigidTransform(cell.rotation.T, -cell.rotation.T @ cell.translation)
     axes = [found.axes[j].chart(Axis.through(*cell.axis(j, np.zeros(6)))) for j in range(6)]
-    base = find_base_frame(found, BaseConvention.of_chain(chain))
+    base = find_base_frame(found, chain)
     model = identify_model(found, base, FlangeConvention.of_chain(chain), nominal=chain)
     wrist = find_wrist_centre(found)
     centre, covariance = wrist.in_base(wrist.combined, base, found)
@@ -216,11 +221,11 @@ def _flags(sweeps: int) -> Section:
         rng = np.random.default_rng([seed, 4])
         joint = seed % 6
         clean = _sweep(cell, joint, _arc(joint), rng)
-        alarms += bool(sweep_findings(_fit(clean), NAMES))
+        alarms += any(True for _ in sweep_findings(_fit(clean), NAMES))
         at, push = int(rng.integers(2, COUNT - 1)), rng.normal(size=3)
         points = clean.points.copy()
         points[at:] += 2e-4 * push / np.linalg.norm(push)
-        findings = sweep_findings(_fit(replace(clean, points=points)), NAMES)
+        findings = list(sweep_findings(_fit(replace(clean, points=points)), NAMES))
         found += any(finding.code != "residuals_exceed_sigma" for finding in findings)
         placed += any(
             finding.code == "tracker_bumped" and str(finding.where).endswith(f"position {at + 1}")

@@ -13,9 +13,8 @@ from benchmarks.studies.geometry import sweeps_of
 from jointstiff.simulator.sweeps import HOME, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
-from jointstiff.solver.geometry.identified_geometry import Conventions
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
+from jointstiff.solver.geometry.identification import Conventions, identify_from_poses, identify_from_sweeps
+from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import flange_poses

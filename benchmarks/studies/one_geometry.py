@@ -8,7 +8,7 @@ By name only: it takes a minute.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,12 +19,15 @@ from jointstiff.simulator.sweeps import TrackedArm, WornArm, imperfect_arm, rota
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError
-from jointstiff.solver.geometry.frames.base_frame import chain_axes
-from jointstiff.solver.geometry.sweeps.axis import Axis
-from jointstiff.solver.geometry.sweeps.findings import angle_probability, disagree
-from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
-from jointstiff.solver.geometry.sweeps.sweep import SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes, refine_axes
+from jointstiff.solver.geometry.charts import Axis, RigidTransform
+from jointstiff.solver.geometry.poses import PoseState, chain_axes, fit_poses
+from jointstiff.solver.geometry.sweeps import (
+    DISAGREEMENT,
+    SweepSet,
+    angle_probability,
+    identify_axes,
+    refine_axes,
+)
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = ["run"]
@@ -68,7 +71,7 @@ def run(*, quick: bool) -> list[Section]:
             sweeps = sweeps_of(cell, np.random.default_rng([seed, 5]))
             alone = identify_axes(sweeps)
             together = refine_axes(alone)
-            contradicted += disagree(angle_probability(alone, together))
+            contradicted += angle_probability(alone, together) < DISAGREEMENT
             found = {WAYS[0]: alone.axes, WAYS[1]: together.axes}
             for way, free in ((WAYS[2], True), (WAYS[3], False)):
                 try:
@@ -121,21 +124,15 @@ def start(cell: TrackedArm, sweeps: SweepSet, seed: int) -> PoseState:
     rotation = rotation_by(draws.standard_normal(3), np.radians(2.0)) @ cell.rotation
     translation = cell.translation + 0.05 * draws.uniform(-1.0, 1.0, 3)
     axes, flange = chain_axes(read_urdf(urdf_text(default_arm()), "base_link", "flange"))
-    targets = flange.apply(cell.targets) @ rotation.T + translation
+    targets = flange.apply(cell.targets)
+    placed = RigidTransform(rotation, translation)
     count = sum(len(sweep) for sweep in sweeps.sweeps)
-    return PoseState(tuple(axis.moved(rotation, translation) for axis in axes), targets, np.zeros(count))
+    return PoseState(tuple(axis.moved(placed) for axis in axes), placed.apply(targets), np.zeros(count))
 
 
 def bundle(sweeps: SweepSet, first: PoseState, *, free: bool) -> tuple[Axis, ...]:
     """Fit axes and targets to all positions; with the angle of each position free, or the controller's."""
-    points, weight = zip(*(sweep.whitened() for sweep in sweeps.sweeps), strict=True)
-    matrix = sweeps.joint_map.matrix
-    slopes = np.concatenate([np.tile(matrix[:, sweep.joint], (len(sweep), 1)) for sweep in sweeps.sweeps])
-    readings = PoseReadings(
-        angles=np.concatenate([sweeps.model_angles(sweep) for sweep in sweeps.sweeps]),
-        points=np.concatenate(points),
-        weight=np.concatenate(weight),
-        slopes=slopes,
-        basis=None if free else np.zeros((len(slopes), 0)),
-    )
+    readings = sweeps.whitened
+    if not free:
+        readings = replace(readings, basis=np.zeros((len(readings.angles), 0)))
     return fit_poses(readings, first, where="sweeps")[0].axes

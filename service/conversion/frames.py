@@ -21,8 +21,8 @@ from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry.message import GeometryRequest
-    from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-    from jointstiff.solver.geometry.identified_geometry import BaseTargets
+    from jointstiff.solver.geometry.charts import RigidTransform
+    from jointstiff.solver.geometry.frames import BaseTargets
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
@@ -37,7 +37,7 @@ def stated_transform(frame: Frame, length: float) -> RigidTransform:
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
-    from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+    from jointstiff.solver.geometry.charts import RigidTransform
 
     return RigidTransform.stated(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
@@ -118,7 +118,7 @@ def to_base_targets(
     Raises:
         MeasurementError: fewer than three were read both times.
     """
-    from jointstiff.solver.geometry.identified_geometry import BaseTargets
+    from jointstiff.solver.geometry.frames import BaseTargets
 
     targets = request.base_targets
     later = after if after is not None else targets.after if targets is not None else None

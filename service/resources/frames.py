@@ -20,8 +20,9 @@ from jointstiff.service.resources.stored_jobs import succeeded_geometry
 from jointstiff.service.store.store import Store
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.frames.base_drift import BaseDrift
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.findings import drift_findings
+from jointstiff.solver.geometry.frames import BaseDrift
 
 FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""
@@ -80,7 +81,7 @@ def _drift(
         )
         if finding.code == "base_drifted"
         else finding
-        for finding in drift.findings()
+        for finding in drift_findings(drift)
     ]
     return drift, warnings
 

@@ -1,113 +1,156 @@
 """Identify the geometry of a robot from sweeps or unloaded poses: one call from readings to a robot.
 
 Every number comes with its uncertainty and every suspicion with its figure; nothing is corrected silently.
-
-The uncertainty of the angles at which joints rest while others turn.
-
-The readings show how far each joint is from the controller's angle while it turns: its gear's error. At
-rest it is off by as much, and nothing shows it. Where joints rest at the same angles in all sweeps, that
-only turns what model angle zero means; where they do not, it moves the axes against each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
-from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
-from jointstiff.solver.geometry.frames.wrist_centre import (
-    CentreEstimate,
-    WristCentre,
-    find_wrist_centre,
-    nearest_to_axes,
+from jointstiff.solver.geometry.findings import (
+    agreement_findings,
+    calibration_findings,
+    drift_findings,
+    geometry_findings,
+    model_findings,
+    wrist_findings,
 )
-from jointstiff.solver.geometry.identified_geometry import (
+from jointstiff.solver.geometry.frames import (
+    BaseDrift,
+    BaseFrame,
     BaseTargets,
-    Conventions,
-    Evidence,
-    IdentifiedGeometry,
-    SweepFit,
+    PlacedAxis,
+    WristCentre,
+    find_base_frame,
+    find_wrist_centre,
+    place_axes,
 )
-from jointstiff.solver.geometry.model.identified_model import (
+from jointstiff.solver.geometry.model import (
+    DhTable,
     FlangeConvention,
+    IdentifiedModel,
+    LinkParameter,
+    dh_table,
     identify_model,
-    link_findings,
     link_table,
 )
-from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
-from jointstiff.solver.geometry.model.link_parameters import dh_table
-from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
-from jointstiff.solver.geometry.sweeps.findings import (
-    agreement_findings,
-    angle_probability,
-    disagree,
-    geometry_findings,
-    uneven,
-)
-from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
-from jointstiff.solver.geometry.sweeps.sweep import STILL, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import (
+from jointstiff.solver.geometry.poses import IdentifiedAxes, Poses, calibrate
+from jointstiff.solver.geometry.sweeps import (
+    DISAGREEMENT,
+    UNEVEN,
+    AngleUse,
+    SweepSet,
     SweptAxes,
+    SweptTarget,
+    angle_probability,
     identify_axes,
-    influence_of_postures,
     refine_axes,
+    resting_angles,
 )
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import WRIST_JOINTS
 
-
-def resting_angles(swept: SweptAxes, probability: float, *, first: int = 0) -> FloatArray:
-    """Return what gear errors at rest do to axes and targets: (4 n + 3 T, G), one column a standard one.
-
-    Args:
-        swept: axes fitted one by one with free angles.
-        probability: that the controller's angles fit; if it is not small, gears are even and G is 0.
-        first: joint of the controller from which on errors count. Columns go from the last joint inwards, so
-            that those of fewer joints are the first of all.
-    """
-    columns = []
-    if uneven(probability):
-        matrix, by_posture = swept.sweeps.joint_map.matrix, influence_of_postures(swept)
-        turned_from_last = sorted(swept.fits, key=lambda fit: -fit.sweep.joint)
-        for fit in (fit for fit in turned_from_last if fit.sweep.joint >= first):
-            joint = fit.sweep.joint
-            # Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise
-            deviation = fit.angle_deviation
-            own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
-            noise = fit.sigma**2 * float(np.sum(own**2))
-            size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
-            # Masks (n,) of the sweeps, by model joint, in which a controller's joint rests at one angle
-            order = [swept.sweeps.sweeps[index] for index in swept.order]
-            angles = np.array([sweep.angles[:, joint].mean() for sweep in order])
-            others = np.array([sweep.joint != joint for sweep in order])
-            ascending = np.sort(angles[others])
-            starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > STILL)]
-            number = np.searchsorted(starts, angles, side="right")
-            for group in [others & (number == index + 1) for index in range(len(starts))]:
-                turned = np.where(group[:, None], matrix[:, joint], 0.0)
-                columns.append(size * by_posture @ turned.ravel())
-    return np.array(columns).T if columns else np.zeros((len(swept.covariance), 0))
-
-
-def widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
-    """Return the axes with an uncertainty that includes these columns, beside that of the readings."""
-    return replace(
-        identified,
-        covariance=identified.covariance + columns @ columns.T,
-        influence=np.hstack([identified.influence, columns / identified.sigma]),
-    )
-
-
-_DEGENERATE = "its uncertainty is too large"
+SweepFit = Literal["one_by_one", "together"]
 
 LEAST_SIGMA = 1e-12
 """Smallest standard uncertainty of a coordinate [m]; with less, covariances vanish."""
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """Conventions for R0 and the flange frame, which no axis determines."""
+
+    base: Literal["nominal", "axes"]  #: see `find_base_frame`
+    flange: Literal["nominal", "axes", "targets"]  #: see `FlangeConvention`
+    height: float = 0.0  #: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m]
+    flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for `targets`, indices of the three
+
+
+@dataclass(frozen=True)
+class SweepEvidence:
+    """One sweep, fitted by itself."""
+
+    joint: str  #: joint of the controller, by name
+    turned: tuple[str, ...]  #: names of the model's joints that turn
+    positions: int  #: how many
+    arc: float  #: angle that the readings cover [rad]
+    targets: tuple[SweptTarget, ...]  #: evidence by target
+    angle_scale: float  #: angle by the readings over that of the controller, dimensionless
+    #: root mean square of their difference [rad]; None if the controller's are taken
+    angle_deviation: float | None
+    variance_factor: float  #: χ²/dof, 1 on average if sigma is right
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedGeometry:
+    """A robot as it was found."""
+
+    identified: IdentifiedAxes  #: axes and targets
+    sigma_source: Literal["stated", "residuals"]  #: origin of sigma
+    conventions: Conventions  #: conventions by which the frames are placed
+    base: BaseFrame  #: placement of R0
+    model: IdentifiedModel  #: the robot
+    links: tuple[LinkParameter, ...]  #: beside those of the nominal model; empty without one
+    wrist: WristCentre | str  #: wrist centre, or the reason why there is none
+    tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
+    drift: BaseDrift | None  #: drift of the base; None if its targets were not read twice
+    findings: tuple[Finding, ...]  #: findings for the user
+    one_by_one: SweptAxes | None = None  #: axes of each sweep by itself, with the fits; None for poses
+    #: which axes are the result's: where the sweeps disagree those one by one, whatever was asked for; None
+    #: for poses
+    fit: SweepFit | None = None
+    #: p-value of the controller's angles: that noise alone makes them fit as badly as they do; None for poses
+    controller_probability: float | None = None
+    #: p-value of one robot for all sweeps; None if that was not tested
+    agreement_probability: float | None = None
+
+    @cached_property
+    def axes(self) -> tuple[PlacedAxis, ...]:
+        """The axes in the tracker's frame and in R0."""
+        return place_axes(self.identified, self.base, self.model.chain.joint_names)
+
+    @property
+    def sweeps(self) -> tuple[SweepEvidence, ...]:
+        """Evidence of each sweep by itself; empty for poses."""
+        swept, joints = self.one_by_one, self.model.chain.joint_names
+        if swept is None:
+            return ()
+        return tuple(
+            SweepEvidence(
+                joint=fit.sweep.name,
+                turned=tuple(joints[index] for index in swept.sweeps.turning(fit.sweep)),
+                positions=len(fit.sweep),
+                arc=fit.arc,
+                targets=fit.targets(swept.names),
+                angle_scale=fit.angle_scale,
+                angle_deviation=float(np.sqrt(np.mean(fit.angle_deviation**2)))
+                if fit.angle_deviation.any()
+                else None,
+                variance_factor=fit.variance_factor,
+            )
+            for fit in swept.fits
+        )
+
+    @property
+    def base_covariance(self) -> FloatArray | None:
+        """(6, 6) of the transform from tracker to base [m, rad]; None if it is not determined."""
+        known = np.isfinite(self.identified.standard_uncertainties(self.base.jacobian)).all()
+        return self.base.transform_tracker_to_base.covariance if known else None
+
+    @property
+    def target_covariances(self) -> FloatArray:
+        """(T, 3, 3) of the targets in the flange frame [m²]; NaN where not determined."""
+        count = len(self.identified.names)
+        blocks = self.model.targets_covariance.reshape(count, 3, count, 3)
+        return np.stack([blocks[t, :, t] for t in range(count)])
 
 
 def identify_from_sweeps(
@@ -130,7 +173,7 @@ def identify_from_sweeps(
         fit: `one_by_one` asks least of the controller's repeatability; see `refine_axes`. Where the sweeps
             disagree, `together` falls back to it with a finding. Where gears are uneven, uncertainties
             include those of the angles at rest; see `resting_angles`.
-        angles: see `circle_point`.
+        angles: see `fit_axis`.
         base_targets: read before and after.
 
     Raises:
@@ -138,20 +181,37 @@ def identify_from_sweeps(
     """
     free, trusted = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
     alone = free if angles == "free" else trusted
-    several = len(sweeps.sweeps) > 1
-    together = refine_axes(alone, angles=angles) if fit == "together" and several else None
-    agreement = None if together is None else angle_probability(alone, together)
-    controller = angle_probability(free, trusted)
-    chosen = alone if together is None or disagree(agreement) else together
+    controller, agreement = angle_probability(free, trusted), None
+    chosen = together = alone
+    if fit == "together" and len(sweeps.sweeps) > 1:
+        together = refine_axes(alone, angles=angles)
+        agreement = angle_probability(alone, together)
+        chosen = alone if agreement < DISAGREEMENT else together
     _refuse_exact(chosen)
-    used: SweepFit = "one_by_one" if chosen is alone else "together"
-    evidence = Evidence(alone, used, controller, agreement)
-    identified = widened(chosen, resting_angles(free, controller))
-    wrist_joints = resting_angles(free, controller, first=sweeps.joint_map.n - WRIST_JOINTS)
-    wrist = _wrist_of_sweeps(widened(chosen, wrist_joints))  # where the arm had it, whatever its angles
-    findings = geometry_findings(alone, together or alone) + agreement_findings(agreement)
-    frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
-    return _identified_geometry(identified, frame, wrist, findings, base_targets, evidence)
+    wrist_axes = identified = chosen
+    if controller < UNEVEN:
+        columns, joints = resting_angles(free)
+        identified = _widened(chosen, columns)
+        # The wrist centre is where the arm had it, whatever the arm's angles
+        of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
+        wrist_axes = _widened(chosen, columns[:, of_wrist])
+    geometry = _identified_geometry(
+        identified,
+        conventions,
+        nominal,
+        name,
+        wrist=_wrist(wrist_axes),
+        findings=(*geometry_findings(alone, together), *agreement_findings(agreement)),
+        base_targets=base_targets,
+    )
+    return replace(
+        geometry,
+        sigma_source="residuals" if sweeps.sigma is None else "stated",
+        one_by_one=alone,
+        fit="one_by_one" if chosen is alone else "together",
+        controller_probability=controller,
+        agreement_probability=agreement,
+    )
 
 
 def identify_from_poses(
@@ -170,82 +230,72 @@ def identify_from_poses(
     """
     identified = calibrate(nominal, poses)
     _refuse_exact(identified)
-    wrist = "the poses do not determine all axes" if identified.unseen.size else _wrist_of_axes(identified)
-    stated = poses.sigma is not None and not identified.exceeds_stated
-    frame = _Frame(conventions, nominal, name, stated=stated)
-    return _identified_geometry(identified, frame, wrist, identified.findings(), base_targets)
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """Frames that are requested of the result."""
-
-    conventions: Conventions
-    nominal: KinematicChain | None
-    name: str
-    stated: bool
+    geometry = _identified_geometry(
+        identified,
+        conventions,
+        nominal,
+        name,
+        wrist="the poses do not determine all axes" if identified.unseen.size else _wrist(identified),
+        findings=calibration_findings(identified),
+        base_targets=base_targets,
+    )
+    stated = poses.sigma is not None and identified.exceeded_sigma is None
+    return replace(geometry, sigma_source="stated" if stated else "residuals")
 
 
 def _identified_geometry(
     identified: IdentifiedAxes,
-    frame: _Frame,
+    conventions: Conventions,
+    nominal: KinematicChain | None,
+    name: str,
+    *,
     wrist: WristCentre | str,
-    findings: Sequence[Finding],
+    findings: Iterable[Finding],
     base_targets: BaseTargets | None,
-    evidence: Evidence | None = None,
 ) -> IdentifiedGeometry:
-    conventions, nominal = frame.conventions, frame.nominal
-    base = find_base_frame(identified, _base(conventions, identified, nominal))
-    flange = _flange(conventions, nominal)
-    model = identify_model(identified, base, flange, nominal=nominal, name=frame.name)
-    middle = identified.targets.mean(axis=0)
-    drift = None if base_targets is None else base_targets.drift(identified.sigma, middle)
-    all_findings = [*findings]
-    all_findings += wrist.findings() if isinstance(wrist, WristCentre) else ()
-    all_findings += drift.findings() if drift else ()
+    flange = FlangeConvention(conventions.flange_targets if conventions.flange == "targets" else None)
+    if "nominal" in {conventions.base, conventions.flange} and nominal is None:
+        raise MeasurementError(
+            "the base or flange frame is requested by the nominal model, but there is no nominal model",
+            where="base.by" if conventions.base == "nominal" else "flange.by",
+            remedy="give the robot's nominal model, or define the frame by `axes`",
+        )
+    if conventions.flange == "nominal" and nominal is not None:
+        flange = FlangeConvention.of_chain(nominal)
+    placing = nominal if conventions.base == "nominal" else None
+    base = find_base_frame(identified, placing, height=conventions.height)
+    model = identify_model(identified, base, flange, nominal=nominal, name=name)
+    drift = None
+    if base_targets is not None:
+        drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
     tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
-    all_findings += tables[0].findings()
     links = () if nominal is None else link_table(identified, base, flange, nominal)
-    all_findings += link_findings(links)
     return IdentifiedGeometry(
         identified=identified,
-        sigma_stated=frame.stated,
+        sigma_source="stated",
         conventions=conventions,
-        evidence=evidence,
         base=base,
         model=model,
         links=links,
         wrist=wrist,
         tables=tables,
         drift=drift,
-        findings=tuple(all_findings),
+        findings=(
+            *findings,
+            *(wrist_findings(wrist) if isinstance(wrist, WristCentre) else ()),
+            *(drift_findings(drift) if drift else ()),
+            *model_findings(tables[0], links),
+        ),
     )
 
 
-def _base(
-    conventions: Conventions, identified: IdentifiedAxes, nominal: KinematicChain | None
-) -> BaseConvention:
-    if conventions.base == "axes":
-        return BaseConvention.of_axes(identified, conventions.height)
-    return BaseConvention.of_chain(_needed(nominal, "base.by"))
-
-
-def _flange(conventions: Conventions, nominal: KinematicChain | None) -> FlangeConvention:
-    if conventions.flange == "targets":
-        return FlangeConvention.of_targets(conventions.flange_targets)
-    if conventions.flange == "axes":
-        return FlangeConvention.of_axes()
-    return FlangeConvention.of_chain(_needed(nominal, "flange.by"))
-
-
-def _needed(nominal: KinematicChain | None, where: str) -> KinematicChain:
-    if nominal is None:
-        raise MeasurementError(
-            "the base or flange frame is requested by the nominal model, but there is no nominal model",
-            where=where,
-            remedy="give the robot's nominal model, or define the frame by `axes`",
-        )
-    return nominal
+def _widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
+    """Return axes whose uncertainties include further, independent displacements (4 n + 3 T, G)."""
+    return replace(
+        identified,
+        covariance=identified.covariance + columns @ columns.T,
+        influence=np.hstack([identified.influence, columns / identified.sigma]),
+    )
 
 
 def _refuse_exact(identified: IdentifiedAxes) -> None:
@@ -257,27 +307,11 @@ def _refuse_exact(identified: IdentifiedAxes) -> None:
         )
 
 
-def _wrist_of_sweeps(identified: SweptAxes) -> WristCentre | str:
+def _wrist(identified: IdentifiedAxes) -> WristCentre | str:
+    """Return the wrist centre, or the reason why there is none."""
     try:
         return find_wrist_centre(identified)
     except InputError as error:
         return error.reason
     except np.linalg.LinAlgError:
-        return _DEGENERATE
-
-
-def _wrist_of_axes(identified: IdentifiedAxes) -> WristCentre | str:
-    """The nearest point to the last three axes with the arm at model angle zero: there are no spheres."""
-    if identified.n < WRIST_JOINTS:
-        return f"a robot with {identified.n} axes has no three-axis wrist"
-    posture = np.zeros(identified.n)
-    try:
-        (centre, influence), miss = nearest_to_axes(identified, posture)
-    except InputError as error:
-        return error.reason
-    except np.linalg.LinAlgError:
-        return _DEGENERATE
-    covariance = identified.sigma**2 * influence @ influence.T
-    by_axes = CentreEstimate("axes", centre, covariance, influence, np.eye(3))
-    combined = CentreEstimate("combined", centre, covariance, influence, np.eye(3))
-    return WristCentre((by_axes,), combined, (), miss, posture)
+        return "its uncertainty is too large"

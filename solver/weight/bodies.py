@@ -16,7 +16,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.own_weight import unit_levers
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
+from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.robot.model import Body
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import Block, Cones, Weighed, solve_weighed
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.geometry.gauss_newton import LinearFit
-from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState
+from jointstiff.solver.geometry.charts import LinearFit
+from jointstiff.solver.geometry.poses import PoseReadings, PoseState
 from jointstiff.solver.weight.bodies import Burden, WeightReadings
 from jointstiff.solver.weight.regressor import Frames, Rows, across, rows_at
 

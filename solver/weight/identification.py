@@ -23,9 +23,8 @@ from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.deflection.own_weight import IdentifiedWeight
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.model.kinematic_calibration import calibrate, pose_readings
-from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseState
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.poses import Motion, PoseState, calibrate
 from jointstiff.solver.inference.fit_reasons import unidentified
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.readings.measurements import Measurements
@@ -202,8 +201,7 @@ def identify_weight(
             where="noise",
             remedy="state `noise.sigma` of both",
         )
-    angles = poses.joint_map.model_angles(poses.angles)
-    whitened = pose_readings(angles, poses)
+    whitened = poses.whitened
 
     def differences(compliance: FloatArray) -> FloatArray:
         """Return the rows of deflections by known loads, in units of their sigma."""
@@ -220,7 +218,7 @@ def identify_weight(
         readings,
         replace(whitened, weight=whitened.weight / (poses.sigma or 1.0)),
         frames,
-        PoseState(rigid.axes, rigid.targets, np.zeros(len(angles))),
+        PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
         free_gravity=free_gravity,
         differences=differences,
     )
@@ -249,7 +247,7 @@ def identify_weight(
     missing = unidentified(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.joint.standard_uncertainty or 0.0 for joint in joints])
     unit = poses.sigma or 1.0
-    sagging = replace(whitened, angles=angles + fit.sag)
+    sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = Motion(fit.state, sagging).stages[0]
     # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
     largest = 0.0

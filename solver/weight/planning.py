@@ -8,10 +8,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.frames.base_frame import chain_axes
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.model.kinematic_calibration import pose_readings
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses, PoseState
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.poses import Poses, PoseState, chain_axes
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Burden, WeightReadings
@@ -39,9 +37,7 @@ def planned_rows(
         poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
         state = PoseState(axes, flange.apply(targets), np.zeros(count))
         readings = WeightReadings.unloaded(poses, burden)
-        found = rows_at(
-            readings, pose_readings(angles, poses), frames, state, np.zeros(angles.shape), compliance
-        )
+        found = rows_at(readings, poses.whitened, frames, state, np.zeros(angles.shape), compliance)
         masses = np.einsum("mjk,j->mk", found.products, compliance)
         stacked = np.hstack([found.joints, _GEOMETRY * found.geometry, masses])
         return stacked.reshape(count, 3 * len(targets), -1)

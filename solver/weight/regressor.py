@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.frames.base_frame import chain_axes
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.sweeps.pose_fit import Motion, PoseReadings, PoseState
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.poses import Motion, PoseReadings, PoseState, chain_axes
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Placement, Torques, WeightReadings
@@ -105,7 +104,7 @@ def across(vector: FloatArray) -> FloatArray:
 def torques_of(readings: WeightReadings, frames: Frames, motion: Motion) -> Torques:
     """Return the torques of loads, bodies and balancers in the postures of a motion."""
     axes = motion.state.axes
-    origins = np.array([axis.at(axis.foot(origin)) for axis, origin in zip(axes, frames.origin, strict=True)])
+    origins = np.array([axis.nearest(origin) for axis, origin in zip(axes, frames.origin, strict=True)])
     shift, points, places = np.zeros((len(readings.force), 3)), [], []
     for axis, origin, before, turn in zip(axes, origins, motion.before[:-1], motion.turns, strict=True):
         points.append(before @ axis.point + shift)

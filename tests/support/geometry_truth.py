@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from support.shared_data import shared
 
+from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.sweeps.axis import Axis
-from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.simulator.urdf import urdf_text
+from jointstiff.solver.geometry.charts import Axis, RigidTransform
+from jointstiff.solver.geometry.poses import IdentifiedAxes
+from jointstiff.solver.geometry.sweeps import Sweep, SweepSet, SweptAxes, identify_axes
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
@@ -29,8 +30,12 @@ __all__ = [
     "TARGETS",
     "Cell",
     "axes_of_noisy_sweeps",
+    "axis_covariance",
+    "axis_errors",
     "chi_square",
+    "chi_squares",
     "imperfect_arm",
+    "nominal",
     "rodrigues",
     "shared_chain",
     "shared_sweeps",
@@ -65,7 +70,7 @@ class Cell(TrackedArm):
             if rng is not None:
                 points = points + rng.normal(0.0, sigma, points.shape)
             parts.append(
-                Sweep(f"joint_{joint + 1}", joint, angles, points, np.ones(points.shape[:2], dtype=bool))
+                Sweep(angles, points, np.ones(points.shape[:2], dtype=bool), f"joint_{joint + 1}", joint)
             )
         names = tuple(f"P{10 + t}" for t in range(len(self.targets)))
         return SweepSet(
@@ -81,6 +86,27 @@ class Cell(TrackedArm):
         return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation)
 
 
+def nominal() -> KinematicChain:
+    """The arm as its maker has it."""
+    return read_urdf(urdf_text(default_arm()), "base_link", "flange")
+
+
+def axis_errors(found: IdentifiedAxes, cell: TrackedArm) -> np.ndarray:
+    """Charts (6, 4) of the true axes about the identified ones, at angle zero."""
+    return np.array([found.axes[j].chart(Axis.through(*cell.axis(j, np.zeros(6)))) for j in range(6)])
+
+
+def axis_covariance(found: IdentifiedAxes, joint: int) -> np.ndarray:
+    """Covariance (4, 4) of one axis."""
+    part = slice(4 * joint, 4 * joint + 4)
+    return found.covariance[part, part]
+
+
+def chi_squares(found: IdentifiedAxes, cell: TrackedArm) -> list[float]:
+    """Squared errors of the axes (6,) in units of their covariances."""
+    return [chi_square(e, axis_covariance(found, j)) for j, e in enumerate(axis_errors(found, cell))]
+
+
 def chi_square(error: np.ndarray, covariance: np.ndarray) -> float:
     """Squared error in units of its covariance."""
     return float(error @ np.linalg.solve(covariance, error))
@@ -93,7 +119,7 @@ def shared_sweeps(stated: bool = True) -> tuple[SweepSet, dict[str, Any]]:
     for joint, sweep in enumerate(document["sweeps"]):
         angles = np.array([one["joints"] for one in sweep["observations"]])
         points = np.array([[one["targets"][name] for name in NAMES] for one in sweep["observations"]])
-        parts.append(Sweep(sweep["joint"], joint, angles, points, np.ones(points.shape[:2], dtype=bool)))
+        parts.append(Sweep(angles, points, np.ones(points.shape[:2], dtype=bool), sweep["joint"], joint))
     sigma = document["noise"]["sigma"] if stated else None
     return SweepSet(tuple(parts), NAMES, JointMap.identity(6), sigma), truth
 
@@ -104,7 +130,6 @@ def shared_chain() -> KinematicChain:
     return read_urdf(model["urdf"], model["base"], model["flange"])
 
 
-@lru_cache
 @lru_cache
 def axes_of_noisy_sweeps(seed: int) -> SweptAxes:
     """Identify the axes of the default cell from sweeps with noise, once for all tests of a process."""

@@ -11,9 +11,9 @@ from jointstiff.schemas.geometry.message import MAX_GEOMETRY_TARGETS, GeometryRe
 from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.identified_geometry import Conventions
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
-from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
+from jointstiff.solver.geometry.identification import Conventions
+from jointstiff.solver.geometry.poses import Poses
+from jointstiff.solver.geometry.sweeps import Sweep, SweepSet
 from jointstiff.solver.readings.tracker_noise import at_read_places
 from jointstiff.solver.robot.model import JointMap, Robot
 

@@ -21,13 +21,15 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.geometry.readings import to_conventions, to_poses, to_sweeps
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.errors import InputError, NotObservableError, RequestError
-from jointstiff.solver.geometry.frames.wrist_centre import CentreEstimate, WristCentre
-from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
-from jointstiff.solver.geometry.identified_geometry import IdentifiedGeometry
-from jointstiff.solver.geometry.model.kinematic_calibration import CalibratedAxes
-from jointstiff.solver.geometry.model.link_parameters import DhTable
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
-from jointstiff.solver.geometry.sweeps.sweep import SweepSet
+from jointstiff.solver.geometry.frames import CentreEstimate, WristCentre
+from jointstiff.solver.geometry.identification import (
+    IdentifiedGeometry,
+    identify_from_poses,
+    identify_from_sweeps,
+)
+from jointstiff.solver.geometry.model import DhTable
+from jointstiff.solver.geometry.poses import CalibratedAxes, Poses
+from jointstiff.solver.geometry.sweeps import SweepSet
 from jointstiff.solver.robot.model import JointMap as RobotJointMap
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import write_urdf
@@ -114,7 +116,13 @@ def to_geometry_result(
         geometry,
         assessment=to_geometry_assessment(geometry.findings),
         poses=message(results.PoseEvidence, identified) if isinstance(identified, CalibratedAxes) else None,
-        goodness=message(results.GeometryGoodness, geometry, degrees_of_freedom=identified.dof),
+        goodness=message(
+            results.GeometryGoodness,
+            geometry,
+            sigma=identified.sigma,
+            variance_factor=identified.variance_factor,
+            degrees_of_freedom=identified.dof,
+        ),
         base_frame=message(
             results.BaseFrameResult,
             geometry.base,
@@ -125,7 +133,7 @@ def to_geometry_result(
         no_wrist=None if isinstance(wrist, WristCentre) else wrist,
         targets=rows(
             results.FlangeTarget,
-            name=geometry.model.target_names,
+            name=identified.names,
             position=geometry.model.targets_in_flange,
             covariance=geometry.target_covariances,
         ),
@@ -146,10 +154,6 @@ def _wrist(geometry: IdentifiedGeometry, wrist: WristCentre) -> results.WristRes
         ],
         combined=message(results.WristCentre, wrist.combined, **_centre(geometry, wrist, wrist.combined)),
         distances=wrist.disagreements,
-        miss_distance=wrist.miss.distance,
-        miss_uncertainty=wrist.miss.standard_uncertainty,
-        miss_probability=wrist.miss.probability,
-        decoupled_method=wrist.miss.spherical,
     )
 
 

@@ -22,7 +22,7 @@ from jointstiff.solver.convex.solution import StagesCertificate
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
+from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.inference.assessment import assessed
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings

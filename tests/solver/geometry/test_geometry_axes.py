@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +16,12 @@ from support.geometry_truth import (
     SIGMA,
     TARGETS,
     Cell,
+    axis_covariance,
+    axis_errors,
     chi_square,
+    chi_squares,
     imperfect_arm,
+    nominal,
     shared_chain,
     shared_sweeps,
 )
@@ -24,16 +30,19 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import SWEEPS, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
-from jointstiff.solver.geometry.identification import identify_from_sweeps
-from jointstiff.solver.geometry.identified_geometry import Conventions, IdentifiedGeometry
-from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
-from jointstiff.solver.geometry.sweeps.axis import Axis
-from jointstiff.solver.geometry.sweeps.findings import angle_probability, geometry_findings
-from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, refine_axes
+from jointstiff.solver.geometry.charts import Axis, RigidTransform
+from jointstiff.solver.geometry.findings import geometry_findings, wrist_findings
+from jointstiff.solver.geometry.frames import find_base_frame, find_wrist_centre
+from jointstiff.solver.geometry.identification import Conventions, IdentifiedGeometry, identify_from_sweeps
+from jointstiff.solver.geometry.model import FlangeConvention, identify_model
+from jointstiff.solver.geometry.sweeps import (
+    Sweep,
+    SweepSet,
+    SweptAxes,
+    angle_probability,
+    identify_axes,
+    refine_axes,
+)
 from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -52,27 +61,29 @@ def within(error: np.ndarray, covariance: np.ndarray, most: float = 4.0) -> None
     assert stats.chi2.sf(chi_square(error, covariance), len(error)) > 2 * stats.norm.sf(most)
 
 
+@lru_cache
+def shared(way: str) -> tuple[SweptAxes, dict[str, Any], np.ndarray, np.ndarray]:
+    """Axes of the shared sweeps, their truth, and the base in the tracker's frame."""
+    sweeps, truth = shared_sweeps()
+    R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+    return identified(sweeps, way), truth, R, t
+
+
 @pytest.mark.parametrize("way", WAYS)
 class TestSharedSweeps:
     """Issue 5: all within 4 of their own standard uncertainties of truth.json."""
 
     def test_axes(self, way: str) -> None:
-        sweeps, truth = shared_sweeps()
-        found = identified(sweeps, way)
-        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+        found, truth, R, t = shared(way)
         for joint, axis in enumerate(truth["axes_at_zero"]):
             true = Axis.through(R @ axis["point"] + t, R @ axis["direction"])
-            within(found.axes[joint].chart(true), found.axis_covariance(joint))
+            within(found.axes[joint].chart(true), axis_covariance(found, joint))
 
     @pytest.mark.parametrize("by", ["model", "axes"])
     def test_base_frame(self, way: str, by: str) -> None:
-        sweeps, truth = shared_sweeps()
-        found = identified(sweeps, way)
-        convention = (
-            BaseConvention.of_chain(shared_chain()) if by == "model" else BaseConvention.of_axes(found, 0.675)
-        )
-        transform = find_base_frame(found, convention).transform_tracker_to_base
-        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+        found, _, R, t = shared(way)
+        chain = shared_chain() if by == "model" else None
+        transform = find_base_frame(found, chain, height=0.675).transform_tracker_to_base
         true = RigidTransform(R.T, -R.T @ t)
         within(transform.chart(true), transform.covariance)
         within(transform.inverse().chart(true.inverse()), transform.inverse().covariance)
@@ -84,37 +95,33 @@ class TestSharedSweeps:
         is better (Cramér-Rao bound of these readings: 6, 22 and 9 µm). Measured: 34, 23.2, 17.7 µm; it was
         20.3 together while the mean of the free angles was taken from the controller, which gears break.
         """
-        sweeps, truth = shared_sweeps()
-        found = identified(sweeps, way)
-        base = find_base_frame(found, BaseConvention.of_chain(shared_chain()))
+        found, truth, R, t = shared(way)
+        base = find_base_frame(found, shared_chain())
         wrist = find_wrist_centre(found)
         true = np.array(truth["wrist_centre_in_base_at_home"])
-        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
         assert [estimate.way for estimate in wrist.estimates] == ["axes", "sphere", "trilateration"]
         for estimate in (*wrist.estimates, wrist.combined):
             within(estimate.centre - (R @ true + t), estimate.covariance)
             centre, covariance = wrist.in_base(estimate, base, found)
             within(centre - true, covariance)
             assert np.linalg.norm(estimate.centre - (R @ true + t)) < 20e-6
-        assert wrist.findings() == ()
-        assert wrist.miss.probability > 0.01
+        assert list(wrist_findings(wrist)) == []
+        assert wrist.miss_probability > 0.01
         centre, _ = wrist.in_base(wrist.combined, base, found)
         bound = dict(zip(WAYS, (40e-6, 24e-6, 20e-6), strict=True))
         assert np.linalg.norm(centre - true) < bound[way]
 
     def test_targets(self, way: str) -> None:
-        sweeps, truth = shared_sweeps()
-        found = identified(sweeps, way)
+        found, truth, *_ = shared(way)
         chain = shared_chain()
-        base = find_base_frame(found, BaseConvention.of_chain(chain))
+        base = find_base_frame(found, chain)
         model = identify_model(found, base, FlangeConvention.of_chain(chain), nominal=chain)
-        true = np.array([truth["targets_in_flange"][name] for name in model.target_names])
+        true = np.array([truth["targets_in_flange"][name] for name in found.names])
         within((model.targets_in_flange - true).ravel(), model.targets_covariance)
 
     def test_nothing_is_flagged(self, way: str) -> None:
-        sweeps, _ = shared_sweeps()
-        found = identified(sweeps, way)
-        assert geometry_findings(found, found) == ()
+        found, *_ = shared(way)
+        assert list(geometry_findings(found, found)) == []
         assert 0.85 < found.variance_factor < 1.15
 
     def test_sigma_from_the_residuals(self, way: str) -> None:
@@ -125,14 +132,10 @@ class TestSharedSweeps:
 def test_the_readings_say_whether_the_controllers_angles_are_good_enough() -> None:
     sweeps, _ = shared_sweeps()
     assert angle_probability(identify_axes(sweeps), identify_axes(sweeps, angles="controller")) > 0.01
-    worse = [
-        replace(
-            one,
-            angles=one.angles
-            + np.outer(60e-6 * np.sin(12.0 * one.angles[:, one.joint]), np.eye(6)[one.joint]),
-        )
-        for one in sweeps.sweeps
-    ]
+    worse = []
+    for one in sweeps.sweeps:
+        error = np.outer(60e-6 * np.sin(12.0 * one.angles[:, one.joint]), np.eye(6)[one.joint])
+        worse.append(replace(one, angles=one.angles + error))
     spoilt = replace(sweeps, sweeps=tuple(worse))
     assert angle_probability(identify_axes(spoilt), identify_axes(spoilt, angles="controller")) < 1e-6
 
@@ -147,7 +150,7 @@ def _worn(seed: int, *, spread: float) -> IdentifiedGeometry:
         points = cell.readings(angles)
         points = points + rng.normal(0.0, SIGMA, points.shape)
         shown = np.ones(points.shape[:2], dtype=bool)
-        parts.append(Sweep(f"joint_{joint + 1}", joint, angles, points, shown))
+        parts.append(Sweep(angles, points, shown, f"joint_{joint + 1}", joint))
     sweeps = SweepSet(tuple(parts), NAMES, JointMap.identity(6), SIGMA)
     chain = read_urdf(urdf_text(cell.arm), "base_link", "flange")
     return identify_from_sweeps(sweeps, Conventions("nominal", "nominal"), nominal=chain)
@@ -175,7 +178,7 @@ def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread: float, 
 def test_the_sweep_of_a_single_axis_is_fitted_by_itself() -> None:
     """There is nothing that it could agree with."""
     read = Cell().sweeps(np.random.default_rng(0)).sweeps[0]
-    one = Sweep(read.name, 0, read.angles[:, :1], read.points, read.present)
+    one = replace(read, angles=read.angles[:, :1])
     with pytest.raises(MeasurementError, match="single axis"):
         identify_from_sweeps(
             SweepSet((one,), NAMES, JointMap.identity(1), SIGMA), Conventions("axes", "axes")
@@ -196,14 +199,11 @@ def test_exact_sweeps_of_an_imperfect_arm_give_its_axes(matrix: np.ndarray, way:
     """The true axes are not quite parallel, so that coupled sweeps do not quite translate."""
     cell = Cell(imperfect_arm(3), matrix=matrix)
     found = identified(cell.sweeps(), way)
-    for joint in range(6):
-        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-8
+    assert np.abs(axis_errors(found, cell)).max() < 1e-8
     posture = cell.arm.posture(np.zeros(6))
     at_zero = posture.targets_to_base(TARGETS) @ cell.rotation.T + cell.translation
     assert np.abs(found.targets - at_zero).max() < 1e-8
-    base = find_base_frame(
-        found, BaseConvention.of_chain(read_urdf(urdf_text(default_arm()), "base_link", "flange"))
-    )
+    base = find_base_frame(found, nominal())
     true = perpendicular_truth(cell)
     assert np.abs(base.transform_tracker_to_base.chart(true)).max() < 1e-8
 
@@ -227,12 +227,7 @@ def test_a_coupled_sweep_states_its_uncertainty(way: str) -> None:
     squares = []
     for seed in range(16):
         found = identified(cell.sweeps(np.random.default_rng(seed)), way)
-        squares.append(
-            [
-                chi_square(found.axes[j].chart(cell.axis_at(j, np.zeros(6))), found.axis_covariance(j))
-                for j in range(6)
-            ]
-        )
+        squares.append(chi_squares(found, cell))
     # The mean of 16 χ² with four degrees of freedom scatters by 18 %: a third too small is seen.
     assert np.mean(squares, axis=0) == pytest.approx(np.full(6, 4.0), rel=0.6)
 
@@ -280,8 +275,7 @@ def test_sweeps_at_different_homes_fit_together() -> None:
         home = HOME + rng.uniform(-0.3, 0.3, 6)
         parts.append(cell.sweeps(home=home).sweeps[joint])
     found = identify_axes(replace(cell.sweeps(), sweeps=tuple(parts)))
-    for joint in range(6):
-        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-8
+    assert np.abs(axis_errors(found, cell)).max() < 1e-8
 
 
 def test_a_joint_without_a_sweep_is_named_and_two_sweeps_of_one_are_refused() -> None:
@@ -301,7 +295,7 @@ class TestBaseConvention:
         for one in (arm, turned):
             cell = Cell(one)
             found = identify_axes(cell.sweeps(np.random.default_rng(0)))
-            base = find_base_frame(found, BaseConvention.of_axes(found, 0.78))
+            base = find_base_frame(found, height=0.78)
             gap = base.transform_tracker_to_base.chart(cell.tracker_to_base)
             assert np.abs(gap).max() < 3e-4
 
@@ -312,7 +306,7 @@ class TestBaseConvention:
         cell = Cell(replace(arm, axis_directions=directions))
         found = identify_axes(cell.sweeps())
         with pytest.raises(MeasurementError, match="define the frame"):
-            find_base_frame(found, BaseConvention.of_axes(found))
+            find_base_frame(found)
 
 
 @pytest.mark.slow
@@ -322,9 +316,5 @@ def test_regions_cover_as_they_say(way: str) -> None:
     cell, inside = Cell(imperfect_arm(8)), []
     for seed in range(150):
         found = identified(cell.sweeps(np.random.default_rng([seed, 5])), way)
-        squares = [
-            chi_square(found.axes[j].chart(cell.axis_at(j, np.zeros(6))), found.axis_covariance(j))
-            for j in range(6)
-        ]
-        inside.append([square < stats.chi2.ppf(0.95, 4) for square in squares])
+        inside.append([square < stats.chi2.ppf(0.95, 4) for square in chi_squares(found, cell)])
     assert 0.93 < np.mean(inside) < 0.97

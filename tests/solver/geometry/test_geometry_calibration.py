@@ -12,8 +12,10 @@ from support.geometry_truth import (
     SIGMA,
     TARGETS,
     Cell,
+    axis_errors,
     chi_square,
     imperfect_arm,
+    nominal,
     rodrigues,
 )
 from support.shared_data import MISSING, SHARED
@@ -22,24 +24,18 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.identification import identify_from_poses
-from jointstiff.solver.geometry.identified_geometry import Conventions
-from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model, link_table
-from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
-from jointstiff.solver.geometry.sweeps.identified_axes import posed
-from jointstiff.solver.geometry.sweeps.pose_fit import Poses
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.findings import calibration_findings
+from jointstiff.solver.geometry.frames import find_base_frame
+from jointstiff.solver.geometry.identification import Conventions, identify_from_poses
+from jointstiff.solver.geometry.model import FlangeConvention, identify_model, link_table
+from jointstiff.solver.geometry.poses import Motion, Poses, PoseState, calibrate
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 
 LIMITS = default_arm().limits
-
-
-def nominal() -> KinematicChain:
-    return read_urdf(urdf_text(default_arm()), "base_link", "flange")
 
 
 def poses(
@@ -62,16 +58,22 @@ def poses(
     return Poses(angles, points, present, NAMES[: len(cell.targets)], joint_map, SIGMA if stated else None)
 
 
+def worn(cell: WornArm, count: int) -> Poses:
+    rng = np.random.default_rng(5)
+    angles = 0.6 * rng.uniform(LIMITS[:, 0], LIMITS[:, 1], (count, 6))
+    points = cell.readings(angles) + rng.normal(0.0, SIGMA, (count, 3, 3))
+    return Poses(angles, points, np.ones((count, 3), dtype=bool), NAMES, JointMap.identity(6), SIGMA)
+
+
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
 @pytest.mark.parametrize("seed", range(3))
 def test_exact_poses_give_the_arm(seed: int, matrix: np.ndarray) -> None:
     tracker = rodrigues(np.random.default_rng(seed).normal(size=3), 2.5)
     cell = Cell(imperfect_arm(seed, 3e-3), rotation=tracker, matrix=matrix)
     found = calibrate(nominal(), poses(cell, seed))
-    assert (found.rank, found.only_together) == (33, ())
-    for joint in range(6):
-        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-8
-    base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+    assert (found.determined, found.only_together) == (33, ())
+    assert np.abs(axis_errors(found, cell)).max() < 1e-8
+    base = find_base_frame(found, nominal())
     model = identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
     assert model.targets_in_flange == pytest.approx(TARGETS, abs=0.02)
 
@@ -79,8 +81,7 @@ def test_exact_poses_give_the_arm(seed: int, matrix: np.ndarray) -> None:
 def test_one_target_is_enough() -> None:
     cell = Cell(imperfect_arm(1), targets=TARGETS[:1])
     found = calibrate(nominal(), poses(cell, 1, count=40))
-    for joint in range(6):
-        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-7
+    assert np.abs(axis_errors(found, cell)).max() < 1e-7
 
 
 @pytest.mark.parametrize(("spread", "targets"), [(1e-4, 1), (1e-3, 1), (1e-4, 3)])
@@ -100,19 +101,11 @@ def test_exact_poses_converge_though_a_joint_hardly_turned(spread: float, target
 def test_the_error_of_poses_left_out_is_that_of_poses_never_shown() -> None:
     """Gears of 60 µrad, which no geometry explains: the residuals alone flatter the fit."""
     cell = replace(WornArm.random(3, gear=60e-6, sag=30e-6), turns=np.full(6, 24.0))
-    rng = np.random.default_rng(5)
-
-    def read(count: int) -> Poses:
-        angles = 0.6 * rng.uniform(LIMITS[:, 0], LIMITS[:, 1], (count, 6))
-        points = cell.readings(angles) + rng.normal(0.0, SIGMA, (count, 3, 3))
-        return Poses(angles, points, np.ones((count, 3), dtype=bool), NAMES, JointMap.identity(6), SIGMA)
-
-    shown, never_shown = read(20), read(100)
+    both = worn(cell, 120)
+    shown, never_shown = both[np.arange(120) < 20], both[np.arange(120) >= 20]
     found = calibrate(read_urdf(urdf_text(cell.arm), "base_link", "flange"), shown)
-    errors = []
-    for angles, points in zip(never_shown.angles, never_shown.points, strict=True):
-        _, rotation, shift = posed(found.axes, angles)
-        errors.append(points - found.targets @ rotation.T - shift)
+    state = PoseState(found.axes, found.targets, np.zeros(100))
+    errors = never_shown.points - Motion(state, never_shown.whitened).stages[0]
     assert found.held_out_rms == pytest.approx(np.sqrt(np.square(errors).mean()), rel=0.3)
     assert found.held_out_rms > 1.3 * found.rms_residual
 
@@ -160,8 +153,7 @@ def test_uncertainties_are_true() -> None:
     cell, squares = Cell(imperfect_arm(4)), []
     for seed in range(30):
         found = calibrate(nominal(), poses(cell, seed, sigma=SIGMA))
-        errors = np.concatenate([found.axes[j].chart(cell.axis_at(j, np.zeros(6))) for j in range(6)])
-        squares.append(chi_square(errors, found.covariance[:24, :24]))
+        squares.append(chi_square(axis_errors(found, cell).ravel(), found.covariance[:24, :24]))
         assert 0.7 < found.variance_factor < 1.4
     assert np.mean(squares) == pytest.approx(24.0, rel=0.2)
 
@@ -180,11 +172,11 @@ def test_sigma_from_residuals_and_missing_readings() -> None:
 
 def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty() -> None:
     found = calibrate(nominal(), poses(Cell(), 2, sigma=SIGMA, still=3))
-    assert found.rank == 33 - 4
+    assert found.determined == 33 - 4
     assert len(found.only_together) == 4
     assert all(any(name.startswith("axis 4") for name in names) for names in found.only_together)
-    assert {finding.code for finding in found.findings()} == {"parameters_not_identified"}
-    base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+    assert {finding.code for finding in calibration_findings(found)} == {"parameters_not_identified"}
+    base = find_base_frame(found, nominal())
     rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
     by_key = {(row.quantity, row.joint): row.standard_uncertainty for row in rows}
     assert np.isinf(by_key["alpha", 2])
@@ -200,17 +192,11 @@ def test_gear_errors_in_poses_widen_the_uncertainties_and_are_said() -> None:
     """
     turns = np.array([24.0, 31.0, 37.0, 40.0, 29.0, 50.0])
     cell = replace(WornArm.random(3, gear=60e-6, sag=30e-6), turns=turns)
-    rng = np.random.default_rng(5)
-    angles = 0.6 * rng.uniform(LIMITS[:, 0], LIMITS[:, 1], (60, 6))
-    points = cell.readings(angles)
-    points = points + rng.normal(0.0, SIGMA, points.shape)
-    shown = np.ones((60, 3), dtype=bool)
-    read = Poses(angles, points, shown, NAMES, JointMap.identity(6), SIGMA)
     truth = read_urdf(urdf_text(cell.arm), "base_link", "flange")
-    found = identify_from_poses(read, Conventions("nominal", "nominal"), nominal=truth)
+    found = identify_from_poses(worn(cell, 60), Conventions("nominal", "nominal"), nominal=truth)
     assert "residuals_exceed_sigma" in {finding.code for finding in found.findings}
     assert found.sigma_source == "residuals"
-    assert found.sigma > 2 * SIGMA
+    assert found.identified.sigma > 2 * SIGMA
     ratios = [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
     assert np.abs(ratios).max() < 4.0
 
@@ -226,10 +212,10 @@ def test_a_start_may_be_given() -> None:
 
 
 def test_too_few_poses_and_another_robot_are_refused() -> None:
-    with pytest.raises(NotObservableError, match="27 measured coordinates do not determine 33 unknowns"):
-        calibrate(nominal(), poses(Cell(), 1, count=3))
-    with pytest.raises(NotObservableError, match="9 measured coordinates do not determine 33 unknowns"):
-        calibrate(nominal(), poses(Cell(), 1, count=1))
+    for count in (3, 1):
+        message = f"{9 * count} measured coordinates do not determine 33 unknowns"
+        with pytest.raises(NotObservableError, match=message):
+            calibrate(nominal(), poses(Cell(), 1, count=count))
     chain = nominal()
     short = KinematicChain("short", chain.base, chain.joints[4].child, chain.joints[:5])
     with pytest.raises(MeasurementError, match="5 revolute joints"):

@@ -17,23 +17,25 @@ from support.geometry_truth import (
     axes_of_noisy_sweeps,
     chi_square,
     imperfect_arm,
+    nominal,
 )
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.geometry.frames.base_frame import BaseConvention, chain_axes, find_base_frame
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.model.identified_model import (
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.frames import BaseFrame, find_base_frame
+from jointstiff.solver.geometry.model import (
+    DhTable,
     FlangeConvention,
     IdentifiedModel,
+    dh_table,
     identify_model,
     link_table,
 )
-from jointstiff.solver.geometry.model.link_parameters import DhTable, dh_table
-from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
-from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
+from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
+from jointstiff.solver.geometry.sweeps import identify_axes
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.dh import dh_chain
@@ -43,17 +45,9 @@ from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
 
 
-def nominal() -> KinematicChain:
-    return read_urdf(urdf_text(default_arm()), "base_link", "flange")
-
-
-def modelled(cell: Cell, seed: int | None = None) -> tuple[IdentifiedAxes, IdentifiedModel]:
-    return model_of(identify_axes(cell.sweeps(None if seed is None else np.random.default_rng(seed))))
-
-
-def model_of(found: IdentifiedAxes) -> tuple[IdentifiedAxes, IdentifiedModel]:
-    base = find_base_frame(found, BaseConvention.of_chain(nominal()))
-    return found, identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
+def model_of(found: IdentifiedAxes) -> tuple[BaseFrame, IdentifiedModel]:
+    base = find_base_frame(found, nominal())
+    return base, identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
 
 
 def flange_points(chain: KinematicChain, angles: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -70,23 +64,21 @@ def table_points(table: DhTable, angles: np.ndarray, points: np.ndarray) -> np.n
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
 def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix: np.ndarray) -> None:
     cell = Cell(imperfect_arm(11), matrix=matrix)
-    _, model = modelled(cell)
+    base, model = model_of(identify_axes(cell.sweeps()))
     robot = Robot(model.chain, JointMap(matrix, np.zeros(6)))
     angles = robot.joint_map.model_angles(ANGLES)
     predicted = flange_points(model.chain, angles, model.targets_in_flange)
-    read = model.base.transform_tracker_to_base.apply(cell.readings(ANGLES))
+    read = base.transform_tracker_to_base.apply(cell.readings(ANGLES))
     assert np.abs(predicted - read).max() < 1e-7
     assert model.chain.joint_names == nominal().joint_names
     assert model.chain.revolute[2].limits == nominal().revolute[2].limits
 
 
 def test_urdf_is_read_back_to_the_same_kinematics() -> None:
-    _, model = modelled(Cell(imperfect_arm(12)), seed=3)
+    _, model = model_of(axes_of_noisy_sweeps(3))
     again = read_urdf(write_urdf(model.chain), model.chain.base, model.chain.flange)
-    assert (
-        np.abs(flange_points(again, ANGLES, TARGETS) - flange_points(model.chain, ANGLES, TARGETS)).max()
-        < 1e-9
-    )
+    gap = flange_points(again, ANGLES, TARGETS) - flange_points(model.chain, ANGLES, TARGETS)
+    assert np.abs(gap).max() < 1e-9
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
@@ -136,7 +128,7 @@ def test_parallel_axes_beside_the_plane_of_the_base_have_the_same_links(
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_dh_of_nearly_parallel_axes_says_what_it_leaves_out(convention: str) -> None:
-    _, model = modelled(Cell(), seed=1)
+    _, model = model_of(axes_of_noisy_sweeps(1))
     table = dh_table(model.chain, convention)  # type: ignore[arg-type]
     (pair,) = table.parallel
     assert (pair.joint, pair.made_parallel) == (1, True)
@@ -155,7 +147,7 @@ class TestLinkTable:
         return self.table_of(identify_axes(Cell(arm).sweeps()))
 
     def table_of(self, found: IdentifiedAxes) -> dict[tuple[str, int], tuple[float, float]]:
-        base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+        base = find_base_frame(found, nominal())
         rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
         return {(row.quantity, row.joint): (row.difference, row.standard_uncertainty) for row in rows}
 
@@ -204,8 +196,8 @@ class TestFlange:
     def test_by_targets(self) -> None:
         cell = Cell(imperfect_arm(2))
         found = identify_axes(cell.sweeps())
-        base = find_base_frame(found, BaseConvention.of_axes(found))
-        model = identify_model(found, base, FlangeConvention.of_targets())
+        base = find_base_frame(found)
+        model = identify_model(found, base, FlangeConvention((0, 1, 2)))
         first, second, third = model.targets_in_flange
         assert np.abs(first).max() < 1e-12
         assert second[1:] == pytest.approx([0.0, 0.0], abs=1e-12)
@@ -218,25 +210,21 @@ class TestFlange:
 
     def test_by_axes_the_origin_is_the_wrist_centre(self) -> None:
         found = identify_axes(Cell().sweeps())
-        base = find_base_frame(found, BaseConvention.of_chain(nominal()))
-        model = identify_model(found, base, FlangeConvention.of_axes())
+        base = find_base_frame(found, nominal())
+        model = identify_model(found, base, FlangeConvention())
         _, flange = chain_axes(model.chain)
         assert flange.translation == pytest.approx(default_arm().axis_points[4], abs=1e-8)
 
     def test_targets_on_a_line_are_refused(self) -> None:
-        cell = Cell(targets=np.array([[0.1, 0.1, 0.0], [0.1, 0.2, 0.0], [0.1, 0.3, 0.0]]))
-        found = identify_axes(cell.sweeps())
-        base = find_base_frame(found, BaseConvention.of_axes(found))
+        line = np.outer([1.0, 2.0, 3.0], [0.0, 0.1, 0.0])
         with pytest.raises(MeasurementError, match="line"):
-            identify_model(found, base, FlangeConvention.of_targets())
+            FlangeConvention((0, 1, 2)).place((), line)
 
     def test_a_nominal_model_of_another_robot_is_refused(self) -> None:
-        found = identify_axes(Cell().sweeps())
-        base = find_base_frame(found, BaseConvention.of_axes(found))
-        chain = nominal()
+        found, chain = axes_of_noisy_sweeps(0), nominal()
         short = KinematicChain("short", chain.base, chain.joints[4].child, chain.joints[:5])
         with pytest.raises(RobotError, match="5 revolute joints"):
-            identify_model(found, base, FlangeConvention.of_axes(), nominal=short)
+            identify_model(found, find_base_frame(found), FlangeConvention(), nominal=short)
 
 
 @examples(20)

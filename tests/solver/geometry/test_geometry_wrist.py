@@ -13,9 +13,9 @@ from support.geometry_truth import HOME, SIGMA, Cell, axes_of_noisy_sweeps, chi_
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.frames.sphere_fit import trilaterate
-from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
-from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
+from jointstiff.solver.geometry.findings import wrist_findings
+from jointstiff.solver.geometry.frames import find_wrist_centre, trilaterate
+from jointstiff.solver.geometry.sweeps import identify_axes
 
 coordinates = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
@@ -34,37 +34,25 @@ def test_trilateration_finds_the_point_and_its_mirror_image(
     normal = np.cross(targets[1] - targets[0], targets[2] - targets[0])
     longest = max(np.linalg.norm(targets - np.roll(targets, 1, axis=0), axis=1))
     assume(np.linalg.norm(normal) > 0.05 * longest**2 and longest > 0.05)
-    height = abs((centre - targets[0]) @ normal) / np.linalg.norm(normal)
-    assume(height > 0.05)
+    unit = normal / np.linalg.norm(normal)
+    assume(abs((centre - targets[0]) @ unit) > 0.05)
     distances = np.linalg.norm(targets - centre, axis=1)
-    found = trilaterate(targets, distances, centre + 0.01)
-    assert found.centre == pytest.approx(centre, abs=1e-9)
-    assert np.linalg.norm(targets - found.other, axis=1) == pytest.approx(distances, abs=1e-9)
-    assert np.linalg.norm(found.other - centre) == pytest.approx(2 * height, abs=1e-9)
+    assert trilaterate(targets, distances, centre + 0.01)[0] == pytest.approx(centre, abs=1e-9)
+    mirrored = centre - 2.0 * ((centre - targets[0]) @ unit) * unit
+    assert trilaterate(targets, distances, mirrored)[0] == pytest.approx(mirrored, abs=1e-9)
 
 
-def test_trilateration_covariance_is_that_of_the_formula_differentiated() -> None:
+def test_trilateration_derivatives_are_those_of_the_formula() -> None:
     targets = np.array([[0.3, 0.1, 0.0], [0.0, 0.35, 0.05], [-0.2, -0.2, 0.1]])
     centre = np.array([0.05, 0.02, -0.4])
     distances = np.linalg.norm(targets - centre, axis=1)
-    found = trilaterate(targets, distances, centre)
-    for t in range(3):
-        for i in range(3):
-            step = np.zeros((3, 3))
-            step[t, i] = 1e-6
-            quotient = (
-                trilaterate(targets + step, distances, centre).centre
-                - trilaterate(targets - step, distances, centre).centre
-            ) / 2e-6
-            assert found.by_target[:, t, i] == pytest.approx(quotient, abs=1e-7)
-        move = 1e-6 * np.eye(3)[t]
-        quotient = (
-            trilaterate(targets, distances + move, centre).centre
-            - trilaterate(targets, distances - move, centre).centre
-        ) / 2e-6
-        assert found.by_distance[:, t] == pytest.approx(quotient, abs=1e-7)
-    covariance = found.covariance(np.tile(1e-10 * np.eye(3), (3, 1, 1)), np.zeros((3, 3)))
-    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
+    _, by_distance, by_target = trilaterate(targets, distances, centre)
+    for step in 1e-6 * np.eye(12):
+        by_places, by_lengths = step[:9].reshape(3, 3), step[9:]
+        ahead, *_ = trilaterate(targets + by_places, distances + by_lengths, centre)
+        behind, *_ = trilaterate(targets - by_places, distances - by_lengths, centre)
+        stated = np.einsum("itj,tj->i", by_target, by_places) + by_distance @ by_lengths
+        assert (ahead - behind) / 2e-6 == pytest.approx(stated / 1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +78,7 @@ def test_each_way_states_its_uncertainty_and_the_combination_is_not_worse() -> N
             error = estimate.centre - truth
             squares.setdefault(estimate.way, []).append(chi_square(error, estimate.covariance))
             errors.setdefault(estimate.way, []).append(float(error @ error))
-        assert wrist.findings() == ()
+        assert list(wrist_findings(wrist)) == []
     for way, values in squares.items():
         assert np.mean(values) == pytest.approx(3.0, rel=0.5), way
     assert np.mean(errors["combined"]) < 1.05 * min(np.mean(errors[way]) for way in errors)
@@ -117,10 +105,10 @@ def test_wrist_axes_that_do_not_meet_are_measured() -> None:
         found = identify_axes(cell.sweeps(np.random.default_rng(2)))
         wrist = find_wrist_centre(found)
         # the nearest point lies between: axis 6 is off axes 4 and 5, which meet
-        assert 0.4 * offset < wrist.miss.distance < offset
-        assert wrist.miss.probability < 1e-6
-        assert wrist.miss.standard_uncertainty < 20e-6
-    assert wrist.findings()
+        assert 0.4 * offset < wrist.miss_distance < offset
+        assert wrist.miss_probability < 1e-6
+        assert wrist.miss_uncertainty < 20e-6
+    assert list(wrist_findings(wrist))
 
 
 def test_a_single_wrist_sweep_leaves_the_axes_alone() -> None:
@@ -138,8 +126,6 @@ def test_miss_of_an_imperfect_wrist_is_the_distance_of_its_axes() -> None:
     cell = Cell(imperfect_arm(4))
     wrist = find_wrist_centre(identify_axes(cell.sweeps()))
     axes = [cell.axis_at(joint, np.where(np.arange(6) < 3, HOME, 0.0)) for joint in (3, 4, 5)]
-    gaps = [
-        np.linalg.norm(axis.at(axis.foot(wrist.combined.centre)) - wrist.combined.centre) for axis in axes
-    ]
-    assert wrist.miss.distance > SIGMA
-    assert max(gaps) > 0.3 * wrist.miss.distance
+    gaps = [np.linalg.norm(axis.nearest(wrist.combined.centre) - wrist.combined.centre) for axis in axes]
+    assert wrist.miss_distance > SIGMA
+    assert max(gaps) > 0.3 * wrist.miss_distance

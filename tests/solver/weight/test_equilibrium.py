@@ -11,10 +11,8 @@ from support.sagging import LOAD_POINT, POINTS, burden_of, campaign, robot_of
 from jointstiff.simulator import default_arm, random_configurations
 from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sag
 from jointstiff.solver.deflection.own_weight import OwnWeight
-from jointstiff.solver.geometry.frames.base_frame import chain_axes
-from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.model.kinematic_calibration import pose_readings
-from jointstiff.solver.geometry.sweeps.pose_fit import PoseState
+from jointstiff.solver.geometry.charts import RigidTransform
+from jointstiff.solver.geometry.poses import PoseState, chain_axes
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Body
 from jointstiff.solver.weight import bodies as solver_bodies
@@ -46,7 +44,7 @@ def test_the_balance_of_the_solver_holds_where_the_simulator_rests(spring, paylo
     axes, flange = chain_axes(ROBOT.chain)
     state = PoseState(axes, flange.apply(POINTS), np.zeros(len(readings.force)))
     exact = _sag(readings, spring, payload)
-    whitened = pose_readings(readings.poses.angles, readings.poses)
+    whitened = readings.poses.whitened
     rows = rows_at(readings, whitened, Frames.of(ROBOT, RigidTransform.identity()), state, exact, exact[0])
     balanced = ARM.compliances * rows.torques.known
     flange_at = Configurations(ROBOT, readings.poses.angles + balanced)
@@ -67,7 +65,7 @@ def test_torques_are_those_of_the_weights_in_predictions():
     axes, flange = chain_axes(ROBOT.chain)
     state = PoseState(axes, flange.apply(POINTS), np.zeros(40))
     none = np.zeros((40, 6))
-    whitened = pose_readings(readings.poses.angles, readings.poses)
+    whitened = readings.poses.whitened
     rows = rows_at(readings, whitened, Frames.of(ROBOT, RigidTransform.identity()), state, none, none[0])
     weight = OwnWeight(BODIES.masses, BODIES.centres)
     configurations = Configurations(ROBOT, readings.poses.angles)
@@ -99,7 +97,7 @@ def _torques(burden):
     axes, flange = chain_axes(ROBOT.chain)
     state = PoseState(axes, flange.apply(POINTS), np.zeros(40))
     none = np.zeros((40, 6))
-    whitened = pose_readings(readings.poses.angles, readings.poses)
+    whitened = readings.poses.whitened
     return rows_at(
         readings, whitened, Frames.of(ROBOT, RigidTransform.identity()), state, none, none[0]
     ).torques

@@ -1,0 +1,614 @@
+"""Frames on the identified axes: the base frame R0, its drift, and the wrist centre.
+
+Two axes fix R0 but for a convention, because neither shows how high the floor is nor which way the
+maker's x points:
+
+* *By a nominal model* (preferred): R0 stands to the perpendicular frame of the identified axes 1 and 2
+  (below) as the model's R0 stands to that of its own axes, all at model angle zero. The nominal height
+  of axis 2 above R0 is kept, for instance, and all else is measured.
+* *By the axes alone*: z along axis 1, in the sense of its positive rotation; the origin on axis 1 at the foot
+  of its common perpendicular with axis 2, less a height that is given; x along that perpendicular at
+  model angle zero of joint 1, from axis 1 towards axis 2. If the two axes meet within their uncertainty, x
+  is the product of the directions of axes 2 and 1 instead.
+
+The *perpendicular frame* of a main axis and another one, both with a sense: z along the main axis; x along
+the product of the other's direction with it, which is the direction of their common perpendicular; the
+origin at the foot of that perpendicular on the main axis. It depends on the axes alone, also where they
+meet (there x still is well defined, a vector from foot to foot is not).
+
+The wrist centre is found in three ways:
+
+* **sphere**: with the arm at rest, every target runs on a sphere about the centre, whichever wrist joint
+  turns;
+* **axes**: the point nearest to the last three axes, each weighted by its uncertainty there;
+* **trilateration**: at each position from three targets (`trilaterate`), at the distances that the spheres
+  found.
+
+All use the same readings, so their errors are related. Each way keeps its derivative by the readings, from
+which covariances and those of differences are exact to first order. The combination weights each by the
+inverse of its own covariance: a way that is ill-conditioned counts little, and none has a negative weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry.charts import Axis, RigidTransform, minimise
+from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
+from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
+from jointstiff.solver.triangle import whitener
+
+LEAST_SINE = 0.1
+"""Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""
+
+SIGNIFICANCE = 1e-4
+"""p-value below which a drift, or a base target that moved, is reported."""
+
+_MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below which they meet
+_COLLINEAR = 1e-3  # least width of targets over their length, below which they are on a line
+
+
+def common_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
+    """Return the feet (3,) of the common perpendicular of two axes, on each of them [m]."""
+    a, b = first.direction, second.direction
+    between = second.point - first.point
+    cosine = float(a @ b)
+    sine2 = float(np.sum(np.cross(a, b) ** 2))
+    along, back = float(between @ a), float(between @ b)
+    return first.at((along - back * cosine) / sine2), second.at((along * cosine - back) / sine2)
+
+
+def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> RigidTransform:
+    """Return the transform from the perpendicular frame of two axes to the frame of the axes.
+
+    Args:
+        axes: at model angle zero, base first.
+        frame: to be defined by it: `base` takes axis 1 and the next, `flange` the last and the one before.
+
+    Raises:
+        MeasurementError: there are fewer than two axes, or they are nearly parallel.
+    """
+    if len(axes) < 2:
+        explicit = "give the transform from the tracker's frame to R0 explicitly"
+        raise MeasurementError(
+            f"a single axis does not define a {frame} frame",
+            where="sweeps",
+            remedy=explicit if frame == "base" else "define the flange by three targets",
+        )
+    main, other = (axes[0], axes[1]) if frame == "base" else (axes[-1], axes[-2])
+    x = np.cross(other.direction, main.direction)
+    sine = float(np.linalg.norm(x))
+    if sine < LEAST_SINE:
+        raise MeasurementError(
+            "the two axes that should define the frame are nearly parallel "
+            f"({np.degrees(np.arcsin(sine)):.2g}°)",
+            where="sweeps",
+            remedy="give the transform explicitly; parallel axes do not define a frame",
+        )
+    x, z = x / sine, main.direction
+    return RigidTransform(np.column_stack([x, np.cross(z, x), z]), common_feet(main, other)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFrame:
+    """R0 and the tracker's frame."""
+
+    #: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0: the convention
+    base_from_perpendicular: RigidTransform
+    transform_tracker_to_base: RigidTransform  #: with its covariance
+    #: (6, 4 n + 3 T) derivative of its (δ, φ) by the identified axes, for what depends on both
+    jacobian: FloatArray
+
+    def place(self, axes: Sequence[Axis]) -> RigidTransform:
+        """The transform from tracker to base by other axes at angle zero, by the same convention."""
+        return self.base_from_perpendicular.after(perpendicular_frame(axes, "base").inverse())
+
+
+def find_base_frame(
+    identified: IdentifiedAxes, nominal: KinematicChain | None = None, *, height: float = 0.0
+) -> BaseFrame:
+    """Place R0 on the identified axes.
+
+    Args:
+        identified: at least two axes.
+        nominal: model that places it; by the axes alone if None.
+        height: by the axes alone, of the foot of the common perpendicular of axes 1 and 2 above R0 [m].
+
+    Raises:
+        MeasurementError: fewer than two axes, or nearly parallel ones.
+    """
+
+    def offset(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        """Signed distance (1,) [m] of axis 2 from axis 1 along x of their perpendicular frame."""
+        x = perpendicular_frame(axes, "base").rotation[:, 0]
+        first, second = common_feet(axes[0], axes[1])
+        return np.array([(second - first) @ x])
+
+    if nominal is not None:
+        convention = perpendicular_frame(chain_axes(nominal)[0], "base")
+    else:
+        distance = offset(identified.axes, identified.targets)[0]
+        uncertainty = np.sqrt(identified.covariance_of(offset)[0, 0])
+        sign = -1.0 if distance < -_MEETING * uncertainty else 1.0
+        convention = RigidTransform(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
+    draft = BaseFrame(convention, RigidTransform.identity(), np.zeros((6, 0)))
+    transform = draft.place(identified.axes)
+    J = identified.jacobian_of(lambda axes, _: transform.chart(draft.place(axes)))
+    covariance = J @ identified.covariance @ J.T
+    return BaseFrame(convention, replace(transform, covariance=covariance), J)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisPlace:
+    """An axis in one frame, at model angle zero."""
+
+    point: FloatArray  #: (3,) a point on it [m]
+    direction: FloatArray  #: (3,) unit vector, positive rotation by the right hand
+    point_covariance: FloatArray  #: (3, 3) of where the axis passes at `point` [m²]; NaN where not determined
+    direction_covariance: FloatArray  #: (3, 3) of the unit vector [rad²]; NaN where not determined
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedAxis:
+    """One axis of the model, by the name of its joint."""
+
+    name: str
+    tracker: AxisPlace  #: in the tracker's frame
+    base: AxisPlace  #: in R0, the uncertainty of R0 included
+
+    @property
+    def position_uncertainty(self) -> float:
+        """Greatest standard uncertainty at the point, tracker's frame [m]; NaN where not determined."""
+        return _greatest(self.tracker.point_covariance)
+
+    @property
+    def direction_uncertainty(self) -> float:
+        """Greatest standard uncertainty of the direction, tracker's frame [rad]; NaN likewise."""
+        return _greatest(self.tracker.direction_covariance)
+
+
+def _greatest(covariance: FloatArray) -> float:
+    if np.isnan(covariance).any():
+        return float("nan")
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+
+
+def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]) -> tuple[PlacedAxis, ...]:
+    """Place the axes in both frames.
+
+    Args:
+        identified: n axes.
+        base: where R0 is.
+        names: (n,) of the joints.
+    """
+
+    def placed(axes: Sequence[Axis], in_base: bool) -> list[Axis]:
+        return [axis.moved(base.place(axes)) for axis in axes] if in_base else list(axes)
+
+    def places(in_base: bool) -> list[AxisPlace]:
+        reference = placed(identified.axes, in_base)
+
+        def passing(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+            """Where each axis passes, nearest to the reference's point, and its direction (6 n,)."""
+            pairs = zip(placed(axes, in_base), reference, strict=True)
+            return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
+
+        J = identified.jacobian_of(passing)
+        hidden = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1)
+        blocks = J.reshape(2 * identified.n, 3, -1)
+        covariances = blocks @ identified.covariance @ blocks.transpose(0, 2, 1)
+        covariances[hidden] = np.nan
+        return [
+            AxisPlace(axis.point, axis.direction, covariances[2 * i], covariances[2 * i + 1])
+            for i, axis in enumerate(reference)
+        ]
+
+    return tuple(map(PlacedAxis, names, places(in_base=False), places(in_base=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class BaseDrift:
+    """Motion of the base between two readings of its targets, as the tracker sees it."""
+
+    transform_after_to_before: RigidTransform  #: brings later readings back; apply it to remove the drift
+    displacement: FloatArray  #: (3,) of the point asked for, later less earlier, tracker's frame [m]
+    displacement_covariance: FloatArray  #: (3, 3) [m²]
+    rotation: FloatArray  #: (3,) rotation vector, tracker's frame [rad]
+    probability: float  #: probability that tracker noise alone does this
+    deformation_probability: float  #: that noise alone leaves these residuals to a rigid motion
+    residuals: FloatArray  #: (B, 3) later reading less the moved earlier one [m]
+    moved_targets: tuple[str, ...]  #: targets that moved on the base, each tested alone: their names
+    names: tuple[str, ...]
+
+    @property
+    def significant(self) -> bool:
+        """Return whether there is a drift beyond noise."""
+        return self.probability < SIGNIFICANCE
+
+
+@dataclass(frozen=True, eq=False)
+class BaseTargets:
+    """Three or more targets on the robot's base, read twice."""
+
+    before: FloatArray  #: (B, 3) tracker's frame [m]
+    after: FloatArray  #: (B, 3) later
+    covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
+    names: tuple[str, ...]  #: (B,) names of the targets
+
+    def drift(self, sigma: float, at: FloatArray) -> BaseDrift:
+        """Fit the rigid motion ``after = R before + t`` of the base by maximum likelihood.
+
+        Args:
+            sigma: standard uncertainty of a coordinate [m].
+            at: (3,) point whose displacement is of interest, such as the middle of the measured ones [m].
+
+        Raises:
+            MeasurementError: the base targets lie on a line.
+        """
+        before, after, middle = self.before, self.after, self.before.mean(axis=0)
+        spread = np.linalg.svd(before - middle, compute_uv=False)
+        if spread[1] <= _COLLINEAR * spread[0]:
+            raise MeasurementError(
+                "the base targets lie on a line, so a rotation about that line cannot be determined",
+                where="base_targets",
+                remedy="place the targets so that they form a triangle",
+            )
+        W = np.broadcast_to(whitener(2.0 * sigma**2 * self.covariance), (len(before), 3, 3))
+        turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
+        R = turn.as_matrix()
+        motion, linear = minimise(
+            RigidTransform(R, after.mean(axis=0) - R @ middle),
+            lambda motion: np.asarray((W @ (after - motion.apply(before))[..., None]).ravel()),
+            lambda motion: np.asarray((W @ RigidTransform.sensitivity(motion.apply(before))).reshape(-1, 6)),
+            lambda motion, step: motion.displaced(step),
+            where="base_targets",
+        )
+        left, residuals = linear.residual, after - motion.apply(before)
+        unmoved = (W @ (after - before)[..., None]).ravel()
+        S = RigidTransform.sensitivity(at)
+        # Test each target alone: what leaving it out takes off the sum of squares, χ² with three numbers.
+        # With three targets a rigid motion leaves three numbers, which do not tell which one moved.
+        moved = []
+        for target in range(len(before) if len(before) > 3 else 0):
+            rows = slice(3 * target, 3 * target + 3)
+            free = np.eye(3) - linear.left[rows] @ linear.left[rows].T
+            gain = float(left[rows] @ np.linalg.lstsq(free, left[rows], rcond=1e-9)[0])
+            if special.chdtrc(3, gain) * len(before) < SIGNIFICANCE:
+                moved.append((gain, self.names[target]))
+        return BaseDrift(
+            transform_after_to_before=replace(motion, covariance=linear.covariance).inverse(),
+            displacement=motion.apply(at) - at,
+            displacement_covariance=S @ linear.covariance @ S.T,
+            rotation=Rotation.from_matrix(motion.rotation).as_rotvec(),
+            probability=float(special.chdtrc(6, unmoved @ unmoved - linear.rss)),
+            deformation_probability=float(special.chdtrc(left.size - 6, linear.rss)),
+            residuals=residuals,
+            moved_targets=(max(moved)[1],) if moved else (),
+            names=self.names,
+        )
+
+
+CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
+
+
+@dataclass(frozen=True, eq=False)
+class CentreEstimate:
+    """The wrist centre by one estimate."""
+
+    way: CentreWay  #: which
+    centre: FloatArray  #: (3,) tracker's frame, arm as in the wrist's sweeps [m]
+    covariance: FloatArray  #: (3, 3) [m²]
+    influence: FloatArray  #: (3, m) derivative by the whitened readings, in units of sigma
+    weight: FloatArray  #: (3, 3) its weight in the combination; the weights add up to the unit matrix
+
+    @property
+    def share(self) -> float:
+        """Weight in the combination, mean over three directions."""
+        return float(np.trace(self.weight) / 3.0)
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Two estimates side by side."""
+
+    first: CentreWay  #: one way
+    second: CentreWay  #: the other
+    distance: float  #: between their centres [m]
+    probability: float  #: probability that noise alone does this
+
+
+@dataclass(frozen=True, eq=False)
+class WristCentre:
+    """The wrist centre of the sweeps."""
+
+    estimates: tuple[CentreEstimate, ...]  #: estimates by each way that was possible
+    combined: CentreEstimate  #: their weighted mean
+    disagreements: tuple[Disagreement, ...]  #: disagreements of each two of them
+    posture: FloatArray  #: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad]
+    miss_distance: float  #: greatest distance of one of the last axes from the point nearest to them [m]
+    #: of that [m]; where the distance is not beyond it, it says how large the miss may be
+    miss_uncertainty: float
+    miss_probability: float  #: probability that axes which do meet are found so far apart
+
+    @property
+    def decoupled_method(self) -> bool:
+        """Return whether the axes meet within `Wrist.TOLERANCE`, which the decoupled method needs."""
+        return self.miss_distance <= Wrist.TOLERANCE
+
+    def in_base(
+        self, estimate: CentreEstimate, base: BaseFrame, identified: IdentifiedAxes
+    ) -> tuple[FloatArray, FloatArray]:
+        """A centre (3,) in R0 [m] and its covariance (3, 3), relation of centre and base frame included."""
+        T = base.transform_tracker_to_base
+        centre = T.apply(estimate.centre)
+        # The influence on R0 may have further columns, of angles at rest
+        influence = RigidTransform.sensitivity(centre) @ base.jacobian @ identified.influence
+        influence[:, : estimate.influence.shape[1]] += T.rotation @ estimate.influence
+        return centre, identified.sigma**2 * influence @ influence.T
+
+
+def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
+    """Find the wrist centre by each way that the readings allow: by the axes alone where there is no sweep.
+
+    Args:
+        identified: at least three axes.
+
+    Raises:
+        MeasurementError: fewer than three axes, or the last three are nearly parallel.
+    """
+    if identified.n < WRIST_JOINTS:
+        raise MeasurementError(
+            f"a robot with {identified.n} axes has no three-axis wrist",
+            where="sweeps",
+            remedy="sweep all joints of the robot",
+        )
+    posture = np.zeros(identified.n)
+    if isinstance(identified, SweptAxes):  # where the last sweep has the arm
+        posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
+    by_axes, *miss = _nearest_to_axes(identified, posture)
+    ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
+    sphere = fit_spheres(identified, posture[:-WRIST_JOINTS]) if isinstance(identified, SweptAxes) else None
+    if sphere is not None:
+        ways.append(("sphere", sphere.centre, sphere.influence[:3]))
+        trilaterated = _by_trilateration(identified, sphere, by_axes[0])
+        if trilaterated is not None:
+            ways.append(("trilateration", *trilaterated))
+    covariances = [identified.sigma**2 * influence @ influence.T for _, _, influence in ways]
+    informations = [np.linalg.inv(covariance) for covariance in covariances]
+    mean = np.linalg.inv(np.sum(informations, axis=0))
+    estimates = tuple(
+        CentreEstimate(way, centre, covariance, influence, mean @ information)
+        for (way, centre, influence), covariance, information in zip(
+            ways, covariances, informations, strict=True
+        )
+    )
+    centre = np.sum([estimate.weight @ estimate.centre for estimate in estimates], axis=0)
+    influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
+    covariance = identified.sigma**2 * influence @ influence.T
+    combined = CentreEstimate("combined", centre, covariance, influence, np.eye(3))
+    disagreements = []
+    for first, second in combinations(estimates, 2):
+        gap = first.centre - second.centre
+        difference = identified.sigma * (first.influence - second.influence)
+        U, singular, _ = np.linalg.svd(difference, full_matrices=False)
+        seen = singular > 1e-6 * max(singular[0], 1e-300)
+        statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
+        probability = float(special.chdtrc(int(seen.sum()), statistic))
+        disagreements.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
+    return WristCentre(estimates, combined, tuple(disagreements), posture, *miss)
+
+
+def _nearest_to_axes(
+    identified: IdentifiedAxes, posture: FloatArray
+) -> tuple[tuple[FloatArray, FloatArray], float, float, float]:
+    """Find the point nearest to the last three axes in a posture (n,) [rad], by generalised least squares.
+
+    Returns:
+        The point (3,) in the tracker's frame [m] with its derivative (3, m) by the whitened readings in units
+        of sigma; and by how much the axes miss it, as in `WristCentre`.
+
+    Raises:
+        MeasurementError: the axes are nearly parallel.
+    """
+
+    def wrist(axes: Sequence[Axis]) -> list[Axis]:
+        """The last three axes in the posture."""
+        placed = list(axes)
+        for joint in reversed(range(len(axes) - 1)):
+            motion = axes[joint].motion(float(posture[joint]))
+            placed[joint + 1 :] = [axis.moved(motion) for axis in placed[joint + 1 :]]
+        return placed[-WRIST_JOINTS:]
+
+    reference = wrist(identified.axes)
+    normals = np.stack([axis.frame[:, :2].T for axis in reference])
+    rough = _nearest(reference, np.eye(2 * WRIST_JOINTS))
+
+    def offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
+        """Offsets of axes from a point, (6,) along the normals of the reference [m]."""
+        gaps = np.array([axis.nearest(point) - point for axis in axes])
+        return np.asarray((normals @ gaps[..., None]).ravel())
+
+    V = identified.covariance_of(lambda axes, _: offsets(wrist(axes), rough))
+    weight = np.asarray(np.linalg.inv(V), dtype=np.float64)
+    centre = _nearest(reference, weight)
+    left = offsets(reference, centre)
+    J = identified.jacobian_of(lambda axes, _: _nearest(wrist(axes), weight))
+    probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, left @ weight @ left))
+    gaps = [float(np.linalg.norm(axis.nearest(rough) - rough)) for axis in reference]
+    return (centre, J @ identified.influence), max(gaps), float(np.sqrt(np.trace(V) / len(V))), probability
+
+
+def _nearest(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
+    """Point of least weighted squares of its distances along two normals of each axis."""
+    N = np.vstack([axis.frame[:, :2].T for axis in axes])
+    points = np.concatenate([axis.frame[:, :2].T @ axis.point for axis in axes])
+    system = N.T @ weight @ N
+    if np.linalg.svd(system / np.trace(system), compute_uv=False)[-1] < 1e-9:
+        raise MeasurementError(
+            "the last three axes are nearly parallel, so there is no wrist centre",
+            where="sweeps",
+            remedy="use a method that needs no wrist centre",
+        )
+    return np.asarray(np.linalg.solve(system, N.T @ weight @ points))
+
+
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """Common centre of one sphere for each target, by N readings of T targets with the arm at rest."""
+
+    centre: FloatArray  #: (3,) tracker's frame [m]
+    radii: FloatArray  #: (T,) [m]; of no meaning for a target without reading
+    influence: FloatArray  #: (3 + T, m) derivative of both by all whitened readings, in units of sigma
+    points: FloatArray  #: (N, T, 3) all readings [m]
+    factors: FloatArray  #: (N, T, 3, 3) derivative of a reading by its whitened one; zero where not fitted
+    present: BoolArray  #: (N, T) readings that were fitted
+    columns: IndexArray  #: (N, T, 3) index of each coordinate among all whitened readings
+
+
+def fit_spheres(identified: SweptAxes, arm: FloatArray) -> SphereFit | None:
+    """Fit the spheres by maximum likelihood: with the arm at rest, targets keep their distances from a point.
+
+    Args:
+        identified: for sweeps and targets.
+        arm: model angles (n - 3,) [rad]; the sweeps that leave it there are fitted.
+
+    Returns:
+        The fit, or None if the readings do not determine a centre: a single sweep shows only a circle.
+    """
+    sweeps, readings = identified.sweeps, identified.sweeps.whitened
+    at_rest = []
+    for sweep in sweeps.sweeps:
+        away = np.abs(sweeps.model_angles(sweep)[:, : len(arm)] - arm)
+        at_rest.append(np.full(len(sweep), away.max(initial=0.0) <= STILL))
+    if sum(rests.all() for rests in at_rest) < 2:
+        return None
+    present = sweeps.present & np.concatenate(at_rest)[:, None]
+    k, t = np.nonzero(present)
+    points, member = readings.points[k, t], np.eye(present.shape[1])[t]
+    factors = np.zeros_like(readings.weight)
+    factors[k, t] = np.linalg.inv(readings.weight[k, t])
+
+    def along(state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (m,) from the centre, and unit vectors (m, 3) from it."""
+        arms = points - state[:3]
+        length = np.linalg.norm(arms, axis=1)
+        return length, arms / length[:, None]
+
+    # Linear fit of ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²`` about the readings' mean
+    mean = points.mean(axis=0)
+    p = points - mean
+    solution = np.linalg.lstsq(np.hstack([2.0 * p, member]), np.sum(p**2, axis=1), rcond=None)[0]
+    radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
+    first = np.concatenate([solution[:3] + mean, radii])
+    # Weights are those of the start values: they hardly change, and the fit stays an ordinary one.
+    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors[k, t], along(first)[1]), axis=1)
+    try:
+        state, linear = minimise(
+            first,
+            lambda s: np.asarray((along(s)[0] - member @ s[3:]) / spread),
+            lambda s: np.hstack([along(s)[1], member]) / spread[:, None],
+            lambda s, step: np.asarray(s + step),
+            where="wrist",
+        )
+    except MeasurementError:
+        return None
+    if not linear.determines(slice(0, 3)):
+        return None
+    by_reading = np.einsum("mji,mj->mi", factors[k, t], along(state)[1]) / spread[:, None]
+    columns = np.arange(readings.points.size).reshape(readings.points.shape)
+    influence = np.zeros((len(state), identified.influence.shape[1]))
+    by_all = linear.pseudo_inverse[:, :, None] * by_reading
+    influence[:, columns[k, t].ravel()] = by_all.reshape(len(state), -1)
+    return SphereFit(state[:3], state[3:], influence, readings.points, factors, present, columns)
+
+
+def _by_trilateration(
+    identified: IdentifiedAxes, sphere: SphereFit, near: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Weighted mean over all positions with the three targets, and its influence."""
+    read = np.flatnonzero(sphere.present.any(axis=0)).tolist()
+    triples = [list(three) for three in combinations(read, 3)]
+    sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
+    areas = [float(np.linalg.norm(np.cross(first, second))) for first, second in sides]
+    if not max(areas, default=0.0) > 0.0:
+        return None
+    chosen = triples[int(np.argmax(areas))]  # they span the largest triangle
+    by_radius = sphere.influence[[3 + t for t in chosen]]
+    total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere.influence[:3])
+    for k in np.flatnonzero(sphere.present[:, chosen].all(axis=1)):
+        try:
+            point, by_distance, by_target = trilaterate(sphere.points[k, chosen], sphere.radii[chosen], near)
+        except MeasurementError:
+            continue
+        by_reading = np.einsum("itj,tjk->itk", by_target, sphere.factors[k, chosen]).reshape(3, -1)
+        row = by_distance @ by_radius
+        weight = np.linalg.inv(by_reading @ by_reading.T + row @ row.T)
+        row[:, sphere.columns[k, chosen].ravel()] += by_reading
+        total += weight
+        centre += weight @ point
+        influence += weight @ row
+    if not total.any():
+        return None
+    mean = np.linalg.inv(total)
+    return mean @ centre, mean @ influence
+
+
+def trilaterate(
+    targets: FloatArray, distances: npt.ArrayLike, near: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Find the point at three distances from three targets (paper, eqs 13-20).
+
+    Args:
+        targets: (3, 3) P10, P11, P12 [m].
+        distances: (3,) r_0, r_1, r_2 [m].
+        near: (3,) nominal centre, to choose between the two solutions [m].
+
+    Returns:
+        The point (3,) [m], its derivative (3, 3) by the distances, and that (3, 3, 3) by the targets:
+        component, target, coordinate.
+
+    Raises:
+        MeasurementError: the targets lie on a line, or no point has these distances.
+    """
+    r, P = np.asarray(distances, dtype=np.float64), targets
+    e_x = P[1] - P[0]
+    d = float(np.linalg.norm(e_x))
+    e_x = e_x / max(d, 1e-300)
+    i = float(e_x @ (P[2] - P[0]))
+    e_y = P[2] - P[0] - i * e_x
+    j = float(np.linalg.norm(e_y))
+    if j <= _COLLINEAR * d or d == 0.0:
+        raise MeasurementError(
+            "the three targets lie on a line, so the distances do not determine a point",
+            where="targets",
+            remedy="place the targets so that they form a triangle",
+        )
+    e_y = e_y / j
+    x = (r[0] ** 2 - r[1] ** 2 + d**2) / (2 * d)
+    y = (r[0] ** 2 - r[2] ** 2 + i**2 + j**2) / (2 * j) - i / j * x
+    z2 = float(r[0] ** 2 - x**2 - y**2)
+    if not z2 > 0.0:
+        raise MeasurementError(
+            "no point has these distances from the three targets, or it lies in the plane of the targets",
+            where="targets",
+            remedy="check the distances; a centre in the plane of the targets cannot be found by "
+            "trilateration",
+        )
+    sides = [P[0] + x * e_x + y * e_y + sign * np.sqrt(z2) * np.cross(e_x, e_y) for sign in (1.0, -1.0)]
+    centre = min(sides, key=lambda side: float(np.linalg.norm(side - np.asarray(near))))
+    # Differentiate ``‖centre − P_t‖² = r_t²``: ``(centre − P_t)·(δcentre − δP_t) = r_t δr_t``
+    arms = centre - P
+    inverse = np.linalg.inv(arms)
+    return centre, inverse * r, np.einsum("it,tj->itj", inverse, arms)

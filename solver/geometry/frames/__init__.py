@@ -1,1 +1,0 @@
-"""Base frame, wrist centre and rigid transforms."""

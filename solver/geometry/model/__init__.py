@@ -1,1 +1,0 @@
-"""The identified kinematic model, as DH table and as chain."""

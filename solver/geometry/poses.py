@@ -1,0 +1,536 @@
+"""All axes and targets at once, from readings in many configurations, by maximum likelihood.
+
+    p_kt = E_1(q_k1) E_2(q_k2) … E_n(q_kn) x_t
+
+with E_i the rotation about axis i as it lies at model angle zero, and x_t the target there, both in the
+tracker's frame. With four numbers for each axis and three for each target the model is complete and has no
+number too many: offsets of joint angles, base and flange frame are conventions that are laid on it
+afterwards. Angles are the controller's, but for corrections that a caller may free.
+
+`calibrate` fits unloaded poses, for robots without sweeps, starting from the nominal model. What remains
+undetermined is then the poses' fault (a joint that never moved, too few poses), not the parametrisation's;
+such combinations keep their nominal values and are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+from scipy.linalg import qr
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError, NotObservableError
+from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit, RigidTransform, minimise
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.model import JointMap
+from jointstiff.solver.triangle import whitener
+
+Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]
+"""A quantity (k,) as a function of the n axes and the targets (T, 3), both at model angle zero."""
+
+LEAST_REACH, MOST_REACH = 1e-2, 50.0
+"""Displacements of a target [m] that no robot's readings stay below, or exceed: the unit is wrong."""
+
+_HIDDEN = 1e-6  # share of a quantity in unseen combinations, above which it is not determined
+_STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and rounding are some 1e-10
+_BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
+_NAMED = 0.1  # least share of an unknown in a combination for which it is named
+_FOLDS = 5
+_LIKE_ALL = 1.1  # residual of a part beside that of all poses that counts as the same
+_CHART_NAMES = ("across u", "across v", "about u", "about v")
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedReadings:
+    """Unloaded readings in N configurations, T targets. Arrays are checked and made read-only.
+
+    Raises:
+        MeasurementError: shapes disagree, or a number is not finite.
+    """
+
+    angles: FloatArray  #: (N, n) as the controller shows them [rad]
+    points: FloatArray  #: (N, T, 3) tracker's frame [m]; anything where absent
+    present: BoolArray  #: (N, T) True for targets that were read
+    #: (3, 3) or (N, T, 3, 3) of the readings in units of sigma²
+    covariance: FloatArray = field(default_factory=lambda: np.eye(3), kw_only=True)
+
+    def __post_init__(self) -> None:
+        shape = (*self.present.shape, 3)
+        if (
+            self.points.shape != shape
+            or self.angles.shape[:1] != shape[:1]
+            or self.covariance.shape not in {(3, 3), (*shape, 3)}
+        ):
+            raise MeasurementError(
+                f"the angles have shape {self.angles.shape}, the readings {self.points.shape}, and their "
+                f"covariance {self.covariance.shape}",
+                where=self.where,
+                remedy="give all joint angles and a reading of each target for each position, and one "
+                "covariance for all readings or one for each",
+            )
+        if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
+            raise MeasurementError(
+                "an angle or a coordinate is not finite",
+                where=self.where,
+                remedy="omit or repeat the reading",
+            )
+        for array in (self.angles, self.points, self.present, self.covariance):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+    @property
+    def where(self) -> str:
+        """The readings, for a message."""
+        return "poses"
+
+    @property
+    def read(self) -> FloatArray:
+        """Points (N, T, 3) [m], zero where absent."""
+        return np.where(self.present[..., None], self.points, 0.0)
+
+    @cached_property
+    def weight(self) -> FloatArray:
+        """Whiteners (N, T, 3, 3) in units of 1/sigma, zero where absent."""
+        return np.where(self.present[..., None, None], whitener(self.covariance), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Poses(TrackedReadings):
+    """Unloaded readings in N configurations, T targets. Arrays are checked and made read-only.
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, sigma is not positive, or the unit of
+            length is wrong.
+    """
+
+    targets: tuple[str, ...]  #: names of the T targets
+    joint_map: JointMap  #: from controller to model angles
+    sigma: float | None = None  #: standard uncertainty of one coordinate [m]; None if unknown
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        read = self.points[self.present]
+        refuse_other_units(self.sigma, float(np.linalg.norm(np.ptp(read, axis=0))) if len(read) else 0.0)
+
+    def __getitem__(self, rows: BoolArray) -> Poses:
+        """Return some of the configurations (N,)."""
+        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[rows]
+        angles, points, present = self.angles[rows], self.points[rows], self.present[rows]
+        return replace(self, angles=angles, points=points, present=present, covariance=covariance)
+
+    @property
+    def whitened(self) -> PoseReadings:
+        """The poses at angles of the model, with their weights in units of 1/sigma."""
+        angles = self.joint_map.model_angles(self.angles)
+        none = np.zeros((len(angles), 0))
+        return PoseReadings(angles, self.read, self.weight, slopes=np.zeros_like(angles), basis=none)
+
+
+def refuse_other_units(sigma: float | None, reach: float) -> None:
+    """Refuse a sigma that is none, and readings that only make sense in another unit of length.
+
+    Args:
+        sigma: standard uncertainty of a coordinate [m]; None if unknown.
+        reach: largest displacement of a target [m].
+
+    Raises:
+        MeasurementError: sigma is not positive and finite, or the displacement is not that of a robot.
+    """
+    if sigma is not None and not (np.isfinite(sigma) and sigma > 0.0):
+        raise MeasurementError(
+            f"sigma must be positive, but is {sigma}", where="noise.sigma", remedy="give a positive length"
+        )
+    other = reach / 1e3 if reach > 1.0 else 1e3 * reach  # what does not move at all fits no unit
+    if LEAST_REACH <= reach <= MOST_REACH or other < LEAST_REACH:
+        return
+    shown = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
+    given, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
+    raise MeasurementError(
+        f"no target moves farther than {shown}" if reach < 1.0 else f"a target moves by {shown}",
+        where="units.length",
+        remedy=f"check units.length: positions in {meant} seem to be declared in {given}",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseReadings:
+    """Readings in N configurations, whitened."""
+
+    angles: FloatArray  #: (N, n) angles of the model [rad]
+    points: FloatArray  #: (N, T, 3) tracker's frame [m]; zero where absent
+    weight: FloatArray  #: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent
+    slopes: FloatArray  #: (N, n) slopes of the model angles by the correction of a configuration
+    #: (N, F) combinations of the corrections that are estimated; None: each configuration's own, eliminated
+    #: from its own readings
+    basis: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class PoseState:
+    """Unknowns of the fit of the poses."""
+
+    axes: tuple[Axis, ...]  #: n at angle zero, tracker's frame
+    targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
+    corrections: FloatArray  #: (N,) corrections of the angles [rad]
+
+    def displaced(self, step: FloatArray) -> PoseState:
+        """Return the state after a step of charts, of the first axes, and then of all targets."""
+        moves = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
+        axes = tuple(axis.displaced(move) for axis, move in zip(self.axes, moves, strict=False))
+        targets = self.targets + step[CHART_SIZE * len(moves) :].reshape(-1, 3)
+        return replace(self, axes=axes + self.axes[len(moves) :], targets=targets)
+
+
+class Motion:
+    """Targets after the last i joints, and the rotations of the first i joints, for all configurations.
+
+    Attributes:
+        state: at which they are taken.
+        turns: n of (N, 3, 3), each joint's own rotation.
+        before: n + 1 of (N, 3, 3), product of the rotations of the joints before i.
+        stages: n + 1 of (N, T, 3): targets turned by joints i and beyond [m]; stage 0 is the prediction.
+    """
+
+    def __init__(self, state: PoseState, readings: PoseReadings) -> None:
+        angles = readings.angles + state.corrections[:, None] * readings.slopes
+        self.state = state
+        self.turns = [axis.turns(angles[:, i]) for i, axis in enumerate(state.axes)]
+        self.before = [np.broadcast_to(np.eye(3), (len(angles), 3, 3))]
+        for turn in self.turns:
+            self.before.append(self.before[-1] @ turn)
+        stage = np.broadcast_to(state.targets, readings.points.shape)
+        self.stages = [stage]
+        for axis, turn in zip(reversed(state.axes), reversed(self.turns), strict=True):
+            stage = axis.turned(turn, stage)
+            self.stages.insert(0, stage)
+
+    def jacobian(self) -> FloatArray:
+        """Derivative (N, T, 3, 4 n + 3 T) of the prediction by charts and targets."""
+        count, targets, _ = self.stages[0].shape
+        charts = CHART_SIZE * len(self.state.axes)
+        J = np.zeros((count, targets, 3, charts + 3 * targets))
+        for i, axis in enumerate(self.state.axes):
+            by_chart = axis.turned_by_chart(self.turns[i], self.stages[i + 1])
+            J[..., CHART_SIZE * i : CHART_SIZE * (i + 1)] = self.before[i][:, None] @ by_chart
+        for t in range(targets):
+            J[:, t, :, charts + 3 * t : charts + 3 * t + 3] = self.before[-1]
+        return J
+
+    def swings(self) -> FloatArray:
+        """Derivative (N, T, 3, n) of the prediction by the joint angles of each configuration [m/rad]."""
+        swings = np.empty((*self.stages[0].shape, len(self.state.axes)))
+        for i, axis in enumerate(self.state.axes):
+            swing = np.cross(axis.direction, self.stages[i] - axis.point)
+            swings[..., i] = swing @ np.swapaxes(self.before[i], -1, -2)
+        return swings
+
+
+def fit_poses(
+    readings: PoseReadings,
+    first: PoseState,
+    *,
+    where: str,
+    fitted: int | None = None,
+    enough: float = 0.0,
+) -> tuple[PoseState, LinearFit]:
+    """Fit axes, targets and free corrections.
+
+    Unknowns are in this order: charts (4 n), targets (3 T), then the corrections' (F). Where the readings
+    leave a combination of the unknowns undetermined, it stays as it was at the start.
+
+    Args:
+        readings: in at least two configurations.
+        first: where to start from.
+        where: for messages.
+        fitted: number of axes, base first, that are fitted; all if None. The others stay as they are.
+        enough: residual [rms, whitened] below which a fit that goes on slowly has converged.
+
+    Raises:
+        MeasurementError: no convergence.
+    """
+    fitted = len(first.axes) if fitted is None else fitted
+    charts = CHART_SIZE * fitted
+    still = slice(charts, CHART_SIZE * len(first.axes))
+    kept = charts + first.targets.size
+    basis = readings.basis
+
+    def stepped(state: PoseState, step: FloatArray) -> PoseState:
+        correction = step[kept:] if basis is None else basis @ step[kept:]
+        return replace(state.displaced(step[:kept]), corrections=state.corrections + correction)
+
+    def residual(state: PoseState) -> FloatArray:
+        gaps = readings.points - Motion(state, readings).stages[0]
+        return np.asarray((readings.weight @ gaps[..., None]).ravel())
+
+    def spin(motion: Motion) -> FloatArray:
+        """Derivative (N, T, 3, 1) of the prediction by each configuration's correction [m/rad]."""
+        return np.asarray(np.einsum("ktin,kn->kti", motion.swings(), readings.slopes)[..., None])
+
+    def jacobian(state: PoseState) -> FloatArray:
+        motion = Motion(state, readings)
+        J = np.delete(motion.jacobian(), still, axis=-1)
+        if basis is not None and basis.size:
+            J = np.concatenate([J, spin(motion) * basis[:, None, None]], axis=-1)
+        return np.asarray((readings.weight @ J).reshape(readings.points.size, -1))
+
+    def by_correction(state: PoseState) -> FloatArray:
+        return (readings.weight @ spin(Motion(state, readings))).reshape(len(readings.angles), -1)
+
+    size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
+    by_own = by_correction if basis is None else None
+    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size, enough=enough)
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedAxes:
+    """Axes and targets at model angle zero, in the tracker's frame: the robot's geometry.
+
+    Base frame, wrist centre, link lengths and the kinematic model are functions of them, and their
+    uncertainties follow from the one covariance, correlations included.
+    """
+
+    axes: tuple[Axis, ...]  #: n, base first
+    targets: FloatArray  #: (T, 3) [m], carried by the last axis
+    names: tuple[str, ...]  #: names of the targets
+    covariance: FloatArray  #: (4 n + 3 T, 4 n + 3 T) covariance of the axes' charts, then the targets
+    influence: FloatArray  #: (4 n + 3 T, m) derivative by all whitened readings in units of sigma
+    sigma: float  #: standard uncertainty of a coordinate [m], stated or pooled from the residuals
+    rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
+    dof: int  #: degrees of freedom behind it
+    #: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine; they are as at
+    #: the start of the fit, and the covariance is silent about them
+    unseen: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
+
+    @property
+    def n(self) -> int:
+        """Number of axes."""
+        return len(self.axes)
+
+    @property
+    def variance_factor(self) -> float:
+        """χ²/dof: 1 on average if sigma was stated and is right; 1 if it was not stated."""
+        return self.rss / (self.dof * self.sigma**2)
+
+    def jacobian_of(self, geometry: Geometry) -> FloatArray:
+        """Derivative (k, 4 n + 3 T) of a quantity, by central differences."""
+        return derivative(self.axes, self.targets, geometry)
+
+    def covariance_of(self, geometry: Geometry) -> FloatArray:
+        """Covariance (k, k) of a quantity."""
+        J = self.jacobian_of(geometry)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    def standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
+        """Return those of quantities with this derivative (k, 4 n + 3 T): (k,), infinite if undetermined."""
+        spread = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
+        if not self.unseen.size:
+            return np.asarray(spread)
+        hidden = np.abs(jacobian @ self.unseen).max(axis=1)
+        reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.unseen, axis=0).max()
+        return np.where(hidden > _HIDDEN * reach, np.inf, spread)
+
+
+def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
+    """Derivative (k, 4 n + 3 T) of a quantity by charts and targets (T, 3), by central differences."""
+
+    def at(step: FloatArray) -> FloatArray:
+        charts = step[: CHART_SIZE * len(axes)].reshape(-1, CHART_SIZE)
+        moved = [a.displaced(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
+        return geometry(moved, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
+
+    steps = _STEP * np.eye(CHART_SIZE * len(axes) + targets.size)
+    return np.stack([(at(step) - at(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+
+
+def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], RigidTransform]:
+    """Axes of a chain in R0 at angle zero, their points at the joints' origins, and flange to R0 there."""
+    R, t = np.eye(3), np.zeros(3)
+    axes = []
+    for joint in chain.joints:
+        t = t + R @ joint.translation
+        R = R @ joint.rotation
+        if joint.is_moving:
+            axes.append(Axis.through(t, R @ joint.axis))
+    return tuple(axes), RigidTransform(R, t)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedAxes(IdentifiedAxes):
+    """Axes from a calibration."""
+
+    residuals: FloatArray  #: (N, T, 3) reading less prediction [m]; zero where absent
+    determined: int  #: number of combinations of unknowns that the poses determine, of 4 n + 3 T
+    #: for each combination that was not, the names of the unknowns in it
+    only_together: tuple[tuple[str, ...], ...]
+    #: standard uncertainty of a coordinate that was stated, but that the residuals exceed beyond chance [m]:
+    #: `sigma` is then from them; None otherwise
+    exceeded_sigma: float | None
+    #: root mean square error of a coordinate of poses that were left out of the fit, in turn [m]; None where
+    #: the others do not determine the geometry
+    held_out_rms: float | None
+
+    @property
+    def positions(self) -> int:
+        """Number of poses."""
+        return len(self.residuals)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns, 4 n + 3 T."""
+        return len(self.covariance)
+
+    @property
+    def rms_residual(self) -> float:
+        """Root mean square of the residuals' coordinates [m]."""
+        read = self.residuals[self.residuals.any(axis=-1)]
+        return float(np.sqrt(np.mean(np.square(read)))) if read.size else 0.0
+
+
+def calibrate(
+    nominal: KinematicChain,
+    poses: Poses,
+    *,
+    start: RigidTransform | None = None,
+    hold_out: bool = True,
+    enough: float = 0.0,
+) -> CalibratedAxes:
+    """Calibrate a nominal model.
+
+    Args:
+        nominal: within some centimetres and degrees of the truth.
+        poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
+        start: rough transform from base to tracker; found from the poses if None.
+        hold_out: whether to find the error of poses that are left out.
+        enough: residual [rms, whitened] below which a fit that goes on slowly has converged.
+
+    Raises:
+        MeasurementError: the model has another number of joints, or the fit does not converge.
+        NotObservableError: fewer coordinates than combinations that they should determine.
+    """
+    axes, _ = chain_axes(nominal)
+    if not len(axes) == poses.joint_map.n == poses.angles.shape[1]:
+        raise MeasurementError(
+            f"the nominal model has {len(axes)} revolute joints, but the poses have "
+            f"{poses.angles.shape[1]} angles",
+            where="poses",
+            remedy="give the nominal model of the robot that was measured",
+        )
+    readings = poses.whitened
+    T, at_zero = _start(axes, poses, readings, start)
+    first = PoseState(tuple(axis.moved(T) for axis in axes), T.apply(at_zero), np.zeros(len(poses)))
+    state, linear = fit_poses(readings, first, where="poses", enough=enough)
+    rms = float(np.sqrt(np.mean(np.square(linear.residual))))
+    held_out_rms = _held_out_rms(nominal, poses, start, rms) if hold_out else None
+    coordinates, unknowns = 3 * int(poses.present.sum()), len(linear.scale)
+    if coordinates <= unknowns:
+        raise NotObservableError(
+            f"{coordinates} measured coordinates do not determine {unknowns} unknowns",
+            where="poses",
+            remedy="record more poses, or more targets in each pose",
+        )
+    dof = coordinates - linear.rank
+    exceeds = poses.sigma is not None and bool(
+        special.chdtrc(dof, linear.rss / poses.sigma**2) < _BEYOND_NOISE
+    )
+    sigma = float(np.sqrt(linear.rss / dof)) if poses.sigma is None or exceeds else poses.sigma
+    influence = linear.pseudo_inverse
+    if exceeds:
+        # Contributions (p, N) of each pose's residuals to the unknowns, whose outer products are the
+        # covariance. An angle that is off moves all targets of a pose, each its own way: residuals of one
+        # pose are no independent numbers. Those of different poses are taken to be (cluster-robust
+        # covariance, Liang and Zeger 1986), with the usual correction for the unknowns.
+        by_pose = influence.reshape(unknowns, len(poses), -1) * linear.residual.reshape(len(poses), -1)
+        freedom = len(poses) - linear.rank / (linear.residual.size / len(poses))
+        influence = by_pose.sum(axis=-1) * np.sqrt(len(poses) / freedom) / sigma
+    unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)
+    return CalibratedAxes(
+        axes=state.axes,
+        targets=state.targets,
+        names=poses.targets,
+        covariance=sigma**2 * influence @ influence.T,
+        influence=influence,
+        sigma=sigma,
+        rss=linear.rss,
+        dof=dof,
+        residuals=unwhitened[..., 0],
+        determined=linear.rank,
+        only_together=_only_together(linear, len(state.axes), poses.targets),
+        exceeded_sigma=poses.sigma if exceeds else None,
+        held_out_rms=held_out_rms,
+        unseen=linear.unseen / linear.scale[:, None],
+    )
+
+
+def _held_out_rms(
+    nominal: KinematicChain, poses: Poses, start: RigidTransform | None, rms: float
+) -> float | None:
+    """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
+
+    Readings of one posture stay together. Four parts may hardly tell two unknowns apart, so that their fit
+    stalls in a flat valley: at the residual `rms` of all poses it has converged.
+    """
+    _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
+    count = int(posture.max()) + 1
+    if count == 1:  # nothing is left to calibrate by
+        return None
+    part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
+    errors = []
+    for fold in range(min(_FOLDS, count)):
+        try:
+            others, enough = poses[part != fold], _LIKE_ALL * rms
+            calibrated = calibrate(nominal, others, start=start, hold_out=False, enough=enough)
+        except (MeasurementError, NotObservableError):
+            return None
+        left_out = poses[part == fold]
+        state = PoseState(calibrated.axes, calibrated.targets, np.zeros(len(left_out)))
+        errors.append((left_out.points - Motion(state, left_out.whitened).stages[0])[left_out.present])
+    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
+
+
+def _start(
+    axes: tuple[Axis, ...], poses: Poses, readings: PoseReadings, start: RigidTransform | None
+) -> tuple[RigidTransform, FloatArray]:
+    """Base to tracker, and targets at angle zero in R0, by linear least squares.
+
+    ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ (nine numbers), s = −Rᵀ t and x_t. Q is then made a
+    rotation, and s and x_t are those with it. Where the transform is known, x_t are those with that.
+    """
+    k, t = np.nonzero(poses.present)
+    R, s = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), np.zeros((len(poses), 3, 1))
+    for axis, angle in zip(axes, readings.angles.T, strict=True):
+        turns = axis.turns(angle)
+        s = R @ (axis.point[:, None] - turns @ axis.point[:, None]) + s
+        R = R @ turns
+    rotation, shift = R[k], s[k, :, 0]
+    points, size = poses.points[k, t], 3 * len(k)
+    by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
+    if start is not None:
+        local = start.inverse().apply(points) - shift
+        return start, np.linalg.lstsq(by_target, local.ravel(), rcond=None)[0].reshape(-1, 3)
+    by_shift = np.tile(np.eye(3), (len(k), 1))
+    by_rotation = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(size, 9)
+    system = np.hstack([by_rotation, by_shift, -by_target])
+    U, _, Vt = np.linalg.svd(np.linalg.lstsq(system, shift.ravel(), rcond=None)[0][:9].reshape(3, 3))
+    Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    right = (points @ Q.T - shift).ravel()
+    solution = np.linalg.lstsq(np.hstack([-by_shift, by_target]), right, rcond=None)[0]
+    return RigidTransform(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
+
+
+def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Names of the unknowns in each undetermined combination, as sparse as a rotation makes them."""
+    names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
+    names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
+    # Each combination gets an unknown of its own, those that are seen least
+    _, order = qr(linear.unseen.T, mode="r", pivoting=True)
+    reduced = linear.unseen @ np.linalg.inv(linear.unseen[np.sort(order[: linear.unseen.shape[1]])])
+    shares = np.abs(reduced) / np.abs(reduced).max(axis=0)
+    return tuple(
+        tuple(name for name, part in zip(names, share, strict=True) if part > _NAMED) for share in shares.T
+    )

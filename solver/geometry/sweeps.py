@@ -1,0 +1,630 @@
+"""Sweeps: one joint turned alone while a tracker follows the targets on the flange; and the axes they show.
+
+All targets of a sweep share one axis: they run on circles about it (the circle-point method). `fit_axis` is
+`fit_poses` with that axis alone. How far each position has turned is, by default, estimated from the readings
+(`angles="free"`), common to all targets: encoders and gears of a heavy robot are wrong by some 50 µrad, which
+at 2 m is five times the noise of a tracker, and the classical circle-point method does not trust them either.
+With perfect encoders `angles="controller"` would be the better estimate; `python -m benchmarks geometry`
+prints by how much, and what it costs with real ones. A correction that is common to all positions is the same
+as a turn of the targets: corrections are of mean zero.
+
+A controller joint may turn two axes of the model, such as J2 of a FANUC arm, where ``q2 = θ2`` and ``q3 =
+−(θ2 + θ3)``: turning θ2 turns axis 2, and axis 3 back by the same angle, so that the forearm moves without
+rotating. All targets then run on circles of one and the same radius, the distance of axes 2 and 3, each about
+a centre of its own. The circles show the direction of axis 2 and where it lies *from axis 3*; where axis 3
+is, its own sweep shows. The fit is then that of the inner axis, with the outer one as its own sweep found it.
+No axes need be parallel.
+
+A sweep shows an axis where the joints before it have put it. Turning these back, one after the other,
+about the axes already known, brings every axis to model angle zero (`identify_axes`).
+
+What each sweep by itself does not use is that they show the same robot (`refine_axes`). Every sweep also
+tells where the targets are on the flange and where the axes farther out are. One fit for all uses that; it
+needs no sweep to be of one model joint alone, so coupled axes are an ordinary case. In return it trusts the
+controller's angles of the joints at rest, within a sweep and from one to the next. With free angles it does
+not trust those of the joint that turns, not even in the mean over a sweep: a gear that is off by 60 µrad at
+rest would move the axes farther out by 0.1 mm. Its χ², beside that of the sweeps one by one, says whether the
+robot agrees.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from scipy import special
+from scipy.linalg import helmert
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit
+from jointstiff.solver.geometry.poses import (
+    IdentifiedAxes,
+    Motion,
+    PoseReadings,
+    PoseState,
+    TrackedReadings,
+    derivative,
+    fit_poses,
+    refuse_other_units,
+)
+from jointstiff.solver.robot.model import JointMap
+
+AngleUse = Literal["free", "controller"]
+
+MIN_POSITIONS = 4
+"""Least number of positions: three points always lie on a circle, the fourth can contradict it."""
+
+STILL = 1e-4
+"""Largest range of the angle of a joint at rest [rad]: 0.2 mm at 2 m."""
+
+SHORTEST_ARC = np.radians(5.0)
+"""Least arc [rad]: below it a circle differs from its tangent by less than 0.1 % of its radius."""
+
+SMALLEST_MOTION = 1e-3
+"""Least displacement of the target that moves most [m]."""
+
+DISAGREEMENT = 1e-6
+"""p-value of one robot for all sweeps below which they disagree."""
+
+UNEVEN = 0.01
+"""p-value of the controller's angles below which gears are off by more than noise."""
+
+_STEP = 1e-6  # of the difference quotients [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep(TrackedReadings):
+    """N positions of one sweep, T targets. Arrays are checked and made read-only.
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, fewer than `MIN_POSITIONS` positions, the
+            joint did not move, or its targets did not.
+    """
+
+    name: str  #: name of the controller's joint that was turned, for messages
+    joint: int  #: index of the joint, 0 to n - 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self) < MIN_POSITIONS:
+            raise MeasurementError(
+                f"the sweep has {len(self)} positions; at least {MIN_POSITIONS} are needed",
+                where=self.where,
+                remedy="record more positions; 10 to 20 over a wide arc are good practice",
+            )
+        turned = float(np.ptp(self.angles[:, self.joint]))
+        if turned <= STILL:
+            moving = np.flatnonzero(np.ptp(self.angles, axis=0) > STILL)
+            others = ", ".join(f"joint {index + 1}" for index in moving)
+            raise MeasurementError(
+                f"the joint did not move: its angle changes by only {np.degrees(turned):.2g}°"
+                + (f", while {others} turned" if others else ""),
+                where=self.where,
+                remedy="name the joint that was turned, or repeat the sweep",
+            )
+        if self.largest_motion < SMALLEST_MOTION:
+            raise MeasurementError(
+                f"the joint did not move: the controller shows {np.degrees(turned):.3g}°, but no target "
+                f"moved by more than {self.largest_motion * 1e3:.3g} mm",
+                where=self.where,
+                remedy="check that readings and angles belong together, that the targets were tracked, and "
+                "units.length",
+            )
+
+    @property
+    def where(self) -> str:
+        """The sweep, for a message."""
+        return f"sweep of {self.name}"
+
+    @property
+    def largest_motion(self) -> float:
+        """Diagonal of the box [m] around the readings of the target that moved most."""
+        paths = [self.points[seen, t] for t, seen in enumerate(self.present.T) if seen.any()]
+        return max((float(np.linalg.norm(np.ptp(path, axis=0))) for path in paths), default=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SweepSet:
+    """Sweeps of one robot by one tracker that stood still, with the same targets.
+
+    Raises:
+        MeasurementError: sweeps of different robots or targets, an arc too short, two sweeps of one joint, a
+            sigma that is not positive, or a wrong unit of length.
+    """
+
+    sweeps: tuple[Sweep, ...]  #: in any order; positions in the tracker's frame
+    targets: tuple[str, ...]  #: names of the T targets
+    joint_map: JointMap  #: from controller to model angles
+    sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
+
+    def __post_init__(self) -> None:
+        refuse_other_units(self.sigma, max(sweep.largest_motion for sweep in self.sweeps))
+        for sweep in self.sweeps:
+            joints, targets = sweep.angles.shape[1], sweep.present.shape[1]
+            if joints != self.joint_map.n or targets != len(self.targets):
+                raise MeasurementError(
+                    f"the sweep has {joints} angles and {targets} targets, but the "
+                    f"robot has {self.joint_map.n} joints and the set {len(self.targets)} targets",
+                    where=sweep.where,
+                    remedy="give all joint angles and the same targets in all sweeps",
+                )
+            arc = float(np.ptp(self.model_angles(sweep), axis=0).max())
+            if arc < SHORTEST_ARC:
+                raise MeasurementError(
+                    f"the arc of {np.degrees(arc):.2g}° is too short to determine the axis",
+                    where=sweep.where,
+                    remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
+                )
+        joint, count = Counter(min(self.turning(sweep)) for sweep in self.sweeps).most_common(1)[0]
+        if count > 1:
+            raise MeasurementError(
+                f"{count} sweeps turn model joint {joint + 1}",
+                where="sweeps",
+                remedy="give one sweep per joint; add the positions of a repeated sweep to the first",
+            )
+
+    def model_angles(self, sweep: Sweep) -> FloatArray:
+        """Angles of the model (N, n) [rad] in a sweep."""
+        return self.joint_map.model_angles(sweep.angles)
+
+    def turning(self, sweep: Sweep) -> tuple[int, ...]:
+        """Indices of the model joints that turn in a sweep.
+
+        One, as a rule. With coupled axes (J2/J3 of FANUC) turning one joint of the controller turns two
+        of the model; and turning two of the controller's against each other may turn one of the model.
+        """
+        ranges = np.ptp(self.model_angles(sweep), axis=0)
+        return tuple(int(index) for index in np.flatnonzero(ranges > STILL))
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Index of the sweep that tells the axis of each model joint (n,): of coupled ones, the first.
+
+        Raises:
+            MeasurementError: a joint without a sweep.
+        """
+        sweep_of = {min(self.turning(sweep)): index for index, sweep in enumerate(self.sweeps)}
+        missing = [joint + 1 for joint in range(self.joint_map.n) if joint not in sweep_of]
+        if missing:
+            raise MeasurementError(
+                f"no sweep determines the axis of model joint {', '.join(map(str, missing))}",
+                where="sweeps",
+                remedy="turn each joint alone in a sweep of its own",
+            )
+        return tuple(sweep_of[joint] for joint in range(self.joint_map.n))
+
+    @property
+    def postures(self) -> FloatArray:
+        """Mean model angles (n, n) [rad] in the sweep of each model joint."""
+        return np.array([self.model_angles(self.sweeps[index]).mean(axis=0) for index in self.order])
+
+    @property
+    def present(self) -> BoolArray:
+        """Readings of all sweeps, in their order (N, T)."""
+        return np.concatenate([sweep.present for sweep in self.sweeps])
+
+    @cached_property
+    def whitened(self) -> PoseReadings:
+        """Readings of all sweeps, in their order, each position's angle of the turned joint its own."""
+        slopes = [np.tile(self.joint_map.matrix[:, sweep.joint], (len(sweep), 1)) for sweep in self.sweeps]
+        return PoseReadings(
+            angles=np.concatenate([self.model_angles(sweep) for sweep in self.sweeps]),
+            points=np.concatenate([sweep.read for sweep in self.sweeps]),
+            weight=np.concatenate([sweep.weight for sweep in self.sweeps]),
+            slopes=np.concatenate(slopes),
+            basis=None,
+        )
+
+
+@dataclass(frozen=True)
+class SweptTarget:
+    """One target of a sweep; NaN for what it does not show."""
+
+    name: str
+    readings: int  #: how many
+    radius: float  #: distance from the axis [m]; NaN in a sweep that turns two axes
+    radial_rms: float  #: root mean square of the residuals towards the axis, across it where two turn [m]
+    axial_rms: float  #: the same along the axis [m]
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """The axis of one sweep and the evidence for it."""
+
+    sweep: Sweep  #: fitted sweep
+    outer: AxisFit | None  #: where the sweep turns two axes, the fit of the outer one, from its own sweep
+    axis: Axis  #: the (inner) axis in the tracker's frame; its point is the foot of the readings' mean
+    #: (T, 3) in the tracker's frame with the turning joint at model angle zero; where two turn, with the
+    #: outer one at zero and the inner one as in the outer one's sweep [m]
+    target_points: FloatArray
+    #: (N,) angle of the turning joint from the readings less that of the controller, of mean zero [rad]
+    angle_deviation: FloatArray
+    angle_scale: float  #: slope of the angles from the readings over the controller's; 1 where both agree
+    arc: float  #: angle that the readings cover [rad]
+    #: (4 + 3 T, 3 N T) derivative of chart and targets by the whitened readings, in units of sigma; what is
+    #: computed from several fits, or twice from one, gets its covariance through it
+    influence: FloatArray
+    dependence: FloatArray  #: (4, 4) derivative of the axis's chart by the outer one's; zero without
+    axis_covariance: FloatArray  #: (4, 4) of the axis's chart, by `sigma`, the outer axis's part included
+    residuals: FloatArray  #: (N, T, 3) reading minus prediction, tracker's frame [m]; zero where absent
+    sigma: float  #: standard uncertainty of a coordinate [m]: the stated one, else from the residuals
+    dof: int  #: degrees of freedom, the number of readings' coordinates less that of the unknowns
+    linear: LinearFit  #: the linearised fit at the minimum, rows in the order of the readings (N, T, 3)
+
+    @property
+    def variance_factor(self) -> float:
+        """χ²/dof: 1 on average if the stated sigma is right; exactly 1 where sigma was not stated."""
+        return self.linear.rss / (self.dof * self.sigma**2)
+
+    def targets(self, names: Sequence[str]) -> tuple[SweptTarget, ...]:
+        """Return the evidence by target (T,), by these names."""
+        residuals = self.residuals @ self.axis.frame
+        arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
+        targets = []
+        for t, name in enumerate(names):
+            rows = self.sweep.present[:, t]
+            if not rows.any():
+                targets.append(SweptTarget(name, 0, np.nan, np.nan, np.nan))
+                continue
+            radius, across, along = np.nan, residuals[rows, t, :2], residuals[rows, t, 2]
+            if self.outer is None:
+                lengths = np.linalg.norm(arms[rows, t, :2], axis=1)
+                across = np.sum(arms[rows, t, :2] * across, axis=1) / np.maximum(lengths, 1e-300)
+                radius = float(lengths.mean())
+            rms = (float(np.sqrt(np.mean(np.square(part)))) for part in (across, along))
+            targets.append(SweptTarget(name, int(rows.sum()), radius, *rms))
+        return tuple(targets)
+
+
+def fit_axis(
+    sweep: Sweep,
+    turned: FloatArray,
+    *,
+    sigma: float | None = None,
+    angles: AngleUse = "free",
+    outer: AxisFit | None = None,
+    slopes: FloatArray | None = None,
+) -> AxisFit:
+    """Fit the axis of a sweep in which one model joint turns, or the inner one where two turn.
+
+    Args:
+        sweep: the readings.
+        turned: (N,) angle of that joint in the model, by the controller [rad]. Where two turn (N, 2): of the
+            inner joint, less its angle in the outer axis's sweep, and of the outer joint.
+        sigma: standard uncertainty of a coordinate [m]; from the residuals if None.
+        angles: `free` estimates each position's angle from the readings, common to all targets;
+            `controller` takes the controller's.
+        outer: the outer axis where two turn, from a sweep of its own; joints before it stand there as here,
+            and the inner one at the angle that was subtracted.
+        slopes: (2,) of the model angles by that of the controller's joint, where two turn.
+
+    Returns:
+        The fit. Suspect readings are named in it and not removed.
+
+    Raises:
+        MeasurementError: the readings do not determine an axis, or the fit does not converge.
+    """
+    shown = turned if outer is None else sweep.angles[:, sweep.joint]
+    model_angles = turned.reshape(len(sweep), -1)
+    basis = helmert(len(sweep)).T if angles == "free" else np.zeros((len(sweep), 0))
+    by_correction = np.broadcast_to(np.ones(1) if slopes is None else slopes, model_angles.shape)
+    readings = PoseReadings(model_angles, sweep.read, sweep.weight, by_correction, basis)
+    state, linear = fit_poses(readings, _start(sweep, readings, outer), where=sweep.where, fitted=1)
+    dof = 3 * int(sweep.present.sum()) - linear.rank
+    if dof < 1:
+        raise MeasurementError(
+            f"{int(sweep.present.sum())} readings leave no redundancy to check the axis",
+            where=sweep.where,
+            remedy="record more positions or more targets",
+        )
+    if not linear.determines(slice(0, CHART_SIZE)):
+        which, remedy = "axis", "read a target that is farther from the axis, over a wider arc"
+        if outer is not None:
+            which = "inner one of the two axes that turn"
+            remedy = "sweep a wider arc with more positions; two axes that coincide cannot be distinguished"
+        raise MeasurementError(f"the readings do not determine the {which}", where=sweep.where, remedy=remedy)
+    used = float(np.sqrt(linear.rss / dof)) if sigma is None else sigma
+    motion = Motion(state, readings)
+    influence = linear.pseudo_inverse[: CHART_SIZE + state.targets.size]
+    dependence = np.zeros((CHART_SIZE, CHART_SIZE))
+    covariance = used**2 * linear.covariance[:CHART_SIZE, :CHART_SIZE]
+    if outer is not None:
+        by_outer = readings.weight @ motion.jacobian()[..., CHART_SIZE : 2 * CHART_SIZE]
+        dependence = -influence[:CHART_SIZE] @ by_outer.reshape(-1, CHART_SIZE)
+        covariance = covariance + dependence @ outer.axis_covariance @ dependence.T
+    centred = shown - shown.mean()
+    return AxisFit(
+        sweep=sweep,
+        outer=outer,
+        axis=state.axes[0],
+        target_points=state.targets,
+        angle_deviation=state.corrections,
+        angle_scale=float(1.0 + centred @ state.corrections / (centred @ centred)),
+        arc=float(np.ptp(shown + state.corrections)),
+        influence=influence,
+        dependence=dependence,
+        axis_covariance=covariance,
+        residuals=np.where(sweep.present[..., None], readings.points - motion.stages[0], 0.0),
+        sigma=used,
+        dof=dof,
+        linear=linear,
+    )
+
+
+def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseState:
+    """Start values without iteration, from ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B, C.
+
+    ``B_t × C_t`` points along the axis, by the square of the target's radius, so that targets count by what
+    they know of it; the centres A_t lie on it, unless an outer axis turns back as far: then each is displaced
+    by the same vector from it.
+
+    Raises:
+        MeasurementError: no target was read often enough, or none shows a plane in which it turns.
+    """
+    turned = readings.angles[:, 0]
+    columns = np.column_stack([np.ones(len(sweep)), np.cos(turned), np.sin(turned)])
+    normal, centres, radii, count, radius = np.zeros(3), [], [], 0, np.zeros(3)
+    for t in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
+        rows = sweep.present[:, t]
+        A, B, C = np.linalg.lstsq(columns[rows], sweep.points[rows, t], rcond=None)[0]
+        normal += np.cross(B, C)
+        centres.append(A)
+        radii.append(float(np.linalg.norm(np.cross(B, C))))
+        if rows.sum() > count:
+            count, radius = rows.sum(), B
+    if not np.linalg.norm(normal) > 0.0:
+        raise MeasurementError(
+            "no target moved on a circle",
+            where=sweep.where,
+            remedy="read at least one target in three or more positions, at a distance from the axis",
+        )
+    found = Axis.through(np.average(centres, axis=0, weights=np.array(radii) + 1e-12), normal)
+    axes: tuple[Axis, ...] = (Axis(found.nearest(sweep.points[sweep.present].mean(axis=0)), found.frame),)
+    if outer is not None:
+        inner, (slope, back) = axes[0], readings.slopes[0]
+        if abs(slope + back) < 0.5 * abs(slope):
+            inner = Axis.through(outer.axis.point - radius, inner.direction)
+        axes = (inner, outer.axis)
+    local = readings.points
+    for axis, angles in zip(axes, readings.angles.T, strict=True):
+        local = axis.turned(axis.turns(-angles), local)
+    present = sweep.present[..., None]
+    targets = np.where(present, local, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+    return PoseState(axes, targets, np.zeros(len(sweep)))
+
+
+@dataclass(frozen=True, eq=False)
+class SweptAxes(IdentifiedAxes):
+    """Axes identified from sweeps."""
+
+    sweeps: SweepSet  #: the set; the whitened readings of `influence` are in its order
+    fits: tuple[AxisFit, ...]  #: the fit of each sweep by itself, in its order
+    residual: FloatArray  #: (3 N T,) whitened residuals of all readings [m]; zero where absent
+
+
+def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
+    """Fit all sweeps, one by one, and bring their axes to model angle zero.
+
+    Args:
+        sweeps: one for each joint.
+        angles: see `fit_axis`.
+
+    Raises:
+        MeasurementError: a joint without a sweep, a sweep that turns what it should not, or one that
+            cannot be fitted.
+    """
+    order = sweeps.order
+    starts = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
+    fits: dict[int, AxisFit] = {}
+    influences: dict[int, FloatArray] = {}  # of all readings on chart and targets of a sweep
+    for joint, index in reversed(list(enumerate(order))):  # a coupled sweep needs the axis farther out
+        sweep = sweeps.sweeps[index]
+        turning, turned = list(sweeps.turning(sweep)), sweeps.model_angles(sweep)
+        if len(turning) == 1:
+            fits[index] = fit_axis(sweep, turned[:, joint], sigma=sweeps.sigma, angles=angles)
+        else:
+            outer = fits[order[turning[-1]]]
+            there = sweeps.model_angles(outer.sweep).mean(axis=0)
+            _refuse_unless_coupled(sweeps, sweep, outer, turned.mean(axis=0) - there)
+            fits[index] = fit_axis(
+                sweep,
+                turned[:, turning] - [there[joint], 0.0],
+                sigma=sweeps.sigma,
+                angles=angles,
+                outer=outer,
+                slopes=sweeps.joint_map.matrix[turning, sweep.joint],
+            )
+        influences[index] = np.zeros((len(fits[index].influence), starts[-1]))
+        influences[index][:, starts[index] : starts[index + 1]] = fits[index].influence
+        if len(turning) > 1:
+            through_outer = fits[index].dependence @ influences[order[turning[-1]]][:CHART_SIZE]
+            influences[index][:CHART_SIZE] += through_outer
+    in_order = tuple(fits[index] for index in range(len(fits)))
+    rss, dof = sum(fit.linear.rss for fit in in_order), sum(fit.dof for fit in in_order)
+    sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
+    at_sweep, points = [fits[index].axis for index in order], fits[order[-1]].target_points
+    axes, targets = _to_zero(at_sweep, points, sweeps.postures)
+    as_swept = np.vstack(
+        [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
+    )
+
+    def charts(moved: Sequence[Axis], at: FloatArray) -> FloatArray:
+        return _charts_at_zero(axes, moved, at, sweeps.postures)
+
+    influence = derivative(at_sweep, points, charts) @ as_swept
+    return SweptAxes(
+        axes=axes,
+        targets=targets,
+        names=sweeps.targets,
+        covariance=sigma**2 * influence @ influence.T,
+        influence=influence,
+        sigma=sigma,
+        rss=rss,
+        dof=dof,
+        sweeps=sweeps,
+        fits=in_order,
+        residual=np.concatenate([fit.linear.residual for fit in in_order]),
+    )
+
+
+def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart: FloatArray) -> None:
+    """Refuse a sweep that turns several joints, but for one by a single controller joint that turns two.
+
+    Joints before the outer one carry its axis: but for the inner one they must stand as in its sweep. They
+    are `apart` (n,) [rad].
+    """
+    turning = sweeps.turning(sweep)
+    joints = " and ".join(str(joint + 1) for joint in turning)
+    coupled = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
+    moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > STILL)
+    if list(moved) != [sweep.joint] or len(coupled) > 2:
+        raise MeasurementError(
+            f"model joints {joints} turn in one sweep",
+            where=sweep.where,
+            remedy="turn one controller joint at a time; if the joint map couples more than two joints, "
+            "command the others so that one axis turns; check the order of the rows",
+        )
+    if outer.outer is not None:
+        raise MeasurementError(
+            f"model joint {turning[1] + 1} turns as well, and its own sweep is a coupled one, too",
+            where=sweep.where,
+            remedy="turn the last of the coupled joints alone in a sweep of its own",
+        )
+    before = [joint for joint in range(turning[1]) if joint != turning[0]]
+    if before and np.abs(apart[before]).max() > STILL:
+        raise MeasurementError(
+            f"this sweep turns model joints {joints}, and it was taken in another configuration than the "
+            f"{outer.sweep.where}",
+            where=sweep.where,
+            remedy="start both sweeps from the same configuration of the other joints",
+        )
+
+
+def _to_zero(
+    at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
+) -> tuple[tuple[Axis, ...], FloatArray]:
+    """Axes at zero from each in its sweep's posture (n, n) [rad], and the targets from the last sweep's."""
+    axes: list[Axis] = []
+    for axis, posture in zip(at_sweep, postures, strict=True):
+        back = [earlier.motion(-float(angle)) for earlier, angle in zip(axes, posture, strict=False)]
+        for motion in back:
+            axis = axis.moved(motion)
+        axes.append(axis)
+    for motion in back:  # of the last sweep
+        points = motion.apply(points)
+    return tuple(axes), points
+
+
+def _charts_at_zero(
+    axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
+) -> FloatArray:
+    """Charts of axes brought to zero about others, then the coordinates of the targets (4 n + 3 T,)."""
+    moved, targets = _to_zero(at_sweep, points, postures)
+    charts = [axis.chart(other) for axis, other in zip(axes, moved, strict=True)]
+    return np.concatenate([*charts, targets.ravel()])
+
+
+def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
+    """Fit all sweeps together, starting from their axes one by one.
+
+    Args:
+        identified: from `identify_axes`; its `fits` are kept as they are.
+        angles: `free` estimates for each position by how much the joint that was turned differs from the
+            controller's angle; `controller` takes the controller's.
+
+    Returns:
+        Axes and targets with their smaller covariance; `rss` and `dof` are of this fit.
+
+    Raises:
+        MeasurementError: the sweeps together leave an axis undetermined.
+    """
+    sweeps, readings = identified.sweeps, identified.sweeps.whitened
+    count = len(readings.angles)
+    if angles == "controller":
+        readings = replace(readings, basis=np.zeros((count, 0)))
+    first = PoseState(identified.axes, identified.targets, np.zeros(count))
+    state, linear = fit_poses(readings, first, where="sweeps")
+    kept = CHART_SIZE * identified.n + identified.targets.size
+    freed = 0 if linear.own is None else linear.own.count
+    dof = 3 * int(sweeps.present.sum()) - linear.rank - freed
+    if dof < 1 or not linear.determines(slice(0, kept)):
+        raise MeasurementError(
+            "the sweeps do not determine all axes and targets",
+            where="sweeps",
+            remedy="record more positions, and read every target in the last joint's sweep",
+        )
+    sigma = float(np.sqrt(linear.rss / dof)) if sweeps.sigma is None else sweeps.sigma
+    return replace(
+        identified,
+        axes=state.axes,
+        targets=state.targets,
+        covariance=sigma**2 * linear.covariance[:kept, :kept],
+        influence=linear.pseudo_inverse[:kept],
+        sigma=sigma,
+        rss=linear.rss,
+        dof=dof,
+        residual=linear.residual,
+    )
+
+
+def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
+    """Probability that noise alone makes the controller's angles fit as badly as they do.
+
+    F-test of the fit with the controller's angles inside the one with free angles. Where it is not small,
+    `angles="controller"` is justified by the readings, and the better estimate.
+    """
+    more = controller.dof - free.dof
+    if more < 1:
+        return 1.0
+    gain = max(controller.rss - free.rss, 0.0) / more
+    return float(special.fdtrc(more, free.dof, gain / (free.rss / free.dof)))
+
+
+def resting_angles(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
+    """Return what uneven gears do to axes and targets through the angles at which joints rest.
+
+    The readings show how far each joint is from the controller's angle while it turns: its gear's error. At
+    rest it is off by as much, and nothing shows it. Where joints rest at the same angles in all sweeps, that
+    only turns what model angle zero means; where they do not, it moves the axes against each other.
+
+    Args:
+        swept: axes fitted one by one with free angles.
+
+    Returns:
+        Displacements (4 n + 3 T, G) of charts and targets by one standard deviation of each error, and the
+        controller's joint of each (G,), from the last joint inwards.
+    """
+    sweeps, n = swept.sweeps, swept.n
+    in_order = [swept.fits[index] for index in sweeps.order]
+    at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
+
+    def moved(step: FloatArray) -> FloatArray:
+        return _charts_at_zero(swept.axes, at_sweep, points, sweeps.postures + step.reshape(n, n))
+
+    steps = _STEP * np.eye(n * n)  # by joint of the sweep, then by the angle that changes
+    by_posture = np.stack([(moved(step) - moved(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+    columns, joints = [np.zeros((len(by_posture), 0))], []
+    for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):
+        joint = fit.sweep.joint
+        # Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise
+        deviation = fit.angle_deviation
+        own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
+        noise = fit.sigma**2 * float(np.sum(own**2))
+        size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
+        # Masks (n,) of the sweeps, by model joint, in which a controller's joint rests at one angle
+        angles = np.array([other.sweep.angles[:, joint].mean() for other in in_order])
+        others = np.array([other.sweep.joint != joint for other in in_order])
+        ascending = np.sort(angles[others])
+        starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > STILL)]
+        number = np.searchsorted(starts, angles, side="right")
+        for group in range(len(starts)):
+            rests = others & (number == group + 1)
+            turned = np.where(rests[:, None], sweeps.joint_map.matrix[:, joint], 0.0)
+            columns.append(size * by_posture @ turned.reshape(-1, 1))
+            joints.append(joint)
+    return np.hstack(columns), joints

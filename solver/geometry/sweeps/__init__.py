@@ -1,1 +1,0 @@
-"""Joint axes from sweeps of one joint at a time."""
