@@ -15,17 +15,15 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.links.cross_validation import (
+from jointstiff.solver.links.choice import (
     Folds,
     Plan,
     chosen_weight,
     fit_fold,
     refined,
 )
-from jointstiff.solver.links.estimate import ElasticEstimate
-from jointstiff.solver.links.estimation import effective_intervals, first_certified
-from jointstiff.solver.links.model import LOSSES, ElasticModel, Loss
-from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.fit import ElasticEstimate, effective_intervals, first_certified
+from jointstiff.solver.links.model import LOSSES, ElasticColumns, ElasticModel, Loss
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

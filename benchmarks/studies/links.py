@@ -24,12 +24,26 @@ from jointstiff.simulator.experiment import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import entries, to_matrix, to_vector, weights
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, chosen_weight, fit_fold, refined
-from jointstiff.solver.links.estimate import ElasticEstimate
-from jointstiff.solver.links.estimation import estimate_elastic, first_certified
-from jointstiff.solver.links.model import LOSSES, MODELS, ElasticModel, Loss, ModelName
-from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks
-from jointstiff.solver.links.selection import select_model
+from jointstiff.solver.links.choice import (
+    FoldFit,
+    Folds,
+    Plan,
+    chosen_weight,
+    fit_fold,
+    refined,
+    select_model,
+)
+from jointstiff.solver.links.fit import ElasticEstimate, estimate_elastic, first_certified
+from jointstiff.solver.links.model import (
+    LOSSES,
+    MODELS,
+    ElasticColumns,
+    ElasticModel,
+    ElasticRows,
+    Loss,
+    ModelName,
+    elastic_blocks,
+)
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

@@ -19,10 +19,9 @@ from jointstiff.solver.design.feasibility import Equipment, Loads, drawn_posture
 from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.links.cross_validation import Folds, Plan, chosen_weight, fit_fold, refined
-from jointstiff.solver.links.estimation import first_certified
-from jointstiff.solver.links.model import ElasticModel
-from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks
+from jointstiff.solver.links.choice import Folds, Plan, chosen_weight, fit_fold, refined
+from jointstiff.solver.links.fit import first_certified
+from jointstiff.solver.links.model import ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["run", "run_nuisance"]

@@ -21,10 +21,10 @@ from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, Forwa
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError, leave_folds_out
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links.cross_validation import Folds, Plan, fit_fold
-from jointstiff.solver.links.estimate import Companion, ElasticEstimate
+from jointstiff.solver.links.choice import Folds, Plan, fit_fold
+from jointstiff.solver.links.fit import Companion, ElasticEstimate
+from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
-from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations, rotation_vector, skew
 from jointstiff.solver.robot.model import Robot

@@ -1,4 +1,4 @@
-"""Fit of a model on some observations with any of the losses (method.md §7).
+"""Losses of a model of elastic links on some observations, and their optima (method.md §7).
 
 squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
 absolute   Σ ‖r_i‖ / Σ ‖d_i‖ + λ tr              one second-order cone a target
@@ -26,12 +26,16 @@ from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
 from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.robust import MEDIAN_NORM
-from jointstiff.solver.links.model import ElasticModel, Formulation, Loss, formulate
-from jointstiff.solver.links.regressor import ElasticRows, ElasticTargets
+from jointstiff.solver.links.model import (
+    MOST_TARGETS,
+    ElasticModel,
+    ElasticRows,
+    Formulation,
+    Loss,
+    formulate,
+)
 from jointstiff.solver.readings.measurements import Measurements
 
-MOST_TARGETS: Final = 500
-"""Targets up to which robust losses are supported: a program takes about 0.5 s there."""
 _LEAST_SCALE: Final = 1e-6
 """Least robust scale relative to the mean deflection: exact readings have none."""
 _LEAST_WEIGHT: Final = 1e-9
@@ -59,12 +63,12 @@ def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tup
 class TargetFits:
     """A model on the targets of some observations: one program for all robust losses and penalties."""
 
-    def __init__(self, formulation: Formulation, targets: ElasticTargets) -> None:
+    def __init__(self, formulation: Formulation, rows: ElasticRows) -> None:
         """Take what was formulated."""
-        self.targets = targets
-        self.total = float(np.linalg.norm(targets.d, axis=1).sum())  #: sum of the lengths of the readings [m]
-        A = targets.A[..., formulation.columns] * (formulation.unit / self.total)
-        self._norms = NormSum(A, targets.d / self.total, formulation.cone, formulation.penalised)
+        self.rows, d = rows, rows.of_targets[..., -1]
+        self.total = float(np.linalg.norm(d, axis=1).sum())  #: sum of the lengths of the readings [m]
+        A = rows.of_targets[..., formulation.columns] * (formulation.unit / self.total)
+        self._norms = NormSum(A, d / self.total, formulation.cone, formulation.penalised)
         self._absolute: dict[tuple[float, float, float | None], ConeSolution] = {}
 
     def program(self, weight: float, threshold: float) -> RobustProgram:
@@ -122,7 +126,7 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return self.formulation.size
-        return self._fits.total / len(self._fits.targets.d)
+        return self._fits.total / self._fits.rows.targets
 
     def fit(self, weight: float, *, gap: float, accepted: float | None = None) -> LossFit:
         """Fit.
@@ -193,11 +197,10 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return rows, self.formulation, weight
-        targets = self._fits.targets
-        norms = np.linalg.norm(targets.residuals(compliances), axis=1)
+        norms = rows.lengths(compliances)
         if threshold == 0.0:
             threshold = self.model.threshold * max(self.scale_of(norms), self._sigma or 0.0)
-        weighted = targets.weighted(rows, threshold / np.maximum(norms, threshold))
+        weighted = rows.weighted(threshold / np.maximum(norms, threshold))
         seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
         formulation = formulate(weighted, self.model, seen)
         return weighted, formulation, 2.0 * self._fits.total * threshold * weight / formulation.size**2
@@ -213,7 +216,7 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return weight
-        length = float(np.linalg.norm(self._fits.targets.residuals(compliances), axis=1).mean())
+        length = float(self._fits.rows.lengths(compliances).mean())
         return max(2.0 * self._fits.total * length * weight / self.formulation.size**2, _LEAST_WEIGHT)
 
     @property

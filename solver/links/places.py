@@ -8,7 +8,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import to_matrix
-from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks
+from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, skew
 from jointstiff.solver.robot.model import Robot

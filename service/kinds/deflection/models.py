@@ -29,7 +29,7 @@ from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.deflection.own_weight import IdentifiedWeight, OwnWeight
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fitting.fit import Likelihood
-from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.robot.model import Robot
 
 MAX_CASE_WORK: Final = 150_000

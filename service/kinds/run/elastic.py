@@ -31,19 +31,26 @@ from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.screening import Screening
-from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold, refined
-from jointstiff.solver.links.estimate import ElasticEstimate
-from jointstiff.solver.links.estimation import (
+from jointstiff.solver.links.choice import (
+    FoldFit,
+    Folds,
+    HeldOut,
+    fit_fold,
+    judge_losses,
+    judge_penalty,
+    refined,
+    select_model,
+)
+from jointstiff.solver.links.fit import (
+    ElasticEstimate,
     effective_compliances,
     effective_intervals,
     first_certified,
     refuse_unsupported_elastic,
+    with_links,
 )
-from jointstiff.solver.links.joints import with_links
 from jointstiff.solver.links.losses import compared_losses
 from jointstiff.solver.links.model import MODELS, ElasticModel, Loss
-from jointstiff.solver.links.penalty import judge_losses, judge_penalty
-from jointstiff.solver.links.selection import HeldOut, select_model
 
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""

@@ -10,11 +10,9 @@ from jointstiff.schemas.run.run import ModelChoice, PlainModel, RunResult
 from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.inference.screening import LINKS_LEVEL, Screening
-from jointstiff.solver.links.cross_validation import WEIGHTS, Plan
-from jointstiff.solver.links.estimate import ElasticEstimate
-from jointstiff.solver.links.model import LOSSES, Loss
-from jointstiff.solver.links.regressor import ElasticColumns
-from jointstiff.solver.links.selection import HeldOut, Selection
+from jointstiff.solver.links.choice import WEIGHTS, HeldOut, Plan, Selection
+from jointstiff.solver.links.fit import ElasticEstimate
+from jointstiff.solver.links.model import LOSSES, ElasticColumns, Loss
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
 

@@ -31,7 +31,7 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.lack_of_fit import widened
 from jointstiff.solver.inference.prediction import predict, predict_encoders
 from jointstiff.solver.inference.screening import Screening, screen_estimate
-from jointstiff.solver.links.estimation import refuse_unsupported_elastic
+from jointstiff.solver.links.fit import refuse_unsupported_elastic
 from jointstiff.solver.resampling import Resamples, summarise
 
 

@@ -29,7 +29,7 @@ from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import in_process
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
-from jointstiff.solver.links.cross_validation import LIMITS, WEIGHTS
+from jointstiff.solver.links.choice import LIMITS, WEIGHTS
 
 INCLUDED = RunOptions(complementary_stiffness="included")
 

@@ -16,10 +16,9 @@ from jointstiff.solver.deflection.compensation import CorrectionLimits, compensa
 from jointstiff.solver.deflection.elastic import ElasticPredictor
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.links.cross_validation import Folds, Plan
-from jointstiff.solver.links.estimation import estimate_elastic
-from jointstiff.solver.links.model import ElasticModel
-from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.choice import Folds, Plan
+from jointstiff.solver.links.fit import estimate_elastic
+from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf

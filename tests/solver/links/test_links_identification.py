@@ -19,28 +19,39 @@ from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_ou
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.links.cross_validation import (
+from jointstiff.solver.links.choice import (
     LIMITS,
     WEIGHTS,
     Folds,
+    HeldOut,
     Plan,
     chosen_weight,
     fit_fold,
+    judge_losses,
+    judge_penalty,
     refined,
+    select_model,
+    simplest_of,
 )
-from jointstiff.solver.links.effective import effective_rows
-from jointstiff.solver.links.estimation import (
+from jointstiff.solver.links.fit import (
     effective_compliances,
     effective_intervals,
+    effective_rows,
     estimate_elastic,
     first_certified,
     refuse_unsupported_elastic,
 )
 from jointstiff.solver.links.losses import compared_losses
-from jointstiff.solver.links.model import LOSSES, MODELS, ElasticModel, formulate
-from jointstiff.solver.links.penalty import judge_losses, judge_penalty
-from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks, elastic_rows
-from jointstiff.solver.links.selection import HeldOut, select_model, simplest_of
+from jointstiff.solver.links.model import (
+    LOSSES,
+    MODELS,
+    ElasticColumns,
+    ElasticModel,
+    ElasticRows,
+    elastic_blocks,
+    elastic_rows,
+    formulate,
+)
 from jointstiff.solver.robot.configuration import Configurations
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))

@@ -1,4 +1,4 @@
-"""Cross-validation over configurations: what a model fitted to some predicts of the others (method.md §7).
+"""Choice of model, loss and penalty by cross-validation over configurations (method.md §7).
 
 Each fold is compressed once. The training set of a fold merges the triangles of the others, whatever the
 weight and the model; an error of prediction is that of the held-out fold's triangle.
@@ -6,23 +6,31 @@ weight and the model; an error of prediction is that of the held-out fold's tria
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.links.losses import MOST_TARGETS, LossProblem, TargetFits
-from jointstiff.solver.links.model import ElasticModel, Formulation, ModelName, formulate
-from jointstiff.solver.links.regressor import (
+from jointstiff.solver.inference.screening import CLEAR_GAIN, HeldOutGain
+from jointstiff.solver.links.losses import LossProblem, TargetFits
+from jointstiff.solver.links.model import (
+    LOSSES,
+    MODELS,
+    MOST_TARGETS,
     ElasticColumns,
+    ElasticModel,
     ElasticRows,
-    ElasticTargets,
+    Formulation,
+    Loss,
+    ModelName,
+    elastic_blocks,
     elastic_rows,
-    elastic_targets,
+    formulate,
 )
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
@@ -136,14 +144,6 @@ class Folds:
         """Return the compressed rows of the whole set."""
         return ElasticRows.merged(list(self.rows[: self.per_draw]))
 
-    @cached_property
-    def targets(self) -> tuple[ElasticTargets, ...]:
-        """Return the rows of the targets of each fold, one by one."""
-        return tuple(
-            elastic_targets(self._robot, self._measurements[indices], self.columns)
-            for indices in self.held_out
-        )
-
     def training(self, fold: int | None) -> ElasticRows:
         """Return the compressed rows of all folds of a draw but one."""
         if fold is None:
@@ -166,16 +166,14 @@ class Folds:
             self._formulations[key] = formulate(self.training(fold), model, self.visible)
         formulation = self._formulations[key]
         if model.loss != "squared" and key not in self._fits:
-            targets = ElasticTargets.merged([self.targets[other] for other in self._others(fold)])
-            self._fits[key] = TargetFits(formulation, targets)
+            self._fits[key] = TargetFits(formulation, self.training(fold))
         return LossProblem(model, formulation, self._fits.get(key), self.sigma)
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
         """(W,) prediction errors [m] of compliances (W, P) in a fold; see `FoldFit`."""
-        if self.few:
-            held_out = self.targets[fold]
-            return np.array([np.linalg.norm(held_out.residuals(each), axis=1).mean() for each in compliances])
         rows = self.rows[fold]
+        if self.few:
+            return np.array([rows.lengths(each).mean() for each in compliances])
         residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
 
@@ -270,3 +268,236 @@ def chosen_weight(errors: FloatArray, rule: Rule, draws: int = 1) -> int:
         return best
     limit = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors) / draws)
     return int(np.flatnonzero(mean <= limit).max())
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Prediction of readings that were not used in the fit."""
+
+    model: ModelName  #: which
+    loss: Loss  #: which
+    error: float  #: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m]
+    penalty: float | None  #: weight λ that was chosen; None of joints alone
+    compensation: float  #: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
+    standard_error: float  #: standard error of that mean for one draw, from the spread of the folds
+    by_fold: FloatArray  #: (K,) compensation of each fold
+    #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
+    by_posture: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Models and losses side by side, from simple to rich."""
+
+    models: tuple[HeldOut, ...]  #: that were compared, each with all losses
+    best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
+    simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
+    #: gain of the best model but joints over joints alone; None where either has no answer
+    gain: HeldOutGain | None
+
+    def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
+        """Return a model with the loss of least held-out error."""
+        return _best_loss(self.models, model, losses)
+
+    def with_refined(self, refined: HeldOut) -> Selection:
+        """Return the same with a model at another penalty."""
+        key = refined.model, refined.loss
+        models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
+        return replace(self, models=models)
+
+
+def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
+    scores = [each for each in models if each.model == name and each.loss in losses]
+    return min(scores, key=lambda each: each.error)
+
+
+def select_model(
+    robot: Robot,
+    measurements: Measurements,
+    folds: Folds,
+    fits: Mapping[tuple[ModelName, Loss], Sequence[FoldFit]],
+    plan: Plan,
+    asked: ModelName | None = None,
+    *,
+    screened: bool = False,
+) -> Selection:
+    """Choose the weight of each model and loss, and compare them at these weights.
+
+    Args:
+        robot: n joints.
+        measurements: that the folds share out.
+        folds: of them.
+        fits: of each model and loss, one a fold.
+        plan: weights and rule.
+        asked: the model that must have an answer; one without certified answers is left out otherwise.
+        screened: whether a test has shown that something besides the joints bends.
+
+    Raises:
+        UnsupportedMethodError: that model has no weight with certified answers.
+    """
+    keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in fits]
+    errors = {key: np.array([fit.error for fit in fits[key]]) for key in keys}
+    answers = {key: bool(answered(errors[key]).any()) for key in keys}
+    none = not any(answers[key] for key in keys if key[0] == asked)
+    keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
+    places = [chosen_weight(errors[key], plan.rule, plan.draws) for key in keys]
+    chosen = np.array(
+        [[fit.compliances[place] for fit in fits[key]] for key, place in zip(keys, places, strict=True)]
+    )
+    _, posture = np.unique(measurements.joints, axis=0, return_inverse=True)
+    predicted = [
+        _compensation(robot, measurements[indices], folds, chosen[:, number])
+        for number, indices in enumerate(folds.held_out)
+    ]
+    compensation = np.array([each for each, _ in predicted]).T
+    norms = np.concatenate([each for _, each in predicted], axis=1)
+    of_posture = posture.reshape(-1)[np.concatenate(folds.held_out)]
+    by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
+    models = tuple(
+        _held_out(
+            key,
+            float(errors[key][:, place].mean()),
+            plan.weights[place],
+            compensation[number],
+            by_posture[number],
+            folds.per_draw,
+        )
+        for number, (key, place) in enumerate(zip(keys, places, strict=True))
+    )
+    by_name = [_best_loss(models, name, LOSSES) for name in MODELS if any(name == key[0] for key in keys)]
+    best = min(by_name, key=lambda each: float(each.by_posture.mean()))
+    return Selection(models, best.model, simplest_of(by_name, best, screened=screened), _gain(by_name))
+
+
+def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
+    """Return the simplest of models, from simple to rich, that predicts nearly as well as the best.
+
+    Nearly means one paired standard error; two for joints alone, unless a test has shown that something
+    besides them bends: without it nearly every other rigid campaign would get a model with more.
+    """
+    of_joints = 1.0 if screened else CLEAR_GAIN
+    return next(
+        each.model
+        for each in by_name
+        if _behind(each, best) <= (of_joints if each.model == "joints" else 1.0)
+    )
+
+
+def _behind(one: HeldOut, best: HeldOut) -> float:
+    """Return by how many paired standard errors a model predicts worse than the best."""
+    worse = one.by_posture - best.by_posture
+    spread = float(worse.std(ddof=1)) / np.sqrt(len(worse))
+    return float(worse.mean()) / spread if spread > 0.0 else 0.0
+
+
+def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
+    joints = next((each for each in by_name if each.model == "joints"), None)
+    others = [each for each in by_name if each.model != "joints"]
+    if joints is None or not others:
+        return None
+    best = min(others, key=lambda each: float(each.by_posture.mean()))
+    better = joints.by_posture - best.by_posture
+    return HeldOutGain(
+        best.model,
+        float(best.by_posture.mean()),
+        float(joints.by_posture.mean()),
+        float(better.std(ddof=1)) / np.sqrt(len(better)),
+    )
+
+
+def _held_out(
+    key: tuple[ModelName, Loss],
+    error: float,
+    weight: float,
+    by_fold: FloatArray,
+    by_posture: FloatArray,
+    per_draw: int,
+) -> HeldOut:
+    """Return mean and spread over the folds, of which a draw has so many."""
+    return HeldOut(
+        model=key[0],
+        loss=key[1],
+        error=error,
+        penalty=None if key[0] == "joints" else weight,
+        compensation=float(by_fold.mean()),
+        standard_error=float(by_fold.std(ddof=1) / np.sqrt(per_draw)),
+        by_fold=by_fold,
+        by_posture=by_posture,
+    )
+
+
+def _compensation(
+    robot: Robot, measurements: Measurements, folds: Folds, compliances: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Predict some observations by the compliances (M, P) of M models.
+
+    Returns:
+        (M,) compensation; (M, N) mean norm of the residuals of each observation's targets [m].
+    """
+    left, moved, norms = np.zeros(len(compliances)), 0.0, []
+    for block, rows in elastic_blocks(robot, measurements, folds.columns):
+        part = block.measurements
+        predicted = np.einsum("btip,mp->mbti", rows[..., :-1], compliances)
+        residual = np.linalg.norm(part.deflection - predicted, axis=-1)
+        count = np.maximum(part.present.sum(axis=1), 1)
+        norms.append(np.where(part.present, residual, 0.0).sum(axis=-1) / count)
+        left += residual[:, part.present].sum(axis=1)
+        moved += float(np.linalg.norm(part.deflection, axis=-1)[part.present].sum())
+    compensation = 1.0 - left / moved if moved > 0.0 else np.zeros(len(compliances))
+    return compensation, np.concatenate(norms, axis=1)
+
+
+def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
+    """Report a penalty under which no link bends, the least of all, or one that gave way to a larger one.
+
+    Args:
+        chosen: weight λ of least held-out residual.
+        used: weight of the fit, the first from there on whose optimum is certified.
+    """
+    if chosen >= WEIGHTS[-1]:
+        yield Finding(
+            code="link_penalty_at_end",
+            weight="use",
+            message=(
+                f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best "
+                "when "
+                "hardly any link bends"
+            ),
+            remedy="use elasticity joints; compare the models' held-out compensation in `selection`",
+        )
+    elif chosen <= LIMITS[0]:
+        yield Finding(
+            code="link_penalty_at_end",
+            weight="use",
+            message=(
+                f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
+                "hardly need one, and the penalty does not bias the links"
+            ),
+            remedy="give link_penalty to try a smaller one; predictions will hardly change",
+        )
+    if used > chosen:
+        yield Finding(
+            code="link_penalty_raised",
+            weight="use",
+            message=(
+                f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the certificate of "
+                f"its optimum: {used:.3g} was used instead"
+            ),
+            remedy="compare `selection`; give link_penalty, or choose fewer links",
+        )
+
+
+def judge_losses(targets: int) -> Iterator[Finding]:
+    """Report that losses were not compared in a set of too many targets."""
+    if targets > MOST_TARGETS:
+        yield Finding(
+            code="loss_not_compared",
+            weight="use",
+            message=(
+                f"loss squared was used: other losses are compared only in sets of at most {MOST_TARGETS} "
+                f"targets, and this one has {targets}"
+            ),
+            remedy=(
+                "leave observations out to compare losses; with this many readings the loss matters little"
+            ),
+        )

@@ -1,0 +1,553 @@
+"""Fit of a model of elastic links with a penalty whose weight is known, and what it says (method.md §7).
+
+A rotation of joint j and a rotation of its link about the same axis move every target alike, so that readings
+determine at most their sum ``c_j + a_jᵀ C_j,rot a_j``, with a_j the axis in the joint's frame: the effective
+compliance. Its interval is the range over all compliances of the cone whose penalised squares exceed the
+least by no more than ``(q σ)²``, q the quantile: a profile, as for joints alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Final, Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.convex.conic import (
+    diagonal,
+    effective_freedom,
+    entries,
+    penalised_range,
+    raised,
+    solve_cone,
+    to_matrix,
+    weights,
+)
+from jointstiff.solver.convex.solution import Certificate
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fitting.fit import student_quantile
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import Prediction
+from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.links.choice import Folds
+from jointstiff.solver.links.losses import LossProblem
+from jointstiff.solver.links.model import (
+    ElasticColumns,
+    ElasticModel,
+    ElasticRows,
+    Formulation,
+    elastic_blocks,
+)
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+
+ElementKind = Literal["joint", "coupling", "link"]
+
+
+@dataclass(frozen=True)
+class LinkCertificate:
+    """Evidence of optimality, from the data."""
+
+    least_eigenvalue: float  #: of the matrices as they are returned, each in SI units; zero or positive
+    dual: float  #: how far the slack matrices are from positive semidefinite, over the weight of the penalty
+    #: in units of `scale`. Squared loss: bound of the distance, over all weighted readings, between what is
+    #: fitted and what the optimum fits. Robust losses: bound of the objective's excess over the optimum, as
+    #: mean norm of a target's residual.
+    gap: float
+    scale: float  #: sigma where it is given, else the residual scale of joints alone [m]
+    tolerance: float  #: tolerance of Clarabel, that sufficed
+
+
+@dataclass(frozen=True, eq=False)
+class PrincipalCompliance:
+    """A principal compliance [m/N] or [rad/(N·m)] and its direction (3,), a unit vector."""
+
+    value: float
+    direction: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LinkCompliance:
+    """The compliance of a link, in the frame of the joint that carries it."""
+
+    joint: int  #: index of that joint
+    #: (6, 6) displacement (m, then rad) by the load's wrench (N, then N·m), about the origin of the joint's
+    #: frame and in its axes
+    matrix: FloatArray
+    translation: tuple[PrincipalCompliance, ...]  #: three principal compliances [m/N], largest first
+    rotation: tuple[PrincipalCompliance, ...]  #: the same of rotations [rad/(N·m)]
+    effective_freedom: float  #: how many of its numbers the readings determine
+    parameters: int  #: how many numbers it has
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """Contribution of an element to the deflection."""
+
+    kind: ElementKind  #: a joint, the coupling between joints, or a link
+    joint: int | None  #: index of the joint, or of the one that carries the link; None for the coupling
+    share: float  #: share of the measured deflection, ``Σ δp_e·δp / Σ ‖δp‖²`` over the set
+    by_observation: FloatArray  #: (N,) the same of each observation; zero where nothing moved
+
+
+@dataclass(frozen=True, eq=False)
+class Companion:
+    """Plain squares beside an estimate: what its uncertainties are computed with.
+
+    Those whose weights give a robust loss's optimum count a residual that the loss makes zero many times, and
+    promise too much.
+    """
+
+    formulation: Formulation  #: formulation of the whole set
+    weight: float  #: λ of its penalty
+    #: sigma of one coordinate of one reading, of the residuals where these exceed what is stated [m]; None
+    #: without degrees of freedom
+    sigma: float | None
+    degrees_of_freedom: float | None  #: of a sigma that comes from residuals; None for one that was given
+
+    def quantile(self, confidence: float) -> float:
+        """Return half the width of a two-sided interval in standard uncertainties."""
+        return student_quantile(0.5 * (1.0 + confidence), self.degrees_of_freedom)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticEstimate:
+    """Joint and link compliances with their evidence."""
+
+    model: ElasticModel  #: what bends
+    penalty: float  #: weight λ of the penalty
+    compliance: FloatArray  #: (n,) of the joints [rad/(N·m)]; NaN where the readings do not see one
+    #: (n, n) full joint compliance [rad/(N·m)], zero in rows of joints that are not seen; None where joints
+    #: are not coupled
+    coupled_joints: FloatArray | None
+    entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
+    links: tuple[LinkCompliance, ...]  #: links that bend
+    elements: tuple[Element, ...]  #: what each explains
+    prediction: Prediction  #: prediction of all deflections
+    sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
+    chi_square: float  #: chi square of the weighted residuals, under sigma
+    degrees_of_freedom: float  #: readings less effective freedom
+    effective_freedom: float  #: effective freedom of the whole model: how many numbers the readings determine
+    parameters: int  #: how many numbers the model has
+    certificate: LinkCertificate  #: certificate of optimality
+    companion: Companion  #: what uncertainties are computed with
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the measured deflection that no element explains."""
+        return 1.0 - sum(element.share for element in self.elements)
+
+
+def principal(block: FloatArray) -> tuple[PrincipalCompliance, ...]:
+    """Return the principal compliances of a block (3, 3), largest first."""
+    values, vectors = np.linalg.eigh(block)
+    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), vectors[:, ::-1].T, strict=True)
+    return tuple(PrincipalCompliance(value, direction) for value, direction in pairs)
+
+
+CERTIFIED_GAP: Final = 1e-2
+"""Largest gap of an accepted certificate, in units of sigma."""
+_DESIRED_GAP: Final = 1e-3
+"""Gap aimed at where rounding allows it: the ranks of the matrices are then certain."""
+_SOLVED_GAP: Final = 0.8 * CERTIFIED_GAP
+"""Largest gap of the solution: raising its matrices to be semidefinite may add a little."""
+_LEAST_SCALE: Final = 1e-6
+"""Smallest residual scale relative to the readings: data without noise need a scale, too."""
+_LEAST_FREEDOM: Final = 0.5
+"""Degrees of freedom below which the residuals do not determine sigma."""
+
+
+def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
+    """Refuse what does not go with more than joints, before any work is done.
+
+    K_c is left out where links bend, whatever the settings: at 1 kN it changes 0.05 % of a deflection.
+
+    Raises:
+        UnsupportedMethodError: naming the option and what to do.
+    """
+    positive = bool((settings.bounds.lower == 0.0).all() and np.isinf(settings.bounds.upper).all())
+    refused = (
+        (settings.method != "partial_pose", "method", "use method partial_pose"),
+        (settings.weighting != "covariance", "weighting", "use weighting covariance"),
+        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `non_negative` true"),
+        (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
+        (settings.prior is not None, "priors", "omit `priors`"),
+        (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
+        (measurements.direction is not None, "directional_readings", "omit the readings along a direction"),
+    )
+    for is_refused, where, remedy in refused:
+        if is_refused:
+            raise UnsupportedMethodError(
+                f"an elasticity other than joints cannot be combined with this {where.replace('_', ' ')}",
+                where=where,
+                remedy=f"{remedy}, or use elasticity joints",
+            )
+
+
+def estimate_elastic(
+    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, weight: float
+) -> ElasticEstimate:
+    """Fit a model to a whole set.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        folds: of the measurements, for their compressed rows.
+        model: what bends besides the joints; not joints alone, which need no penalty.
+        weight: λ > 0 of the penalty.
+
+    Raises:
+        UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
+    """
+    rows, problem = folds.all_rows, folds.problem(model)
+    formulation = problem.formulation
+    scale = _scale(formulation, rows, measurements.sigma)
+    unit = scale / problem.size
+    try:  # as exactly as rounding allows, and certified in any case
+        fitted = problem.fit(weight, gap=_DESIRED_GAP * unit, accepted=_SOLVED_GAP * unit)
+    except SolverError as error:
+        raise _uncertified(weight) from error
+    solution, columns = fitted.solution, model.columns
+    compliances, least = _returned(formulation.compliances(solution.x), model)
+    gap = problem.gap_at(compliances, weight, fitted) / unit
+    if not gap <= CERTIFIED_GAP:
+        raise _uncertified(weight)
+    weighted, shared, shared_weight = problem.companion(rows, compliances, weight, fitted.threshold)
+    freedom, left, sigma, chi_square = _residuals(
+        weighted, shared, shared_weight, compliances, measurements.sigma
+    )
+    elements, prediction = _explained(robot, measurements, model, compliances)
+    seen = np.isin(np.arange(robot.n), formulation.columns)
+    joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
+    return ElasticEstimate(
+        model=model,
+        penalty=weight,
+        compliance=np.where(seen, np.diagonal(joints), np.nan),
+        coupled_joints=joints if model.name == "coupled_joints" else None,
+        entries=compliances,
+        links=tuple(_links(compliances, model, freedom)),
+        elements=elements,
+        prediction=prediction,
+        sigma=sigma,
+        chi_square=chi_square,
+        degrees_of_freedom=left,
+        effective_freedom=float(freedom.sum()),
+        parameters=len(formulation.columns),
+        certificate=LinkCertificate(least, solution.certificate.dual, gap, float(scale), solution.tolerance),
+        companion=_companion(problem, rows, compliances, weight, measurements.sigma),
+    )
+
+
+def _companion(
+    problem: LossProblem, rows: ElasticRows, compliances: FloatArray, weight: float, stated: float | None
+) -> Companion:
+    """Return the plain squares beside a fit, their sigma raised where the residuals exceed what is stated."""
+    weight = problem.weight_of_squares(compliances, weight)
+    _, left, sigma, chi_square = _residuals(rows, problem.formulation, weight, compliances, stated)
+    if stated is None or sigma is None:
+        return Companion(problem.formulation, weight, sigma, left)
+    excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
+    return Companion(problem.formulation, weight, sigma * max(1.0, excess), None)
+
+
+def first_certified(
+    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, weights: Sequence[float]
+) -> ElasticEstimate:
+    """Fit a model with the first of some ascending weights whose optimum is certified.
+
+    Raises:
+        UnsupportedMethodError: none is; the error is that of the last.
+    """
+    for weight in weights[:-1]:
+        try:
+            return estimate_elastic(robot, measurements, folds, model, weight)
+        except UnsupportedMethodError:
+            continue
+    return estimate_elastic(robot, measurements, folds, model, weights[-1])
+
+
+def _residuals(
+    rows: ElasticRows, squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
+) -> tuple[FloatArray, float, float | None, float]:
+    """Return the freedom (P,) of each column, what is left, sigma [m] and chi-square under it.
+
+    Sigma is of the residuals if it is not given.
+    """
+    x = compliances[squares.columns] / squares.unit
+    freedom = np.zeros(squares.width)
+    freedom[squares.columns] = effective_freedom(squares.program(weight), x)
+    left = max(0.0, rows.readings - float(freedom.sum()))
+    total = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
+    if sigma is None and left >= _LEAST_FREEDOM:
+        sigma = sqrt(total / left)
+    return freedom, left, sigma, total / sigma**2 if sigma else 0.0
+
+
+def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> float:
+    """Return the unit of gaps [m]: sigma, or the residuals where they are greater.
+
+    The residual scale of joints alone, with its model error as noise, replaces an unknown sigma.
+    The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
+    needed more exactly than that.
+    """
+    fit, joints = formulation.fit, formulation.joints
+    R = fit.R[:, joints]
+    alone = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
+    least = float(np.linalg.norm(fit.R @ fit.near - fit.z))
+    stated = sigma or max(alone, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - len(joints)))
+    return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
+
+
+def _uncertified(weight: float) -> UnsupportedMethodError:
+    return UnsupportedMethodError(
+        f"with a penalty of {weight:.3g} rounding hides which links bend: no optimum can be certified",
+        where="link_penalty",
+        remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
+    )
+
+
+def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
+    """(P,) compliances whose matrices, in SI units, have no computed eigenvalue below zero, and the least."""
+    out, columns = compliances.copy(), model.columns
+    places = [(6, columns.link(joint)) for joint in columns.links] + [(columns.n, columns.coupling)]
+    least = [float(out[columns.joints].min())]
+    for size, own in places:
+        if out[own].any():
+            out[own] = raised(out[own], size)
+            least.append(float(np.linalg.eigvalsh(to_matrix(out[own], size)).min()))
+    return out, min(least)
+
+
+def effective_compliances(robot: Robot, elastic: ElasticEstimate) -> FloatArray:
+    """(n,) of the joints with their links' rotations about their axes [rad/(N·m)]; NaN of joints not seen."""
+    effective = effective_rows(robot, elastic.model.columns) @ elastic.entries
+    return np.where(np.isnan(elastic.compliance), np.nan, effective)
+
+
+def effective_intervals(
+    robot: Robot, elastic: ElasticEstimate, confidence: float
+) -> EffectiveIntervals | None:
+    """Return the intervals of the effective compliances; None where no uncertainty is known."""
+    companion = elastic.companion
+    if companion.sigma is None:
+        return None
+    rows = effective_rows(robot, elastic.model.columns)
+    with suppress(SolverError):
+        return EffectiveIntervals.of(
+            companion.formulation,
+            companion.weight,
+            rows,
+            rows @ elastic.entries,
+            sigma=companion.sigma,
+            quantile=companion.quantile(confidence),
+        )
+    return None
+
+
+def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) -> Iterator[LinkCompliance]:
+    if model.name in {"joints", "coupled_joints"}:
+        return
+    for joint in model.columns.links:
+        own = model.columns.link(joint)
+        matrix = to_matrix(compliances[own], 6)
+        yield LinkCompliance(
+            joint=joint,
+            matrix=matrix,
+            translation=principal(matrix[:3, :3]),
+            rotation=principal(matrix[3:, 3:]),
+            effective_freedom=float(freedom[own].sum()),
+            parameters=6 if model.name == "diagonal_links" else len(own),
+        )
+
+
+def _explained(
+    robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
+) -> tuple[tuple[Element, ...], Prediction]:
+    """Return what each element explains of the measured deflections, and all of them together."""
+    places = list(_places(model))
+    predicted, along = [], []
+    for block, rows in elastic_blocks(robot, measurements, model.columns):
+        # Whatever was not read is zero, in the rows as in the deflections.
+        weighed = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
+        along.append(np.stack([weighed[:, own].sum(axis=1) for _, _, own in places]))
+        predicted.append(rows[..., :-1] @ compliances)
+    moved = np.square(measurements.deflection).sum(axis=(1, 2))
+    worked = np.concatenate(along, axis=1)
+    share = np.divide(worked, moved, out=np.zeros_like(worked), where=moved > 0.0)
+    elements = tuple(
+        Element(kind, joint, float(worked[number].sum() / moved.sum()), share[number])
+        for number, (kind, joint, _) in enumerate(places)
+    )
+    return elements, Prediction.of(measurements, np.concatenate(predicted))
+
+
+def _places(model: ElasticModel) -> Iterator[tuple[ElementKind, int | None, IndexArray]]:
+    """Kind, joint and columns of each element."""
+    columns = model.columns
+    own = columns.coupling[diagonal(columns.n)]
+    for joint in range(columns.n):
+        yield "joint", joint, np.array([columns.joints[joint], own[joint]])
+    if model.name == "coupled_joints":
+        yield "coupling", None, np.setdiff1d(columns.coupling, own)
+    elif model.name != "joints":
+        for joint in columns.links:
+            yield "link", joint, columns.link(joint)
+
+
+_LIGHTER: Final = 0.3
+"""Penalty of the intervals relative to the one that predicts best. That one trades bias for variance, so that
+its bias is no smaller than its dispersion; under a lighter one dispersion outweighs bias (undersmoothing)."""
+_NOTHING: Final = 1e-4
+"""Least lower end relative to the upper: cone programs stop short of zero."""
+_GAP: Final = 1e-4
+"""Gap of the point in whose neighbourhood the intervals lie, relative to the readings."""
+
+
+def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
+    """Return rows (n, P) that take the compliances to the effective ones [rad/(N·m)]."""
+    rows = np.zeros((columns.n, columns.width))
+    rows[np.arange(columns.n), columns.joints] = 1.0
+    rows[np.arange(columns.n), columns.coupling[diagonal(columns.n)]] = 1.0
+    i, j = entries(6)
+    for joint in columns.links:
+        axis = np.concatenate([np.zeros(3), robot.chain.revolute[joint].axis])
+        rows[joint, columns.link(joint)] = axis[i] * axis[j] * weights(6)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class EffectiveIntervals:
+    """Intervals of the n effective compliances."""
+
+    ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]; NaN where an end was not found
+    uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
+
+    @classmethod
+    def of(
+        cls,
+        formulation: Formulation,
+        weight: float,
+        rows: FloatArray,
+        effective: FloatArray,
+        *,
+        sigma: float,
+        quantile: float,
+    ) -> EffectiveIntervals:
+        """Find the range of each where the objective is near its least, under a lighter penalty.
+
+        Args:
+            formulation: of the whole set, under squares.
+            weight: λ that predicts best.
+            rows: (n, P) that take the compliances to the effective ones.
+            effective: (n,) estimated, which the intervals contain in any case.
+            sigma: of one coordinate of one reading [m].
+            quantile: of the interval.
+
+        Raises:
+            SolverError: the program with the lighter penalty has no certified answer.
+        """
+        program = formulation.program(_LIGHTER * weight)
+        x = solve_cone(program, gap=_GAP).x
+        functions = rows[:, formulation.columns] * formulation.unit
+        ends = penalised_range(program, x, (quantile * sigma / formulation.size) ** 2, functions)
+        ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
+        ends[:, 1] = np.maximum(ends[:, 1], effective)
+        ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
+        return cls(ends, 0.5 * (ends[:, 1] - ends[:, 0]) / quantile)
+
+    def without_ends(self) -> EffectiveIntervals:
+        """Return the uncertainties alone, for a penalty that was given, not chosen by prediction."""
+        return EffectiveIntervals(np.full_like(self.ends, np.nan), self.uncertainty)
+
+
+LARGEST_UNCERTAINTY: Final = 0.5
+"""Relative standard uncertainty of an effective compliance above which it is poorly known."""
+
+RIGID: Final = 1e-12
+"""Compliance [rad/(N·m)] that no reading tells from none: cone programs stop short of zero."""
+
+_TOGETHER: Final = (
+    "effective: the joint and its link's rotation about its axis together, which readings do not tell apart"
+)
+
+
+def with_links(
+    estimate: Estimate, elastic: ElasticEstimate, effective: FloatArray, intervals: EffectiveIntervals | None
+) -> Estimate:
+    """Return the estimate of the effective compliances about the joints' axes.
+
+    Args:
+        estimate: of joints alone.
+        elastic: with links.
+        effective: (n,) effective compliances; NaN of joints that are not seen.
+        intervals: of them; None where nothing is known of their uncertainty.
+    """
+    bends = {link.joint for link in elastic.links}
+    unknown = np.full(2, np.nan)
+    joints = tuple(
+        _joint(
+            joint,
+            float(effective[j]),
+            np.nan if intervals is None else float(intervals.uncertainty[j]),
+            unknown if intervals is None else intervals.ends[j],
+            with_link=j in bends,
+        )
+        for j, joint in enumerate(estimate.joints)
+    )
+    certificate = elastic.certificate
+    evidence = Certificate(
+        primal=max(0.0, -certificate.least_eigenvalue),
+        dual=certificate.dual,
+        gap=certificate.gap,
+        multipliers=np.zeros(0),
+        solved_by="clarabel",
+    )
+    return replace(
+        estimate,
+        joints=joints,
+        compliance=np.nan_to_num(effective),
+        covariance=None,
+        sigma=elastic.sigma,
+        chi_square=elastic.chi_square,
+        degrees_of_freedom=elastic.degrees_of_freedom,
+        complementary_stiffness=None,
+        certificates=(evidence,),
+    )
+
+
+def _joint(
+    joint: JointCompliance, compliance: float, uncertainty: float, ends: FloatArray, *, with_link: bool
+) -> JointCompliance:
+    """Return the result about a joint's axis; a joint that is not observable stays so."""
+    if joint.status == "not_observable" or np.isnan(compliance):
+        return joint
+    rigid = compliance < RIGID
+    known = bool(np.isfinite(ends).all())
+    return JointCompliance(
+        name=joint.name,
+        status="at_bound" if rigid else "identified" if uncertainty < compliance else "uncertain",
+        compliance=0.0 if rigid else compliance,
+        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
+        compliance_interval=(float(ends[0]), float(ends[1])) if known else None,
+        reason=_remarks(compliance, uncertainty, rigid=rigid, with_link=with_link),
+    )
+
+
+def _remarks(compliance: float, uncertainty: float, *, rigid: bool, with_link: bool) -> str | None:
+    """Return what there is to say about the number."""
+    if rigid:
+        return "the links explain the readings without it"
+    remarks = [_TOGETHER] if with_link else []
+    if not np.isfinite(uncertainty):
+        remarks.append("no interval: the range of compliances that fit the readings was not found")
+    elif uncertainty > LARGEST_UNCERTAINTY * compliance:
+        remarks.append(
+            f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): links can "
+            "replace it"
+        )
+    return "; ".join(remarks) or None
