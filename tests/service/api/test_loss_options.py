@@ -9,12 +9,10 @@ import pytest
 from support.campaigns import prepare
 from typer.testing import CliRunner
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -44,9 +42,7 @@ def command(monkeypatch, tmp_path, document):
 
 def result(document, **options) -> RunResult:
     robot, measurements = prepare(document)
-    observations = Campaign.model_validate_json(json.dumps(document)).measurement_set.observations
-    readings = ReadingArrays.from_observations(observations)
-    prepared = PreparedSet(robot, measurements, readings, [], "robot", "hash")
+    prepared = PreparedSet(robot, measurements, [], "robot", "hash")
     return run_identification(prepared, RunOptions(**options))
 
 
@@ -85,12 +81,11 @@ def test_every_run_tells_the_complementary_stiffness(document, method):
 
 def test_it_warns_where_it_matters_and_says_the_remedy(document):
     method = "decoupled_partial_pose"
-    remedies = {
-        warning.code: warning.remedy for warning in result(document, method=method, **NEGLECTED).warnings
-    }
+    neglected = result(document, method=method, **NEGLECTED)
+    remedies = {reason.code: reason.remedy for reason in neglected.assessment.reasons}
     assert remedies["complementary_stiffness_matters"] == "set complementary_stiffness: included"
     included = result(document, method=method)
-    assert "complementary_stiffness_matters" not in {warning.code for warning in included.warnings}
+    assert "complementary_stiffness_matters" not in {reason.code for reason in included.assessment.reasons}
 
 
 def test_readings_without_a_balance_are_identified_without_it():
@@ -103,9 +98,9 @@ def test_readings_without_a_balance_are_identified_without_it():
     found = result(wrong)
     size = found.complementary_stiffness
     assert (size.included, size.iterations) == (False, 0)
-    (warning,) = (each for each in found.warnings if each.code == "complementary_stiffness_matters")
-    assert "had to be neglected: there is no equilibrium" in warning.message
-    assert "units" in warning.remedy
+    (reason,) = (each for each in found.assessment.reasons if each.code == "complementary_stiffness_matters")
+    assert "had to be neglected: there is no equilibrium" in reason.message
+    assert "units" in reason.remedy
     assert found.assessment.verdict == "do_not_use"
     assert "include_complementary_stiffness" not in {
         reason.action.kind for reason in found.assessment.reasons if reason.action
