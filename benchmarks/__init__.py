@@ -2,7 +2,7 @@
 
     python -m benchmarks                  about two minutes
     python -m benchmarks small post       only these
-    python -m benchmarks --quick          tiny sizes, a smoke test that judges nothing
+    python -m benchmarks --quick          tiny sizes, a smoke test that judges nothing; with --all each night
     python -m benchmarks --json FILE      the same numbers, and every single time, for other programs
 
 `performance/` compares times and memory, `studies/` proves numbers, `attacks/` breaks things. What several of
