@@ -11,8 +11,15 @@ import numpy as np
 
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.trend.baseline import LEAST_BASELINE, Baseline, pooled_excess
-from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, alarm_level, monitor
+from jointstiff.solver.trend import (
+    FALSE_ALARMS,
+    LEAST_BASELINE,
+    LIFE,
+    Baseline,
+    alarm_level,
+    monitor,
+    pooled_excess,
+)
 
 __all__ = ["run"]
 
@@ -165,7 +172,7 @@ def _alarms(true: FloatArray, noise: FloatArray, scale: FloatArray) -> BoolArray
     # A compliance near zero would not enter the chart; none is as low as this.
     values, u = -np.log(np.maximum(read, 0.05)), scale / np.maximum(read, 0.05)
     baseline = Baseline.of(values[..., :LEAST_BASELINE], u[..., :LEAST_BASELINE])
-    excess = pooled_excess(baseline.scatter.sum(-1), JOINTS * baseline.freedom)
+    excess = pooled_excess(baseline.scatter.sum(-1), JOINTS * (LEAST_BASELINE - 1))
     after = values[..., LEAST_BASELINE:], u[..., LEAST_BASELINE:]
     found = monitor(baseline, np.repeat(excess[:, None], JOINTS, axis=1), *after, alarm_level(JOINTS))
     return found.exceeded

@@ -20,13 +20,18 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.run.budgets import to_joint_budgets
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
+from jointstiff.solver.compare import (
+    Campaign,
+    JointRatio,
+    compare_campaigns,
+    models_differ,
+    refuse_other_joints,
+)
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimate import refuse_unsupported
+from jointstiff.solver.estimate import identify, refuse_unsupported
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.budget import UncertaintyBudget
-from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.paired.comparison import JointRatio, compare_pair
-from jointstiff.solver.paired.sides import PairSide, models_differ, refuse_other_joints
 
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",
@@ -55,8 +60,8 @@ class Side:
     options: RunOptions  # how to identify it
 
     @cached_property
-    def campaign(self) -> PairSide:
-        """The side as the numerical core takes it.
+    def settings(self) -> Settings:
+        """Return how to identify it.
 
         Raises:
             RequestError: the options do not fit the robot, or are for more than joints.
@@ -67,11 +72,17 @@ class Side:
                 where="options.elasticity",
                 remedy="use elasticity joints",
             )
+        return to_settings(self.options, self.prepared.robot)
+
+    @cached_property
+    def campaign(self) -> Campaign:
+        """Return the side identified by itself."""
         prepared = self.prepared
-        return PairSide(
+        return Campaign(
             robot=prepared.robot,
             measurements=prepared.measurements,
-            settings=to_settings(self.options, prepared.robot),
+            settings=self.settings,
+            estimate=identify(prepared.robot, prepared.measurements, self.settings),
         )
 
     @property
@@ -80,9 +91,10 @@ class Side:
         unasked = {"measurement_set_id", "resampling"}
         return hash_of(self.prepared.content, self.options.model_dump_json(exclude=unasked))
 
-    def assessed(self, estimate: Estimate) -> AssessedSide:
+    def assessed(self) -> AssessedSide:
         """Assess the side by itself."""
         campaign = self.campaign
+        estimate = campaign.estimate
         prediction = predict(
             campaign.robot,
             campaign.measurements,
@@ -117,9 +129,9 @@ def work(inputs: Inputs, request: PairRequest) -> QuickWork:
             what is asked for.
     """
     first, second = _side(inputs, "first", request), _side(inputs, "second", request)
-    refuse_other_joints(first.campaign.robot, second.campaign.robot)
+    refuse_other_joints(first.prepared.robot, second.prepared.robot)
     for side in (first, second):
-        refuse_unsupported(side.campaign.robot, side.campaign.measurements, side.campaign.settings)
+        refuse_unsupported(side.prepared.robot, side.prepared.measurements, side.settings)
     return QuickWork(
         compute=partial(_compare, first, second, ordered=request.ordered),
         input_hash=hash_of(first.content, second.content, str(request.ordered)),
@@ -147,8 +159,8 @@ def _side(inputs: Inputs, name: str, request: PairRequest) -> Side:
 
 def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
     one, other = first.campaign, second.campaign
-    pair = compare_pair(one, other, confidence=one.settings.confidence, ordered=ordered)
-    unlike = pair.avoided.matches.unlike
+    pair = compare_campaigns(one, other, confidence=one.settings.confidence, ordered=ordered)
+    unlike = pair.avoided.unlike
     warnings = []
     if models_differ(one.robot, other.robot):
         warnings.append(
@@ -170,25 +182,17 @@ def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
-    sides = first.assessed(pair.first), second.assessed(pair.second)
+    sides = first.assessed(), second.assessed()
     assessments = [side.assessment for side in sides]
-    if not pair.avoided.matches.first.size:
+    if not pair.avoided.matching:
         assessments.append(Assessment(verdict=_NOTHING_COMMON.weight, reasons=[_NOTHING_COMMON]))
     return pairs.PairResult(
         assessment=combined(assessments),
         compensation_first=sides[0].compensation,
         compensation_second=sides[1].compensation,
         joints=list(map(_joint, pair.joints, sides[0].joints, sides[1].joints)),
-        avoided=message(
-            pairs.AvoidedDeflection,
-            pair.avoided,
-            matching=len(pair.avoided.matches.first),
-            measured=None if pair.avoided.measured is None else pair.avoided.measured.overall,
-            predicted=pair.avoided.predicted.value,
-        ),
-        ordered=None
-        if pair.ordered is None
-        else message(pairs.OrderedResult, pair.ordered, joints=pair.ordered_joints),
+        avoided=message(pairs.AvoidedDeflection, pair.avoided),
+        ordered=None if pair.ordered is None else message(pairs.OrderedResult, pair.ordered),
         warnings=[*sides[0].warnings, *sides[1].warnings, *warnings],
     )
 

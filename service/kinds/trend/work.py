@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.alarm import TrendChange
 from jointstiff.schemas.assessment import Assessment
-from jointstiff.solver.trend.chart import FALSE_ALARMS, LIFE, Alarm, Chart, alarms_of, charts_of
-from jointstiff.solver.trend.series import Change, Series, change_between, log_stiffness
+from jointstiff.solver.trend import FALSE_ALARMS, LIFE, Alarm, Change, Chart, Series, charts_of, log_stiffness
 
 _OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of it"
 
@@ -251,7 +250,7 @@ def _chart(baseline: int, chart: Chart) -> messages.TrendChart:
 
 
 def _alarms(given: TrendInput, name: str, part: _Part) -> list[messages.TrendAlarm]:
-    alarms = [] if part.chart is None else alarms_of(part.chart)
+    alarms = [] if part.chart is None else part.chart.alarms
     return [_alarm(given, name, part, alarm) for alarm in alarms]
 
 
@@ -274,7 +273,7 @@ def _change(change: Change) -> TrendChange:
 def _pair(part: _Part) -> messages.TrendPair | None:
     if len(part.campaigns) < 2:
         return None
-    change = change_between(part.series, 0, len(part.campaigns) - 1)
+    change = part.series.change(0, len(part.campaigns) - 1)
     return messages.TrendPair(change=_change(change), p_value=change.p_value)
 
 

@@ -1,1 +1,0 @@
-"""Charts of the joints' stiffness over campaigns: baseline, EWMA, limits and alarms."""

@@ -1,0 +1,511 @@
+"""Two campaigns beside each other, against truth, exact springs, and a solver that shares no code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.optimize import nnls
+from support.campaigns import METHODS, prepare, settings_of
+from support.encoders import with_encoders
+from support.shared_data import shared
+
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS, deflections, linear_deflections
+from jointstiff.simulator.document import experiment_of
+from jointstiff.solver import compare
+from jointstiff.solver.compare import (
+    Campaign,
+    GaussianEstimate,
+    compare_campaigns,
+    difference_p_value,
+    match,
+    measured_shares,
+    models_differ,
+    ratio_interval,
+    two_sided_quantile,
+    unconstrained,
+)
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.estimate import identify
+from jointstiff.solver.fitting.settings import Prior
+from jointstiff.solver.readings.measurements import CommonUncertainty
+
+MOTOR, SECONDARY = default_arm("motor"), default_arm("secondary")
+T95 = 1.959963984540054
+ACROSS = {"method": "decoupled_partial_pose", "order": ((5, 1),)}
+ASSUMED = CommonUncertainty(scale=0.005, load_point=0.01, load_point_assumed=True)
+
+
+def holds(interval, ratio):
+    """Whether an interval holds a ratio; one that was cut out does not count."""
+    if interval is None:
+        return False
+    above = interval.lower is None or ratio >= interval.lower
+    below = interval.upper is None or ratio <= interval.upper
+    out = interval.excluded is not None and interval.excluded[0] < ratio < interval.excluded[1]
+    return above and below and not out
+
+
+VALUES = st.floats(-10, 10).map(lambda x: 1e-7 * x)
+SPREADS = st.floats(0.05, 5).map(lambda x: 1e-7 * x)
+
+
+@given(VALUES, SPREADS, VALUES, SPREADS, st.floats(-20, 20))
+def test_every_ratio_is_in_or_out_as_the_definition_says(c1, s1, c2, s2, ratio):
+    first, second = GaussianEstimate(c1, s1), GaussianEstimate(c2, s2)
+    margin = np.abs(c1 - ratio * c2) / np.hypot(s1, ratio * s2) - T95
+    assume(abs(margin) > 1e-6)
+    free = ratio_interval(first, second, 0.95, positive=False)
+    assert holds(free, ratio) == (margin < 0)
+    positive = ratio_interval(first, second, 0.95, positive=True)
+    assert holds(positive, ratio) == (margin < 0 and ratio >= 0)
+
+
+def test_estimated_sigma_takes_the_quantile_of_student():
+    few = GaussianEstimate(4e-7, 3e-8, 5.0), GaussianEstimate(2e-7, 2e-8, 9.0)
+    found = ratio_interval(*few, 0.95, positive=True)
+    t = 2.570581835636314  # Student, 5 degrees of freedom, 97.5 % (any table)
+    assert two_sided_quantile(0.95, 5.0) == pytest.approx(t)
+    for ratio in (found.lower, found.upper):
+        assert abs(4e-7 - ratio * 2e-7) == pytest.approx(t * np.hypot(3e-8, ratio * 2e-8))
+
+
+@pytest.mark.parametrize(("t", "freedom"), [(T95, (inf, inf)), (2.570581835636314, (5.0, 8.0))])
+def test_p_value_of_a_difference(t, freedom):
+    first, second = (
+        GaussianEstimate(c, s, f)
+        for c, s, f in zip((3e-7, 3e-7 + t * 5e-8), (3e-8, 4e-8), freedom, strict=True)
+    )
+    assert difference_p_value(first, second) == pytest.approx(0.05)
+    assert difference_p_value(first, first) == 1.0
+
+
+def changed(campaign, **fields):
+    """The campaign with other fields, identified anew."""
+    new = replace(campaign, **fields)
+    return replace(new, estimate=identify(new.robot, new.measurements, new.settings))
+
+
+def with_settings(campaign, **settings):
+    return changed(campaign, settings=replace(campaign.settings, **settings))
+
+
+def with_readings(campaign, **readings):
+    return changed(campaign, measurements=replace(campaign.measurements, **readings))
+
+
+def side(document, **options):
+    robot, measurements = prepare(document)
+    settings = settings_of(robot, **options)
+    return Campaign(
+        robot,
+        measurements,
+        settings=settings,
+        estimate=identify(robot, measurements, settings),
+    )
+
+
+def both(arms=(MOTOR, SECONDARY), seeds=(5, 6), options=None, **simulated):
+    """Pulls on two arms, by default with motor and secondary encoders."""
+    return tuple(
+        side(simulate_campaign(arm, **{"load": "pull", "seed": seed, **simulated}), **(options or {}))
+        for arm, seed in zip(arms, seeds, strict=True)
+    )
+
+
+def pair_of(first, second, *, ordered=False, confidence=0.95):
+    return compare_campaigns(first, second, confidence=confidence, ordered=ordered)
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Motor and secondary encoders, the same postures, independent noise."""
+    first, second = both(seeds=(5, 5), readings="deflections")
+    noise = np.random.default_rng(11).normal(0, 2e-5, second.measurements.deflection.shape)
+    return first, with_readings(second, deflection=second.measurements.deflection + noise)
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def dead_weight(request):
+    names = ("simulated/dead_weight_motor", "simulated/dead_weight_secondary")
+    return pair_of(*(side(shared(name), method=request.param) for name in names), ordered=True)
+
+
+def test_ratios_are_those_of_the_truth(dead_weight):
+    """Joint 4 differs by 10 % in truth, which these readings cannot tell; the others can."""
+    truth = shared("simulated/truth")
+    stiffness = [np.array(truth[f"dead_weight_{name}"]["stiffness"]) for name in ("motor", "secondary")]
+    expected = stiffness[1] / stiffness[0]
+    assert dead_weight.joints[0].ratio is None
+    assert "never twists joint_1" in dead_weight.joints[0].reason
+    for joint, ratio in zip(dead_weight.joints[1:], expected[1:], strict=True):
+        uncertainty = (joint.interval.upper - joint.interval.lower) / (2 * T95)
+        assert abs(joint.ratio - ratio) < 4 * uncertainty, joint.name
+        assert uncertainty < 0.1 * ratio
+    p_values = [joint.p_value for joint in dead_weight.joints[1:]]
+    assert all(p < 1e-3 for p in (*p_values[:2], *p_values[3:]))
+    assert p_values[2] > 0.01
+
+
+def test_share_of_deflection_avoided_is_the_simulated_one():
+    experiment = experiment_of(simulate_campaign(MOTOR, load="pull", seed=5))
+    lengths = []
+    for arm in (MOTOR, SECONDARY):
+        unloaded, loaded = deflections(
+            arm, experiment.joints, *experiment.wrenches, np.array([*TARGETS.values()])
+        )
+        lengths.append(np.linalg.norm(loaded - unloaded, axis=2))
+    share = 1 - lengths[1].mean() / lengths[0].mean()
+    avoided = pair_of(*both(seeds=(5, 5))).avoided
+    assert [avoided.measured.value, avoided.predicted] == pytest.approx([share] * 2, rel=0.01)
+    each = 1 - lengths[1].mean(axis=1) / lengths[0].mean(axis=1)
+    for found, exact in zip(avoided.configurations, each, strict=True):
+        assert abs(found.measured.value - exact) < 5 * found.measured.standard_uncertainty + 0.002  # by noise
+        assert found.predicted == pytest.approx(exact, abs=0.01)
+
+
+def test_the_order_is_never_crossed(dead_weight):
+    """In truth joint 6 is softer on the second side: the order holds both equal there."""
+    first, second = dead_weight.ordered.compliance
+    assert np.isnan(first).tolist() == [True, False, False, False, False, False]
+    assert (second[1:] <= first[1:]).all()
+    assert dead_weight.ordered.equal.tolist() == [False, False, False, False, False, True]
+    assert dead_weight.ordered.chi_square_increase > 5
+    assert all(certificate.is_optimal() for certificate in dead_weight.ordered.certificates)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_is_never_crossed_in_noise(method, seed):
+    """The same arm twice: about half of the joints would cross."""
+    sides = both((MOTOR, MOTOR), (seed, seed + 100), {"method": method}, configurations=8, sigma=3e-4)
+    ordered = pair_of(*sides, ordered=True).ordered
+    inside, (low, high) = ordered.compliance, np.moveaxis(ordered.intervals, -1, 0)
+    assert (inside[1] <= inside[0]).all()
+    assert ordered.equal.any()
+    assert (low >= 0).all()
+    assert ((low <= inside * (1 + 1e-9)) & (inside <= high * (1 + 1e-9))).all()
+    assert (low[1] <= low[0] * (1 + 1e-9) + 1e-30).all()
+    assert (high[1] <= high[0] * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(
+    "options", [{"method": "decoupled_partial_pose"}, {"method": "complete_pose", "weighting": "uniform"}]
+)
+def test_ordered_intervals_contain_estimates_that_are_not_of_maximum_likelihood(options):
+    """A bound that the readings contradict draws the least squares of such a method elsewhere."""
+    stated = {"stiffness_bounds": {"joint_3": [1e5, 5e5]}, **options}
+    ordered = pair_of(*both(options=stated, configurations=4), ordered=True).ordered
+    assert (ordered.intervals[..., 0] <= ordered.compliance).all()
+    assert (ordered.compliance <= ordered.intervals[..., 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "reason"),
+    [
+        (
+            {"bounds": Bounds(np.zeros(6), np.full(6, 1e-7))},
+            {"bounds": Bounds(np.full(6, 2e-7), np.ones(6))},
+            "contradict",
+        ),
+        (ACROSS, ACROSS, "arm and wrist"),
+        ({"loss": "huber"}, {}, "huber"),
+        ({}, {"method": "complete_pose"}, "one method"),
+        ({}, {"prior": Prior(np.full(6, 1e-7), np.full(6, 1e-8))}, "not independent"),
+    ],
+)
+def test_what_both_in_one_problem_cannot_hold_is_refused(simulated, first, second, reason):
+    sides = with_settings(simulated[0], **first), with_settings(simulated[1], **second)
+    with pytest.raises((RequestError, UnsupportedMethodError), match=reason):
+        pair_of(*sides, ordered=True)
+
+
+def _whitened(arm, document, sigma):
+    """A (9N, 6) and d of a campaign with deflections, by unit compliances of a simulator of ours."""
+    experiment = experiment_of(document)
+    points = np.array(list(TARGETS.values()))
+    columns = []
+    for j in range(6):
+        unit = replace(arm, stiffnesses=np.where(np.arange(6) == j, 1e6, np.inf))
+        exact = linear_deflections(unit, experiment.joints, *experiment.wrenches, points)
+        columns.append(1e6 * exact.ravel())
+    read = [[r["deflection"] for r in o["readings"]] for o in document["measurement_set"]["observations"]]
+    return np.stack(columns, 1) / (np.sqrt(2) * sigma), np.ravel(read) / (np.sqrt(2) * sigma)
+
+
+@pytest.fixture(scope="module")
+def crossing():
+    """Two campaigns with the same arm and different noise, stated sigmas, in one problem; and their rows."""
+    sigmas = 2e-4, 4e-4
+    documents = [
+        simulate_campaign(MOTOR, load="pull", readings="deflections", configurations=9, sigma=s, seed=seed)
+        for s, seed in zip(sigmas, (1, 2), strict=True)
+    ]
+    (A, a), (B, b) = (_whitened(MOTOR, each, sigma) for each, sigma in zip(documents, sigmas, strict=True))
+    M = np.block([[A, A], [B, np.zeros_like(B)]])
+    ordered = pair_of(*map(side, documents), ordered=True).ordered
+    return ordered, M, np.concatenate([a, b]), (A, a), (B, b)
+
+
+def _nnls(M, d):
+    norms = np.linalg.norm(M, axis=0)
+    x, norm = nnls(M / norms, d, maxiter=1000)
+    return x / norms, norm**2
+
+
+def test_the_ordered_optimum_is_that_of_an_independent_solver(crossing):
+    ordered, M, d, one, two = crossing
+    v, squares = _nnls(M, d)
+    np.testing.assert_allclose(ordered.compliance[1], v[:6], rtol=1e-8, atol=1e-15)
+    np.testing.assert_allclose(ordered.compliance[0], v[:6] + v[6:], rtol=1e-8)
+    assert ordered.equal.tolist() == (v[6:] == 0).tolist()
+    assert ordered.chi_square_increase == pytest.approx(squares - _nnls(*one)[1] - _nnls(*two)[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("j", range(6))
+def test_ordered_intervals_end_where_the_likelihood_has_fallen_by_its_quantile(crossing, j):
+    ordered, M, d, *_ = crossing
+    least = _nnls(M, d)[1]
+    others = np.delete(np.arange(12), j)
+    for end in ordered.intervals[1, j]:
+        if end == 0.0:
+            continue
+        at_end = _nnls(M[:, others], d - M[:, j] * end)[1]
+        assert at_end - least == pytest.approx(T95**2, rel=1e-6)
+
+
+def test_sigma_from_the_residuals_takes_the_fewer_degrees_of_freedom(simulated):
+    first, second = (with_readings(one, sigma=None) for one in simulated)
+    few = changed(second, measurements=second.measurements[:9])
+    freedom = 9 * 9 - 6
+    assert few.estimate.degrees_of_freedom == freedom < first.estimate.degrees_of_freedom
+    rows = zip(pair_of(first, few).joints, first.estimate.joints, few.estimate.joints, strict=True)
+    for joint, *both_sides in rows:
+        one, two = (GaussianEstimate(c.compliance, c.standard_uncertainty, freedom) for c in both_sides)
+        assert joint.interval == ratio_interval(one, two, 0.95, positive=True)
+        assert joint.p_value == difference_p_value(one, two)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"method": "complete_pose", "weighting": "uniform"},
+        {"method": "decoupled_partial_pose"},
+        {"complementary_stiffness": True},
+        {"loss": "huber"},
+        {"bounds": Bounds(np.full(6, 3.5e-7), np.full(6, 1e-4))},
+        {"order": ((4, 1),), "complementary_stiffness": True},
+    ],
+)
+@pytest.mark.parametrize("same", [False, True])
+def test_the_estimate_without_constraints_is_that_of_another_identification(
+    simulated, settings, same, monkeypatch
+):
+    """Read off the first one unless a constraint holds a joint; without an error that both share."""
+    campaign = with_settings(with_readings(simulated[0], common_uncertainty=ASSUMED, sigma=None), **settings)
+    held = any(joint.status == "at_bound" for joint in campaign.estimate.joints)
+    assert held == ("bounds" in settings or "order" in settings)
+    own = replace(campaign.measurements, common_uncertainty=ASSUMED.stated if same else ASSUMED)
+    free = replace(campaign.settings, bounds=Bounds.unconstrained(6), order=())
+    expected = identify(campaign.robot, own, free)
+    calls = []
+    monkeypatch.setattr(compare, "identify", lambda *given: calls.append(given) or identify(*given))
+    found = unconstrained(campaign, same_load_point=same)
+    assert len(calls) == held
+    np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-7)
+    assert found.sigma == pytest.approx(expected.sigma, rel=1e-9)
+    for one, other in zip(found.joints, expected.joints, strict=True):
+        assert one.compliance == pytest.approx(other.compliance, rel=1e-9)
+        assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=1e-7)
+
+
+def test_uncertainty_of_the_measured_share_is_what_noise_does(simulated):
+    matches = match(*simulated)
+    sigma, spread, rng = 2e-5, np.sqrt(2) * 2e-5, np.random.default_rng(3)
+    exact = [s.measurements.deflection for s in simulated]
+    values = []
+    for _ in range(1500):
+        noisy = [
+            replace(s, measurements=replace(s.measurements, deflection=d + rng.normal(0, spread, d.shape)))
+            for s, d in zip(simulated, exact, strict=True)
+        ]
+        each, overall = measured_shares(noisy, matches, (sigma, sigma))
+        values.append((overall.value, each[0].value))
+    each, overall = measured_shares(simulated, matches, (sigma, sigma))
+    stated = overall.standard_uncertainty, each[0].standard_uncertainty
+    np.testing.assert_allclose(np.std(values, axis=0), stated, rtol=4.5 / np.sqrt(2 * 1500))
+
+
+def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(simulated):
+    first, second = simulated
+    m = second.measurements
+    joints, force, point = m.joints.copy(), m.force.copy(), m.load_point.copy()
+    joints[0, 2] += 2e-3
+    force[1] *= 1.01
+    point[2, 0] += 2e-3
+    joints[3, 2] += 1e-4
+    moved = with_readings(second, joints=joints, force=force, load_point=point)
+    order = np.random.default_rng(1).permutation(19)
+    shuffled = changed(moved, measurements=moved.measurements[order])
+    straight, avoided = pair_of(first, moved).avoided, pair_of(first, shuffled).avoided
+    assert avoided.unlike == ("c01", "c02", "c03")
+    assert [one.side for one in avoided.configurations] == ["first"] * 3 + ["both"] * 16 + ["second"] * 3
+    assert avoided.matching == 16
+    assert avoided.measured.value == pytest.approx(straight.measured.value)
+    assert avoided.predicted == pytest.approx(straight.predicted)
+
+
+def test_no_common_observation_leaves_the_prediction(simulated):
+    first, second = simulated
+    avoided = pair_of(
+        first, with_readings(second, labels=tuple(f"x{label}" for label in second.measurements.labels))
+    ).avoided
+    assert (avoided.matching, avoided.measured) == (0, None)
+    assert 0.2 < avoided.predicted < 0.6
+
+
+@pytest.mark.parametrize("loads", [("pull", "dead_weight"), ("dead_weight", "pull")])
+def test_a_joint_that_one_campaign_does_not_twist(loads):
+    arms = MOTOR, SECONDARY
+    sides = [side(simulate_campaign(arm, load=load, seed=5)) for arm, load in zip(arms, loads, strict=True)]
+    pair = pair_of(*sides, ordered=True)
+    joint, which, sees = pair.joints[0], loads.index("dead_weight"), loads.index("pull")
+    assert (joint.ratio, joint.interval, joint.p_value) == (None, None, None)
+    assert joint.reason.startswith(f"in the {('first', 'second')[which]} set: the load never twists joint_1")
+    unknown = np.zeros((2, 6), dtype=bool)
+    unknown[which, 0] = True
+    assert (np.isnan(pair.ordered.compliance) == unknown).all()
+    assert (np.isnan(pair.ordered.intervals).all(axis=2) == unknown).all()
+    assert pair.ordered.compliance[sees, 0] == pytest.approx(arms[sees].compliances[0], rel=0.1)
+    assert np.isnan(pair.ordered.joints[0].compliance_second) == (which == 1)
+    told = {
+        load: {one.predicted is not None for one in pair.avoided.configurations[start:][:19]}
+        for load, start in zip(loads, (0, 19), strict=True)
+    }
+    assert told == {"pull": {False}, "dead_weight": {True}}  # every pull twists joint 1
+
+
+def test_constraints_of_each_side_hold_in_one_problem(simulated):
+    """Joint 2 is at 3.1e6 with the motors' encoders, at 5.7e6 with secondary ones."""
+    limits = settings_of(simulated[0].robot, stiffness_bounds={"joint_2": (4e6, 5e6)})
+    bound, tied, free = (
+        pair_of(*(changed(one, settings=settings) for one in simulated), ordered=True).ordered
+        for settings in (limits, replace(simulated[0].settings, order=((2, 1),)), simulated[0].settings)
+    )
+    assert 1 / bound.compliance[:, 1] == pytest.approx([4e6, 5e6])
+    assert (tied.compliance[:, 2] <= tied.compliance[:, 1] * (1 + 1e-12)).all()
+    assert (tied.compliance[1] <= tied.compliance[0]).all()
+    stiffness = free.joints[1].stiffness_first, free.joints[1].stiffness_second
+    assert stiffness == pytest.approx((3.0e6, 5.7e6), rel=0.1)
+
+
+def test_a_rigid_second_side_has_no_upper_limit():
+    stiff = replace(SECONDARY, stiffnesses=np.where(np.arange(6) == 1, np.inf, SECONDARY.stiffnesses))
+    joint = pair_of(*both((MOTOR, stiff), (5, 9), configurations=8, sigma=1e-4)).joints[1]
+    assert joint.interval.upper is None
+    assert joint.interval.lower > 3
+    assert joint.p_value < 1e-3
+
+
+def test_without_an_uncertainty_there_is_neither_ratio_nor_order(simulated):
+    first, second = simulated
+    one = with_readings(first, sigma=None)
+    joints = tuple(replace(joint, standard_uncertainty=None) for joint in one.estimate.joints)
+    few = replace(one, estimate=replace(one.estimate, sigma=None, covariance=None, joints=joints))
+    assert {joint.reason for joint in pair_of(few, second).joints} == {
+        "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+    }
+    with pytest.raises(RequestError, match="cannot be weighted"):
+        pair_of(few, second, ordered=True)
+
+
+def test_the_order_holds_with_the_complementary_stiffness():
+    """Readings without noise: the order's one problem finds the springs, which without K_c are 1e-3 off."""
+    free = replace(MOTOR, stiffnesses=0.9 * SECONDARY.stiffnesses)
+    exact = [with_readings(one, sigma=2e-5) for one in both((free, SECONDARY), (5, 5), sigma=0.0)]
+    included, neglected = (
+        pair_of(*(with_settings(one, complementary_stiffness=bent) for one in exact), ordered=True).ordered
+        for bent in (True, False)
+    )
+    np.testing.assert_allclose(included.compliance, [free.compliances, SECONDARY.compliances], rtol=1e-4)
+    assert np.abs(neglected.compliance[0] / free.compliances - 1).max() > 1e-3
+
+
+def test_robots_whose_joints_do_not_correspond_are_refused(simulated):
+    first, second = simulated
+    document = simulate_campaign(MOTOR, configurations=1)
+    document["robot"]["model"]["urdf"] = document["robot"]["model"]["urdf"].replace("joint_3", "elbow")
+    with pytest.raises(RequestError, match="have different joints"):
+        pair_of(first, replace(second, robot=prepare(document)[0]))
+
+
+def test_models_that_differ_are_noticed(simulated):
+    robot = simulated[0].robot
+    assert not models_differ(robot, simulated[1].robot)
+    other = prepare(simulate_campaign(default_arm(wrist_offset=0.01), configurations=2))[0]
+    assert models_differ(robot, other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_ratio_intervals_cover(method):
+    """300 pairs of campaigns of exact springs, small load: the intervals cover as often as they say."""
+    covered = np.zeros(6)
+    expected = SECONDARY.stiffnesses / MOTOR.stiffnesses
+    count = 300
+    for k in range(count):
+        sides = both(seeds=(2 * k, 2 * k + 1), options={"method": method}, force=300.0)
+        for j, joint in enumerate(pair_of(*sides, confidence=0.9).joints):
+            covered[j] += holds(joint.interval, expected[j])
+    assert np.abs(covered / count - 0.9).max() < 4.5 * np.sqrt(0.09 / count)
+
+
+def test_without_active_constraints_intervals_are_those_of_each_side_alone():
+    """Both sides are independent, and every joint of the second is clearly stiffer."""
+    sides = both((MOTOR, replace(MOTOR, stiffnesses=2 * MOTOR.stiffnesses)), (4, 4))
+    ordered = pair_of(*sides, ordered=True).ordered
+    assert not ordered.equal.any()
+    widths = np.diff(ordered.intervals, axis=2)[..., 0] / (2 * T95)
+    alone = [np.sqrt(np.diag(one.estimate.covariance)) for one in sides]
+    np.testing.assert_allclose(widths, alone, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_encoders_of_one_side_make_its_ratios_sharper(method):
+    document = simulate_campaign(MOTOR, load="pull", seed=0, configurations=12)
+    second = side(simulate_campaign(SECONDARY, load="pull", seed=1, configurations=12), method=method)
+    read = with_encoders(MOTOR, document, sigma=2e-6, noise=2e-6)
+    plain, sharp = (pair_of(side(one, method=method), second, ordered=True) for one in (document, read))
+    for coarse, fine in zip(plain.joints, sharp.joints, strict=True):
+        assert fine.interval.upper / fine.interval.lower < coarse.interval.upper / coarse.interval.lower
+    assert (sharp.ordered.compliance[1] <= sharp.ordered.compliance[0]).all()
+    errors = [np.abs(p.ordered.compliance[0] / MOTOR.compliances - 1).max() for p in (plain, sharp)]
+    assert errors[1] < min(errors[0], 0.02)
+
+
+def test_an_assumed_load_point_cancels_only_if_both_assume_it_of_one_place(simulated):
+    """Where one campaign states its own, or another point is loaded, its error is in the ratio."""
+    first, second = simulated
+    moved = with_readings(second, load_point=second.measurements.load_point + 0.1)
+
+    def of(one, *, assumed):
+        uncertainty = CommonUncertainty(load_point=0.01, load_point_assumed=assumed)
+        return with_readings(one, common_uncertainty=uncertainty)
+
+    def widths(one, other):
+        return [joint.interval.upper - joint.interval.lower for joint in pair_of(one, other).joints[2:5]]
+
+    stated, exact = widths(of(first, assumed=False), second), widths(first, second)
+    assert widths(of(first, assumed=True), of(second, assumed=True)) == pytest.approx(exact)
+    assert widths(of(first, assumed=True), second) == pytest.approx(stated)
+    elsewhere, own = of(moved, assumed=True), of(moved, assumed=False)
+    assert widths(of(first, assumed=True), elsewhere) == pytest.approx(widths(of(first, assumed=False), own))
+    assert all(np.array(stated) > 1.05 * np.array(exact))
