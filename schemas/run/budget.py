@@ -8,16 +8,13 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Compliance, Dimensionless, Message, Name
 
-BudgetSource = Literal[
-    "readings",
-    "force_scale",
-    "force_direction",
-    "load_point",
-    "assumed_load_point",
-    "target_places",
-    "axes",
-    "model_error",
-    "complementary_stiffness",
+BudgetSource = Annotated[
+    str,
+    Field(
+        description="Source of uncertainty: `readings`, the name of a stated error (`force_scale`, "
+        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, `model_error` or "
+        "`complementary_stiffness`."
+    ),
 ]
 
 BudgetGap = Literal["model_error", "lack_of_fit"]

@@ -24,9 +24,10 @@ class OneSidedBounds(Message):
     )
 
 
-class UncertaintyBudget(Message):
-    """Contributions to a standard uncertainty; their squares add up to its square."""
+class UncertaintyBudget(Message, extra="allow"):
+    """Contributions to a standard uncertainty by source; their squares add up to its square."""
 
+    __pydantic_extra__: dict[str, float]
     readings: Compliance[float] = Field(description="Noise of tracker and encoders.")
     force_scale: Compliance[float] = Field(
         default=0.0, description="Scale of the force: fully correlated over all joints and observations."

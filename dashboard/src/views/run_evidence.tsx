@@ -246,7 +246,7 @@ function BudgetTable({ budget, joints }: { budget: Budget; joints: JointResult[]
           ],
           rows: [
             ...budget.components.map((part) => [
-              budgetWords.sources[part.source],
+              (budgetWords.sources as Record<string, string>)[part.source] ?? part.source,
               part.evaluation,
               part.included ? budgetWords.yes : budgetWords.no,
               ...relative(part.contributions),

@@ -231,8 +231,9 @@ def _budget(result: RunResult) -> Iterator[str]:
         if shares:
             ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
             beside = "" if part.included else ", not in the intervals"
+            source = _SOURCES.get(part.source, part.source)
             yield (
-                f"uncertainty from {_SOURCES[part.source]} (type {part.evaluation}{beside}): "
+                f"uncertainty from {source} (type {part.evaluation}{beside}): "
                 f"{' to '.join(ends)} % of a compliance"
             )
 

@@ -134,7 +134,7 @@ def test_a_load_point_of_which_nothing_is_stated_is_10_mm_off():
     """The same numbers as if 10 mm were stated, and said; nothing of it where the point is stated."""
     assumed, stated = (identified({"sigma": 2e-5} | more).result for more in ({}, {"load_point": 0.01}))
     (note,) = assumed.assessment.notes
-    assert "±10 mm in each direction is assumed" in note
+    assert "Load point: ±10 mm assumed" in note
     assert stated.assessment.notes == []
     for one, other in zip(assumed.joints, stated.joints, strict=True):
         assert one.compliance_interval == pytest.approx(other.compliance_interval, rel=1e-9)
