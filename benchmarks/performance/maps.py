@@ -16,10 +16,9 @@ import pinocchio as pin
 from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
-from jointstiff.solver.deflection.maps import map_places, map_postures
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.predict.maps import MapTask, ToolFan, map_places, map_postures, tool_rotations
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 

@@ -15,12 +15,11 @@ from benchmarks.studies.verdicts import Way
 from jointstiff.simulator import LOAD_POINT, SpringArm, default_arm, equilibrium
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.cartesian import CartesianCompliance
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.model_error import leave_postures_out
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.predict.forward import CartesianCompliance, LoadCases
+from jointstiff.solver.predict.model_error import leave_postures_out
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

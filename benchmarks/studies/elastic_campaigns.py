@@ -12,8 +12,6 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
 from jointstiff.simulator.experiment import TARGETS, plan_experiment
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.links.choice import (
     Folds,
@@ -24,6 +22,9 @@ from jointstiff.solver.links.choice import (
 )
 from jointstiff.solver.links.fit import ElasticEstimate, effective_intervals, first_certified
 from jointstiff.solver.links.model import LOSSES, ElasticColumns, ElasticModel, Loss
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.model_error import leave_folds_out
+from jointstiff.solver.predict.models import ElasticPredictor
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
@@ -162,7 +163,7 @@ class _Campaign:
     def ball(self, estimate: ElasticEstimate) -> tuple[float, float]:
         """Return how often the ball for 90 % holds exact beams elsewhere, and its radius over need."""
         model = ElasticPredictor.of(self.robot, estimate)
-        error = folds_left_out(self.robot, self.measurements, estimate)
+        error = leave_folds_out(self.robot, self.measurements, estimate)
         other = plan_experiment(self.beams.arm, configurations=100, load="pull", seed=self.seed + 50_000)
         unloaded, loaded = elastic_positions(self.beams, other, TARGETS, sigma=0.0, seed=0)
         count = unloaded.shape[1]

@@ -33,8 +33,8 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.conic import GAP, Block, Cones, solve_weighed
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 

@@ -29,9 +29,8 @@ from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
-from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
 

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.own_weight import unit_levers
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.poses import Poses
+from jointstiff.solver.predict.models import unit_levers
 from jointstiff.solver.robot.model import Body
 
 

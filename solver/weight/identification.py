@@ -20,13 +20,13 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import weighed_ends
 from jointstiff.solver.convex.solution import Certificate
-from jointstiff.solver.deflection.own_weight import IdentifiedWeight
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.poses import Motion, PoseState, calibrate
 from jointstiff.solver.inference.fit_reasons import unidentified
 from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks

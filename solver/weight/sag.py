@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.own_weight import IdentifiedWeight
+from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.weight.bodies import Burden
 from jointstiff.solver.weight.fit import WeightFit, joint_unknowns
 

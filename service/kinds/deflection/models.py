@@ -21,15 +21,12 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.forward import ForwardModel
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.model_error import ModelError
-from jointstiff.solver.deflection.own_weight import IdentifiedWeight, OwnWeight
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.model import ElasticColumns
+from jointstiff.solver.predict.forward import ForwardModel, LoadCases
+from jointstiff.solver.predict.model_error import ModelError
+from jointstiff.solver.predict.models import ElasticPredictor, IdentifiedWeight, JointModel, OwnWeight
 from jointstiff.solver.robot.model import Robot
 
 MAX_CASE_WORK: Final = 150_000

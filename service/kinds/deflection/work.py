@@ -20,12 +20,10 @@ from jointstiff.service.kinds.deflection.models import (
 )
 from jointstiff.service.kinds.run.budgets import to_covariances, to_deflection_budgets
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.cartesian import CartesianCompliance
-from jointstiff.solver.deflection.forward import Deflection, ForwardModel
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
-from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import CartesianCompliance, Deflection, ForwardModel
+from jointstiff.solver.predict.model_error import ModelError, ModelErrorBound
+from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.model import Robot
 
 

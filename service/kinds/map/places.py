@@ -13,9 +13,8 @@ from jointstiff.service.conversion.message import finite
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
-from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.maps import STATUSES, DeflectionMap, MapTask, ToolFan, tool_rotations
 from jointstiff.solver.robot.model import Robot
 
 _SHARES: Final = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)

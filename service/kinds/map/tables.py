@@ -12,7 +12,7 @@ from jointstiff.service.kinds.map.work import MapWork
 from jointstiff.service.tables.numbers import figure
 from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number, numbers
 from jointstiff.service.tables.view import Report, View
-from jointstiff.solver.deflection.maps import STATUSES
+from jointstiff.solver.predict.maps import STATUSES
 
 _REASONS: Final = {
     "out_of_reach": "out of reach",

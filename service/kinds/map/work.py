@@ -19,8 +19,8 @@ from jointstiff.service.kinds.map.places import (
     to_places,
 )
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
-from jointstiff.solver.deflection.maps import DeflectionMap, map_places
 from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.predict.maps import DeflectionMap, map_places
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 

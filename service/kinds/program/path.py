@@ -17,8 +17,8 @@ from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.program import Program
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures
 from jointstiff.solver.robot.model import Robot

@@ -15,8 +15,8 @@ from jointstiff.service.kinds.program.path import ProgramPath
 from jointstiff.service.programs.program import BLOCK
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection.compensation import Compensation
-from jointstiff.solver.deflection.model_error import ModelErrorBound
+from jointstiff.solver.predict.forward import Compensation
+from jointstiff.solver.predict.model_error import ModelErrorBound
 
 _MM: Final = 1e3
 _MRAD: Final = 1e3

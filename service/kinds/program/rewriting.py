@@ -11,8 +11,7 @@ from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.program import NUMBERS, Rewriting
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.compensation import residuals
-from jointstiff.solver.deflection.forward import ForwardModel
+from jointstiff.solver.predict.forward import ForwardModel, residuals
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot

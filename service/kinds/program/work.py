@@ -37,8 +37,8 @@ from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 

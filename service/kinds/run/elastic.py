@@ -25,8 +25,6 @@ from jointstiff.service.kinds.run.links import (
 from jointstiff.service.kinds.run.results import to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
-from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
-from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.inference.estimate import Estimate
@@ -51,6 +49,8 @@ from jointstiff.solver.links.fit import (
 )
 from jointstiff.solver.links.losses import compared_losses
 from jointstiff.solver.links.model import MODELS, ElasticModel, Loss
+from jointstiff.solver.predict.model_error import ModelError, leave_folds_out
+from jointstiff.solver.predict.models import ElasticPredictor
 
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
@@ -263,7 +263,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         predictor = ElasticPredictor.of(robot, elastic)
         error: ModelError | JointstiffError
         try:
-            error = folds_left_out(robot, measurements, elastic)
+            error = leave_folds_out(robot, measurements, elastic)
         except JointstiffError as none:  # the run stands without it, and predictions say why
             error = none
         return to_elastic_model(predictor, error)

@@ -20,8 +20,6 @@ from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resamp
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.run.weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork, pack, unpack
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.estimate import refuse_unsupported
@@ -32,6 +30,8 @@ from jointstiff.solver.inference.lack_of_fit import widened
 from jointstiff.solver.inference.prediction import predict, predict_encoders
 from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.links.fit import refuse_unsupported_elastic
+from jointstiff.solver.predict.model_error import ModelError, leave_postures_out
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.resampling import Resamples, summarise
 
 

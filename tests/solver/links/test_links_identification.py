@@ -15,8 +15,6 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, beam_compliance, elastic_campaign
 from jointstiff.solver.convex.conic import entries, solve_cone, to_vector
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.links.choice import (
@@ -52,6 +50,9 @@ from jointstiff.solver.links.model import (
     elastic_rows,
     formulate,
 )
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.model_error import leave_folds_out
+from jointstiff.solver.predict.models import ElasticPredictor
 from jointstiff.solver.robot.configuration import Configurations
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
@@ -566,7 +567,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     model = ElasticModel("joints_and_links", COLUMNS)
     found = estimate_elastic(robot, fitted, folds, model, 1e-4)
     predictor = ElasticPredictor.of(robot, found)
-    error = folds_left_out(robot, fitted, found)
+    error = leave_folds_out(robot, fitted, found)
     assert error.postures == 25
     configurations = Configurations(robot, robot.joint_map.model_angles(held_out.joints))
     origin = configurations.to_base(np.zeros((len(held_out), 1, 3)))[:, 0]
@@ -577,7 +578,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
         cases = LoadCases(held_out.joints, held_out.force, held_out.moment, held_out.load_point, place)
         deflection = predictor.deflect(cases)
         # The readings' own noise widens the intervals that are to hold them.
-        noise = np.hypot(np.sqrt(2.0) * held_out.sigma, np.sqrt(np.diagonal(deflection.covariance, 0, 1, 2)))
+        noise = np.hypot(np.sqrt(2.0) * held_out.sigma, np.linalg.norm(deflection.half, axis=2))
         apart = np.abs(deflection.displacement - held_out.deflection[:, t])
         held.append(apart <= 1.96 * noise[:, :3])
         bound = error.bound(cases, deflection.leverage, 0.9)

@@ -10,9 +10,9 @@ from support.sagging import LOAD_POINT, POINTS, burden_of, campaign, robot_of
 
 from jointstiff.simulator import default_arm, random_configurations
 from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sag
-from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.poses import PoseState, chain_axes
+from jointstiff.solver.predict.models import OwnWeight
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Body
 from jointstiff.solver.weight import bodies as solver_bodies

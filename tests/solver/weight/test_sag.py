@@ -11,11 +11,9 @@ from support.sagging import LOAD_POINT, burden_of, campaign, robot_of
 from jointstiff.simulator import default_arm, random_configurations
 from jointstiff.simulator.own_weight import Balancer, default_bodies, sag
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
+from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
 from jointstiff.solver.weight.identification import identify_weight

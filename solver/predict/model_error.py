@@ -10,29 +10,33 @@ inference with the jackknife+*, 2021).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection.forward import greatest_deviation
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.budget import LeftOut
 from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.links.choice import Folds, Plan, fit_fold
+from jointstiff.solver.links.fit import ElasticEstimate
+from jointstiff.solver.links.model import elastic_blocks
+from jointstiff.solver.predict.forward import LoadCases, greatest_deviation
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import blocks_of_identified, fit_subsets
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.triangle import whitened
 
 MOST_LEFT_OUT: Final = 200
 """Postures that are left out, evenly spread over a larger set."""
 MOST_STEPS: Final = 500
 """Steps of the distribution of scores that are kept: a quantile is rounded up by at most 0.2 %."""
+_PARTS: Final = 20
+"""Parts of the postures that are left out in turn where links bend."""
 _SAME_POSTURE: Final = 1e-6
 """Difference of joint angles [rad] below which two observations share a posture."""
 _SLACK: Final = 1e-9
@@ -81,15 +85,6 @@ class ModelError:
         """Return the least number of postures: below ``⌈1/α⌉ − 1`` no bound holds."""
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
-    def load_size(self, force: FloatArray, moment: FloatArray) -> FloatArray:
-        """(B,) ``|F|/force + |M|/moment`` of loads (B, 3); inf for what was not measured."""
-        size = np.zeros(len(force))
-        for vector, greatest in ((force, self.force), (moment, self.moment)):
-            length = np.linalg.norm(vector, axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                size += np.where(length > 0.0, length / greatest, 0.0)
-        return size
-
     def quantile(self, confidence: float) -> float:
         """Return the score that a new posture's is to stay below [m]; inf where nothing can be said."""
         place = int(np.searchsorted(self.share, confidence - _SLACK))
@@ -101,7 +96,7 @@ class ModelError:
         Within the campaign's loads it grows with the root of the load: what is not modelled is part elastic,
         part friction. An extrapolated load or posture widens it in proportion.
         """
-        load = self.load_size(cases.force, cases.moment)
+        load = load_sizes(cases.force, cases.moment, self.force, self.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(
                 leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0
@@ -110,6 +105,16 @@ class ModelError:
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
         return ModelErrorBound(radius, unmeasured, load, ratio)
+
+
+def load_sizes(force: FloatArray, moment: FloatArray, most_force: float, most_moment: float) -> FloatArray:
+    """Return ``|F|/most_force + |M|/most_moment`` (B,) of loads (B, 3); inf for what was not measured."""
+    size = np.zeros(len(force))
+    for vector, greatest in ((force, most_force), (moment, most_moment)):
+        length = np.linalg.norm(vector, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            size += np.where(length > 0.0, np.divide(length, greatest), 0.0)
+    return size
 
 
 def leave_postures_out(
@@ -124,10 +129,13 @@ def leave_postures_out(
         RequestError: no posture can be left out.
         JointstiffError: as the refits do.
     """
-    summary, load = _measured_loads(measurements)
-    groups, postures = _postures(measurements, load > 0.0)
-    if len(groups) < 2:
-        raise _too_few()
+    rounded = np.round(measurements.joints / _SAME_POSTURE)
+    posture = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
+    loaded = (measurements.force != 0.0).any(axis=1) | (measurements.moment != 0.0).any(axis=1)
+    groups = np.unique(posture[loaded])
+    count = len(groups)
+    if count < 2:
+        raise RequestError("the model error needs two postures under load", remedy="measure more postures")
     if measurements.direction is not None:
         raise RequestError(
             "readings along a direction do not show how far a prediction is off",
@@ -137,124 +145,109 @@ def leave_postures_out(
         raise RequestError(
             "the uncertainty of the readings is unknown", remedy="measure more postures, or state `noise`"
         )
+    if count > MOST_LEFT_OUT:
+        groups = groups[np.linspace(0, count - 1, MOST_LEFT_OUT).astype(int)]
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
     blocks = blocks_of_identified(robot, measurements, plain, estimate)
-    observation = np.nonzero(measurements.present)[0]  # of each reading
-    left_out = np.full(len(measurements), -1, dtype=np.intp)
-    for p, group in enumerate(groups):
-        left_out[group] = p
-    others = (left_out != np.arange(len(groups))[:, None]).astype(np.float64)
-    fits = fit_subsets(blocks, others, plain.bounds)[0]
-    # Leverages of all readings under load, also of postures that stay in every fit.
-    loaded = np.flatnonzero(load[observation] > 0.0)
-    size, posture = load[observation[loaded]], left_out[observation[loaded]]
-    half = blocks.regressor[..., loaded].transpose(2, 1, 0) @ model.root[blocks.visible]
-    read = posture >= 0
-    compliance = fits[posture[read]][:, blocks.visible]
-    predicted = np.einsum("rv,vir->ir", compliance, blocks.regressor[..., loaded[read]])
-    squares = np.square(blocks.deflection[:, loaded[read]] - predicted).sum(axis=0)
-    variance = np.square(half[read]).sum(axis=(1, 2))
-    noise = _reading_variance(measurements)[loaded[read]] + variance / (postures - 1)
-    error = _with_scores(summary, size[read], posture[read], squares, noise)
-    greatest = float((greatest_deviation(half) / size).max())
-    return replace(error, leverage=greatest, left_out=LeftOut(fits, postures))
+    fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)[0]
+    of_reading = posture[np.nonzero(measurements.present)[0]]
+    left_out = np.isin(of_reading, groups)
+    compliance = np.zeros((len(of_reading), len(blocks.visible)))
+    compliance[left_out] = fits[np.searchsorted(groups, of_reading[left_out])][:, blocks.visible]
+    residual = blocks.deflection.T - np.einsum("rv,vir->ri", compliance, blocks.regressor)
+    half = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
+    lacking = np.full(len(of_reading), 1.0 / (count - 1))
+    error = _model_error(measurements, np.where(left_out, of_reading, -1), residual, half, lacking)
+    return replace(error, left_out=LeftOut(fits, count))
 
 
-def leave_folds_out(
-    measurements: Measurements,
-    parts: Sequence[IndexArray],
-    residuals: Sequence[FloatArray],
-    halves: Sequence[FloatArray],
-) -> ModelError:
-    """Compare what fits to all parts but one predict there with what was read.
+def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
+    """Return the model error by the postures of `_PARTS` parts, each predicted by a fit to the others.
 
-    Args:
-        measurements: N observations.
-        parts: the observations of each part.
-        residuals: (R, 3) of the readings of each part, by the fit to the others [m].
-        halves: (R, 3, p) roots of the covariances of these predictions [m]; zero if they are unknown.
+    So many leave hardly smaller sets to fit than the whole. Without the readings of a part, whitened rows A,
+    the covariance ``C = L Lᵀ`` is ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
-        RequestError: nothing loads the robot.
+        UnsupportedMethodError: there is one posture only.
     """
-    summary, load = _measured_loads(measurements)
-    _, posture = np.unique(measurements.joints, axis=0, return_inverse=True)
+    model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
+    plan = Plan(folds=_PARTS, draws=1, weights=(elastic.penalty,))
+    folds = Folds(robot, measurements, elastic.model.columns, model.seen, plan)
+    covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     of_reading = np.nonzero(measurements.present)[0]
-    order = np.concatenate([np.flatnonzero(np.isin(of_reading, part)) for part in parts])
-    lacked = np.concatenate([np.full(len(part), len(part) / len(measurements)) for part in parts])
-    loaded = load[of_reading[order]] > 0.0
-    order, half = order[loaded], np.concatenate(halves)[loaded]
-    observation = of_reading[order]
-    squares = np.square(np.concatenate(residuals)[loaded]).sum(axis=1)
-    variance = np.square(half).sum(axis=(1, 2))
-    share = lacked[np.argsort(np.concatenate(parts))][observation]
-    noise = _reading_variance(measurements)[order] + share * variance
-    size = load[observation]
-    error = _with_scores(summary, size, posture.reshape(-1)[observation], squares, noise)
-    return replace(error, leverage=float((greatest_deviation(half) / size).max()))
+    residual, lacking = np.empty((len(of_reading), 3)), np.empty(len(of_reading))
+    half = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
+    for number, part in enumerate(folds.held_out):
+        fit = fit_fold(folds, elastic.model, number, plan.weights)
+        blocks = list(elastic_blocks(robot, measurements[part], folds.columns))
+        rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
+        own = np.flatnonzero(np.isin(of_reading, part))
+        residual[own] = rows[..., -1] - rows[..., :-1] @ fit.compliances[0]
+        lacking[own] = len(part) / len(measurements)
+        if model.root is not None and sigma is not None:
+            root = rows[..., model.kept] @ model.root
+            known = whitened(sigma**2 * covariance[part][measurements.present[part]], root)
+            known = known.reshape(-1, known.shape[-1])
+            factor = np.linalg.cholesky(np.eye(known.shape[1]) - known.T @ known)
+            half[own] = root @ np.linalg.inv(factor).T
+    posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
+    return _model_error(measurements, posture[of_reading], residual, half, lacking)
 
 
-def _reading_variance(measurements: Measurements) -> FloatArray:
-    """Return the expected square of the noise of each reading (R,) as stated [m²]; zero if it is not."""
-    trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
-    sigma = measurements.sigma or 0.0
-    return np.asarray(sigma**2 * np.broadcast_to(trace, measurements.present.shape)[measurements.present])
-
-
-def _measured_loads(measurements: Measurements) -> tuple[ModelError, FloatArray]:
-    """Return a model error without scores, whose greatest load has size 1, and the sizes (N,) of the loads.
-
-    Raises:
-        RequestError: nothing loads the robot.
-    """
-    force, moment = (np.linalg.norm(v, axis=1).max() for v in (measurements.force, measurements.moment))
-    if not (force or moment):
-        raise _too_few()
-    summary = ModelError(0, np.zeros(0), np.zeros(0), float(force), float(moment), 0.0, 0.0)
-    greatest = float(summary.load_size(measurements.force, measurements.moment).max())
-    summary = replace(summary, force=greatest * float(force), moment=greatest * float(moment))
-    load = summary.load_size(measurements.force, measurements.moment)
-    return replace(summary, least_load=float(load[load > 0.0].min())), load
-
-
-def _with_scores(
-    summary: ModelError, size: FloatArray, posture: IndexArray, squares: FloatArray, noise: FloatArray
+def _model_error(
+    measurements: Measurements,
+    posture: IndexArray,
+    residual: FloatArray,
+    half: FloatArray,
+    lacking: FloatArray,
 ) -> ModelError:
-    """Return a model error with the scores of R readings, without what is the readings' own in them.
+    """Return the model error by R readings, without what is the readings' own in it.
 
     A residual is the sum of the prediction's error and of the reading's own, which no ball about a prediction
     has to hold. Their squares add up in the mean only: all scores shrink alike, so that quantiles keep
     their order. That mean is known to a standard error, by which less is taken off.
 
     Args:
-        summary: unit of the loads.
-        size: (R,) of the readings' loads.
-        posture: (R,) index of each reading's posture.
-        squares: (R,) of the residuals [m²]; NaN where undetermined.
-        noise: (R,) expected square of the reading's error, and of that of the prediction for the readings
-            that its fit lacks [m²].
+        measurements: N observations.
+        posture: (R,) index of each reading's posture; −1 where that was not left out.
+        residual: (R, 3) of the readings by fits without their postures [m]; NaN where undetermined.
+        half: (R, 3, p) roots of the covariances of predictions [m]; zero if they are unknown.
+        lacking: (R,) share of that covariance that the fit without the posture has more.
     """
-    known = np.isfinite(squares)
-    of_load, left = squares / size, 1.0
+    of_reading = np.nonzero(measurements.present)[0]
+    force, moment = (
+        float(np.linalg.norm(each, axis=1).max()) for each in (measurements.force, measurements.moment)
+    )
+    load = load_sizes(measurements.force, measurements.moment, force, moment)
+    greatest = float(load.max())
+    load = load / greatest
+    loaded = load[of_reading] > 0.0
+    leverage = greatest_deviation(half[loaded]) / load[of_reading[loaded]]
+    scored = np.flatnonzero(loaded & (posture >= 0))
+    posture, size = posture[scored], load[of_reading[scored]]
+    trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
+    variance = np.broadcast_to(trace, measurements.present.shape)[measurements.present][scored]
+    noise = (measurements.sigma or 0.0) ** 2 * variance
+    noise = noise + lacking[scored] * np.square(half[scored]).sum(axis=(1, 2))
+    of_load, left = np.square(residual[scored]).sum(axis=1) / size, 1.0
+    known = np.isfinite(of_load)
     if known.any() and (whole := float(of_load[known].mean())) > 0.0:
         counts = np.bincount(posture[known])
         means = np.bincount(posture[known], of_load[known])[counts > 0] / counts[counts > 0]
         error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else whole
         left = min(1.0, max(0.0, 1.0 - float((noise / size)[known].mean()) / whole) + error / whole)
-    score = np.sqrt(np.where(known, left * of_load, np.inf))
-    steps, share = merged_steps(posture, score)
-    return replace(
-        summary,
+    score, share = merged_steps(posture, np.sqrt(np.where(known, left * of_load, np.inf)))
+    return ModelError(
         postures=len(np.unique(posture)),
-        score=steps,
+        score=score,
         share=share,
+        force=greatest * force,
+        moment=greatest * moment,
+        least_load=float(load[load > 0.0].min()),
+        leverage=float(leverage.max()),
     )
-
-
-def _too_few() -> RequestError:
-    return RequestError("the model error needs two postures under load", remedy="measure more postures")
 
 
 def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -274,15 +267,3 @@ def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, Fl
         last = np.diff(np.ceil(MOST_STEPS * share), append=np.inf) > 0.0
         order, share = order[last], share[last]
     return score[order], share
-
-
-def _postures(measurements: Measurements, loaded: BoolArray) -> tuple[list[IndexArray], int]:
-    """Observations by posture, at most `MOST_LEFT_OUT` of the loaded ones, and the number of all these."""
-    rounded = np.round(measurements.joints / _SAME_POSTURE)
-    order = np.lexsort(rounded.T[::-1])
-    groups = np.split(order, np.flatnonzero(np.diff(rounded[order], axis=0).any(axis=1)) + 1)
-    groups = [group for group in groups if loaded[group].any()]
-    count = len(groups)
-    if count > MOST_LEFT_OUT:
-        groups = [groups[k] for k in np.linspace(0, count - 1, MOST_LEFT_OUT).astype(int)]
-    return groups, count

@@ -11,10 +11,9 @@ from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot
@@ -222,7 +221,7 @@ class TestIdentified:
     def test_free_intervals_are_plus_and_minus(self):
         load = cases()
         found = self.model(positive=False).deflect(load)
-        deviation = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+        deviation = np.linalg.norm(found.half, axis=2)
         value = np.concatenate([found.displacement, found.rotation], axis=1)
         expected = value[..., None] + 1.6448536 * deviation[..., None] * np.array([-1, 1])
         np.testing.assert_allclose(found.interval(0.9), expected, rtol=1e-6)

@@ -11,13 +11,13 @@ from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
+from jointstiff.solver.predict.models import JointModel
 
 ROBOT = robot_of(default_arm())
 DESIGN = SpringCampaign.of(default_arm())

@@ -11,10 +11,16 @@ from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
-from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, map_places
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.maps import (
+    STATUSES,
+    DeflectionMap,
+    MapTask,
+    ToolFan,
+    map_places,
+    tool_rotations,
+)
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
@@ -140,7 +146,7 @@ def test_compliance_and_intervals_are_those_of_a_prediction():
     ]
     np.testing.assert_allclose(found.across, worst, rtol=1e-3)
     unit = found.displacement / found.length[:, None]
-    deviation = np.sqrt(np.einsum("bi,bij,bj->b", unit, predicted.covariance[:, :3, :3], unit))
+    deviation = predicted.deviation_along(unit)
     np.testing.assert_allclose(np.ptp(found.readings, axis=1), 2 * 1.959964 * deviation, rtol=0.02)
     assert (found.readings[:, 0] < found.length).all()
     assert (found.length < found.readings[:, 1]).all()

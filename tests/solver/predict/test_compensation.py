@@ -12,14 +12,11 @@ from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.convex.problem import Bounds, Constraints
-from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
-from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.links.choice import Folds, Plan
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -151,9 +148,5 @@ def test_a_share_is_left(links):
 
 
 def test_the_place_follows_from_rows_and_from_blocks_alike(links):
-    wanted = path()
-    unloaded = Configurations(ROBOT, ROBOT.joint_map.model_angles(wanted.joints))
-    places = links.places(wanted, unloaded)
-    np.testing.assert_allclose(
-        places.deflection(links.compliances), places.rows @ links.compliances, atol=1e-15
-    )
+    found = links.deflect(path())
+    np.testing.assert_allclose(found.motion, found.rows @ links.entries, atol=1e-15)

@@ -1,1 +1,0 @@
-"""Deflection and Cartesian compliance by an identified model, with intervals."""

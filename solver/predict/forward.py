@@ -1,0 +1,478 @@
+"""Forward models: where a load takes the tool, what the readings say of it, and which command undoes it.
+
+Prediction, maps and programs ask a `ForwardModel`, and nothing else tells joints from elastic links
+(method.md §9). A compensated path (§12) wants its *loaded* postures. Their torques are known before any
+command is, so no iteration is needed for joints: ``q_cmd = θ − c ∘ τ(θ)``. The mirror of a deflection that is
+computed at the wanted posture, ``x − δ(x)``, has an error of second order.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import ClassVar, Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fitting.fit import student_quantile
+from jointstiff.solver.robot.configuration import Configurations, rotation_vector
+from jointstiff.solver.robot.model import Robot
+
+LARGEST_TURN: Final = 0.25
+"""Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""
+_SINGULAR: Final = 1e-12
+"""Eigenvalue beside the greatest, in equilibrated compliances, that is rounding."""
+_BLOCK: Final = 4096
+"""Postures of a path worked on at a time: a few MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCases:
+    """B load cases: where the robot stands, what pulls where, and which place is asked about.
+
+    The wrench is dead: force and moment keep their size and direction in R0 while the load point moves with
+    the flange. Arrays are checked and made read-only.
+
+    Raises:
+        RequestError: shapes disagree, a number is not finite, or there is no case.
+    """
+
+    joints: FloatArray  #: (B, n) angles without the load, as the controller shows them [rad]
+    force: FloatArray  #: (B, 3) on the robot, axes of R0 [N]
+    moment: FloatArray  #: (B, 3) on the robot about the load point, axes of R0 [N·m]
+    load_point: FloatArray  #: (B, 3) where the force acts, flange frame [m]
+    place: FloatArray  #: (B, 3) whose deflection is asked for, flange frame [m]
+
+    def __post_init__(self) -> None:
+        count = len(self.joints)
+        for each in fields(self):
+            array: FloatArray = getattr(self, each.name)
+            width = array.shape[-1] if each.name == "joints" else 3
+            if count == 0 or array.shape != (count, width) or not np.isfinite(array).all():
+                raise RequestError(
+                    f"{each.name} needs finite numbers of shape {(count, width)}, but has shape "
+                    f"{array.shape}",
+                    where=f"cases.{each.name}",
+                    remedy="give at least one case, and the same fields for each",
+                )
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def __getitem__(self, index: IndexArray | slice) -> LoadCases:
+        """Return some of the cases."""
+        return LoadCases(*(array[index].copy() for array in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class WorstDirection:
+    """The direction in which a force moves the place most, in B load cases."""
+
+    compliance: FloatArray  #: (B,) greatest eigenvalue of C_tt [m/N]
+    direction: FloatArray  #: (B, 3) unit vector, axes of R0
+    compliance_uncertainty: FloatArray  #: (B,) standard uncertainty of the eigenvalue [m/N]; NaN if unknown
+    #: (B,) standard uncertainty of the direction's angle [rad], at most a quarter turn; NaN if unknown
+    direction_uncertainty: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CartesianCompliance:
+    """``C_x = J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(c) J_xᵀ`` in the loaded posture of B load cases.
+
+    It maps a further small wrench at the place (N, then N·m) to the displacement of the place (m) and the
+    rotation of the flange (rad), axes of R0. Directions are unit vectors (B, 3).
+    """
+
+    matrix: FloatArray  #: (B, 6, 6) blocks [m/N, m/(N·m); rad/N, rad/(N·m)]
+    #: (B,) whether the load has a potential: a dead moment has none, and leaves C asymmetric
+    symmetric: BoolArray
+    #: (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``, and (n, n) covariance of the compliances
+    #: [(rad/(N·m))²]; None if it is unknown
+    by_joint: tuple[FloatArray, FloatArray, FloatArray] | None
+
+    @property
+    def translation(self) -> FloatArray:
+        """(B, 3, 3) C_tt [m/N]."""
+        return self.matrix[:, :3, :3]
+
+    def along(self, direction: FloatArray) -> FloatArray:
+        """(B,) ``uᵀ C_tt u``, compliance along directions [m/N]."""
+        return np.asarray(np.einsum("bi,bij,bj->b", direction, self.translation, direction))
+
+    def across(self, direction: FloatArray) -> FloatArray:
+        """(B,) greatest eigenvalue of C_tt in the plane across directions [m/N]."""
+        helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        first = unit_vectors(np.cross(direction, helper))
+        plane = np.stack([first, np.cross(direction, first)], axis=1)  # (B, 2, 3)
+        form = plane @ self.translation @ plane.transpose(0, 2, 1)
+        mean, half = 0.5 * (form[:, 0, 0] + form[:, 1, 1]), 0.5 * (form[:, 0, 0] - form[:, 1, 1])
+        return np.asarray(mean + np.hypot(half, 0.5 * (form[:, 0, 1] + form[:, 1, 0])))
+
+    def stiffness_lateral_free(self, direction: FloatArray) -> FloatArray:
+        """(B,) ``1/(uᵀ C_tt u)`` [N/m]: force per displacement along u, motion across u left free."""
+        with np.errstate(divide="ignore"):
+            return 1.0 / self.along(direction)
+
+    def stiffness_lateral_blocked(self, direction: FloatArray) -> FloatArray:
+        """(B,) ``uᵀ C_tt⁻¹ u`` [N/m]: motion across u blocked; inf where C_tt is singular."""
+        return _inverse_form(self.translation, direction)
+
+    def stiffness_rotation_blocked(self, direction: FloatArray) -> FloatArray:
+        """(B,) ``uᵀ K_tt u``, K = C_x⁻¹ [N/m]: all but motion along u blocked; inf where C_x is singular."""
+        return _inverse_form(self.matrix, np.pad(direction, ((0, 0), (0, 3))))
+
+    @cached_property
+    def worst(self) -> WorstDirection:
+        """The worst direction, its uncertainty by the law of propagation (GUM, 5.1.2).
+
+        ``∂λ/∂c_j = vᵀ (∂C/∂c_j) v`` and ``∂v/∂c_j = Σ_m v_m v_mᵀ(∂C/∂c_j)v / (λ − λ_m)``, the loaded posture
+        being held.
+        """
+        symmetric = 0.5 * (self.translation + self.translation.transpose(0, 2, 1))
+        values, vectors = np.linalg.eigh(symmetric)
+        worst, v = values[:, -1], vectors[:, :, -1]
+        if self.by_joint is None:
+            unknown = np.full(len(v), np.nan)
+            return WorstDirection(worst, v, unknown, unknown)
+        left, right, covariance = self.by_joint
+        along, against = (vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right))
+        slopes = 0.5 * (along * against[:, -1:] + against * along[:, -1:])  # (B, 3, n): v_mᵀ ∂C/∂c_j v
+        variance = np.einsum("bmi,ij,bmj->bm", slopes, covariance, slopes)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turned = (variance[:, :2] / np.square(worst[:, None] - values[:, :2])).sum(axis=1)
+        angle = np.minimum(np.sqrt(np.where(np.isnan(turned), np.inf, turned)), 0.5 * np.pi)
+        return WorstDirection(worst, v, np.sqrt(variance[:, -1]), angle)
+
+    def deviation_along(self, direction: FloatArray) -> FloatArray:
+        """(B,) standard uncertainty of ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
+        if self.by_joint is None:
+            return np.full(len(direction), np.nan)
+        left, right, covariance = self.by_joint
+        slope = (direction[:, None] @ left[:, :3] * (direction[:, None] @ right[:, :3]))[:, 0]
+        return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
+
+
+def _inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatArray:
+    """(B,) ``uᵀ A⁻¹ u``; inf where the equilibrated A (B, k, k) is singular."""
+    scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    equilibrated = matrices / scale[:, :, None] / scale[:, None]
+    singular = np.linalg.svd(equilibrated, compute_uv=False)
+    regular = singular[:, -1] > _SINGULAR * singular[:, 0]
+    out = np.full(len(matrices), np.inf)
+    u = (direction / scale)[regular]
+    out[regular] = (u * np.linalg.solve(equilibrated[regular], u[..., None])[..., 0]).sum(axis=1)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardModel(ABC):
+    """A model of the loaded robot."""
+
+    first_order: ClassVar[bool]
+    """Whether it is linear in the load, without own weight and complementary stiffness."""
+
+    robot: Robot  #: n joints
+    #: degrees of freedom of a sigma that comes from residuals; None for one that was given
+    degrees_of_freedom: float | None = field(default=None, kw_only=True)
+
+    @abstractmethod
+    def deflect(
+        self, cases: LoadCases, unloaded: Configurations | None = None, near: Configurations | None = None
+    ) -> Deflection:
+        """Bend the robot.
+
+        Args:
+            cases: B load cases.
+            unloaded: their kinematics without the load; None computes them.
+            near: kinematics near the loaded postures; None starts at the unloaded ones.
+
+        Raises:
+            RequestError: a load finds no stable balance.
+        """
+
+    @abstractmethod
+    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+        """Return angles (B, n) of the model [rad] under which a share of the deflection ends at the goal.
+
+        Args:
+            wanted: B loaded postures.
+            goal: their kinematics.
+            share: (B,) 0 to 1.
+
+        Raises:
+            RequestError: there are none.
+        """
+
+    @abstractmethod
+    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+        """Return displacements (B, 3) of the places, to first order in the load [m]."""
+
+    @abstractmethod
+    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+        """Return whether the loads (B,) are beyond what the model describes."""
+
+    def unloaded(self, cases: LoadCases) -> Configurations:
+        """Return the kinematics of load cases without their loads."""
+        return Configurations(self.robot, self.robot.joint_map.model_angles(cases.joints))
+
+    def quantile(self, confidence: float) -> float:
+        """Return half the width of a two-sided interval in standard uncertainties."""
+        if not 0.0 < confidence < 1.0:
+            raise RequestError(
+                f"the confidence is {confidence}",
+                where="confidence",
+                remedy="give a confidence between 0 and 1",
+            )
+        return student_quantile(0.5 * (1.0 + confidence), self.degrees_of_freedom)
+
+
+@dataclass(frozen=True, eq=False)
+class Deflection(ABC):
+    """Deflections of B load cases by a forward model, axes of R0."""
+
+    model: ForwardModel  #: model with p compliances
+    #: (B, 6) displacements of the places [m], then rotation vectors of the flange [rad]
+    motion: FloatArray
+    place: FloatArray  #: (B, 3) loaded places in R0 [m]
+    axes: FloatArray  #: (B, 3, 3) axes of the flange in R0, under load
+
+    @property
+    def displacement(self) -> FloatArray:
+        """(B, 3) of the places [m]."""
+        return self.motion[:, :3]
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(B, 3) rotation vectors of the flange [rad]."""
+        return self.motion[:, 3:]
+
+    @property
+    @abstractmethod
+    def rows(self) -> FloatArray:
+        """(B, 6, p) ``∂(displacement, rotation)/∂c`` [m, then rad, / (rad/(N·m))]."""
+
+    @property
+    @abstractmethod
+    def half(self) -> FloatArray | None:
+        """(B, 6, r) H, H Hᵀ their covariance by the readings alone, without constraints; None if unknown."""
+
+    @property
+    @abstractmethod
+    def unseen(self) -> BoolArray:
+        """(B, n) joints that the load twists and of which the readings say nothing.
+
+        Where there is one, no number holds.
+        """
+
+    @property
+    @abstractmethod
+    def compliance(self) -> CartesianCompliance:
+        """Cartesian compliance at the places, in the loaded postures."""
+
+    @abstractmethod
+    def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the readings say how places answer to forces along directions (B, 3), and across.
+
+        A joint of which they say nothing may answer to other forces than the load.
+        """
+
+    def interval(self, confidence: float) -> FloatArray | None:
+        """Return intervals (B, 6, 2) of displacement, then rotation, from the readings alone.
+
+        They respect the constraints of the fit; None where no uncertainty is known.
+        """
+        if self.half is None:
+            return None
+        spread = self.model.quantile(confidence) * np.linalg.norm(self.half, axis=2)
+        return np.stack([self.motion - spread, self.motion + spread], axis=-1)
+
+    def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
+        """Return intervals (B, 2) of displacements along unit vectors (B, 3) [m]; NaN if unknown."""
+        value = np.einsum("bi,bi->b", direction, self.displacement)
+        spread = self.model.quantile(confidence) * self.deviation_along(direction)
+        return np.stack([value - spread, value + spread], axis=-1)
+
+    def deviation_along(self, direction: FloatArray) -> FloatArray:
+        """Return standard uncertainties (B,) of displacements along unit vectors [m]; NaN if unknown."""
+        if self.half is None:
+            return np.full(len(direction), np.nan)
+        return np.asarray(np.linalg.norm((direction[:, None] @ self.half[:, :3])[:, 0], axis=1))
+
+    @property
+    def leverage(self) -> FloatArray:
+        """(B,) greatest standard uncertainty of a displacement in any direction [m]; zero if unknown."""
+        return np.zeros(len(self.motion)) if self.half is None else greatest_deviation(self.half[:, :3])
+
+    def length_uncertainties(self, covariances: FloatArray) -> FloatArray:
+        """Return standard uncertainties of the displacements' lengths by source, ``√(uᵀ A C_k Aᵀ u)``.
+
+        Args:
+            covariances: (K, p, p) of the compliances, by source [(rad/(N·m))²].
+
+        Returns:
+            (B, K) [m]; zero where nothing moves.
+        """
+        row = np.einsum("bi,bip->bp", unit_vectors(self.displacement), self.rows[:, :3])
+        variance = np.einsum("bp,kpq,bq->bk", row, covariances, row)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Return the directions of vectors (B, 3); zero where there is none."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+
+
+def greatest_deviation(half: FloatArray) -> FloatArray:
+    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances."""
+    greatest = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
+    return np.asarray(np.sqrt(np.maximum(greatest, 0.0)))
+
+
+@dataclass(frozen=True)
+class CorrectionLimits:
+    """Rules by which a correction is held back."""
+
+    displacement: float = 5e-3  #: greatest correction of the place [m]
+    rotation: float = 10e-3  #: greatest correction of the orientation [rad]
+    ramp: float = 0.0  #: length of path over which the correction sets in and fades with the load [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """Commands for m wanted postures, with what they reach by the forward model of the loaded robot."""
+
+    commanded: FloatArray  #: (m, n) angles as the controller shows them [rad]
+    #: (m, 6) from the wanted to the commanded pose of the place: displacement [m], then rotation vector
+    #: [rad], axes of R0
+    correction: FloatArray
+    #: (m, 6) from the wanted to the loaded pose under the command: the certificate [m, rad]
+    residual: FloatArray
+    uncorrected: FloatArray  #: (m, 6) from the wanted to the loaded pose without correction [m, rad]
+    #: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if unknown
+    uncertainty: FloatArray
+    leverage: FloatArray  #: (m,) the greatest of a displacement in any direction [m]; zero if unknown
+    share: FloatArray  #: (m,) share of the full correction that the command carries, 0 to 1
+    uncertain: BoolArray  #: (m,) left alone, as the uncertainty of the deflection exceeds it
+    capped: BoolArray  #: (m,) held back by the limits
+
+
+def compensate(
+    model: ForwardModel,
+    wanted: LoadCases,
+    limits: CorrectionLimits | None = None,
+    ramp: FloatArray | None = None,
+) -> Compensation:
+    """Command such postures that the bent robot brings the tool to the wanted places.
+
+    Args:
+        model: of the loaded robot.
+        wanted: m postures that bring the tool to the wanted places while nothing bends, in the order of the
+            path: `joints` are their angles as the controller would show them, the load acts there.
+        limits: by which corrections are held back.
+        ramp: (m,) shares of the corrections, where the cases are a part of the path (`ramp_shares`).
+
+    Raises:
+        RequestError: a load twists a joint of which nothing is known, finds no stable balance, or cannot be
+            compensated.
+    """
+    robot, limits = model.robot, CorrectionLimits() if limits is None else limits
+    ramp = ramp_shares(robot, wanted, limits.ramp) if ramp is None else ramp
+    if len(wanted) > _BLOCK:
+        blocks = [slice(start, start + _BLOCK) for start in range(0, len(wanted), _BLOCK)]
+        parts = [vars(compensate(model, wanted[block], limits, ramp[block])) for block in blocks]
+        return Compensation(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    goal = model.unloaded(wanted)
+    still = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
+    bare = model.deflect(wanted, goal)
+    uncorrected = _offset(*still, bare.place, bare.axes)
+    if bare.unseen.any():
+        raise RequestError(
+            "the load or own weight twists a joint that the readings do not determine",
+            where="run_id",
+            remedy="choose a run whose readings determine every joint that the process loads",
+        )
+    uncertainty = bare.deviation_along(unit_vectors(uncorrected[:, :3]))
+    uncertain = uncertainty > np.linalg.norm(uncorrected[:, :3], axis=1)
+    share = np.where(uncertain, 0.0, ramp)
+
+    def corrected(angles: FloatArray) -> tuple[Configurations, FloatArray]:
+        """Return the kinematics of commands (m, n), and how far they are from the wanted poses."""
+        under = Configurations(robot, angles)
+        place = under.to_base(wanted.place[:, None])[:, 0]
+        return under, _offset(*still, place, under.flange_rotation)
+
+    under, correction = corrected(model.command(wanted, goal, share))
+    # Share (m,) of each correction that the limits allow
+    size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
+    most = np.array([[limits.displacement], [limits.rotation]])
+    cap: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
+    if (cap < 1.0).any():
+        held = model.command(wanted, goal, share * cap)
+        under, correction = corrected(np.where(cap[:, None] < 1.0, held, under.q))
+    reached = model.deflect(wanted, under, near=goal)
+    return Compensation(
+        commanded=robot.joint_map.controller_angles(under.q),
+        correction=correction,
+        residual=_offset(*still, reached.place, reached.axes),
+        uncorrected=uncorrected,
+        uncertainty=uncertainty,
+        leverage=bare.leverage,
+        share=share * cap,
+        uncertain=uncertain,
+        capped=cap < 1.0,
+    )
+
+
+def _offset(place: FloatArray, axes: FloatArray, there: FloatArray, axes_there: FloatArray) -> FloatArray:
+    """Return displacements [m] and rotation vectors [rad] (m, 6) from poses here to others there, in R0."""
+    turned = rotation_vector(axes_there @ axes.transpose(0, 2, 1))
+    return np.concatenate([there - place, turned], axis=1)
+
+
+def residuals(
+    model: ForwardModel, wanted: LoadCases, goal: FloatArray, commanded: FloatArray, near: FloatArray
+) -> FloatArray:
+    """Return displacement [m] and rotation vector [rad] (m, 6) from the wanted to the loaded place.
+
+    Args:
+        model: of the loaded robot.
+        wanted: m loads and places.
+        goal: (m, 4, 4) wanted poses of the flange in R0 [m].
+        commanded: (m, n) angles of the model without the loads [rad].
+        near: (m, n) angles near the loaded postures, where the balance is looked for [rad].
+
+    Raises:
+        RequestError: a load finds no stable balance.
+    """
+    under, expected = (Configurations(model.robot, angles) for angles in (commanded, near))
+    axes, reached = goal[:, :3, :3], model.deflect(wanted, under, expected)
+    place = (axes @ wanted.place[..., None])[..., 0] + goal[:, :3, 3]
+    return _offset(place, axes, reached.place, reached.axes)
+
+
+def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
+    """Return the share (m,) by the length of path [m] since the load set in, and until it ends."""
+    if length <= 0.0:
+        return np.ones(len(wanted))
+    here = Configurations(robot, robot.joint_map.model_angles(wanted.joints))
+    steps = np.linalg.norm(np.diff(here.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
+    loaded = (wanted.force != 0.0).any(axis=1) | (wanted.moment != 0.0).any(axis=1)
+    since = _since_start(loaded, steps)
+    until = _since_start(loaded[::-1], steps[::-1])[::-1]
+    share: FloatArray = np.clip(np.minimum(since, until) / length, 0.0, 1.0)
+    return share
+
+
+def _since_start(loaded: BoolArray, steps: FloatArray) -> FloatArray:
+    """Return the length of path (m,) since the load set in; zero without load, inf from its begin."""
+    length = np.zeros(len(loaded))
+    length[0] = np.inf if loaded[0] else 0.0
+    for i in range(1, len(loaded)):
+        length[i] = length[i - 1] + steps[i - 1] if loaded[i] and loaded[i - 1] else 0.0
+    return length

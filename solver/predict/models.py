@@ -1,0 +1,594 @@
+"""Models of the loaded robot: elastic joints in the exact balance, with own weight; and elastic links.
+
+Links bend to first order in the load (method.md §9). Their covariance is that of Bayesian least squares: the
+readings, and a normal prior of the penalised entries about zero, whose standard deviation is half the root
+mean square of the elements' traces, in the penalty's units. The cone is left out. What the readings leave
+open is bounded by how much the links bend at all.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar, Final
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex.conic import diagonal, to_matrix
+from jointstiff.solver.convex.problem import Constraints
+from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.fitting.fit import Likelihood
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
+from jointstiff.solver.links.fit import ElasticEstimate
+from jointstiff.solver.links.model import ElasticColumns
+from jointstiff.solver.observability import Spectrum
+from jointstiff.solver.predict.forward import (
+    LARGEST_TURN,
+    CartesianCompliance,
+    Deflection,
+    ForwardModel,
+    LoadCases,
+)
+from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector, skew
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.balance import Balance, balance, wrench_stiffness
+from jointstiff.solver.terms.links import products
+
+STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
+"""In R0, z upwards [m/s²]."""
+_UNSEEN: Final = 1e-9
+"""Share of a row in what the readings do not determine, below which it is rounding."""
+_BLOCK: Final = 500
+"""Rows whose ends are found together: each takes some matrices of n × n numbers."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding of a position [m]: no reading is better."""
+_WEIGHT_STEPS: Final = 8
+"""Steps in which the own weight of the commanded posture settles; each gains three digits."""
+_TILT: Final = 5e-3
+"""Torque of own weight, relative to another joint's, that a vertical axis has if not quite vertical."""
+_SOFTEST: Final = 0.5
+"""Share of the joints' stiffness that the load may take away; more is no load of a process."""
+_SHARE_OF_TRACE: Final = 0.5
+"""Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held
+out, 95 % intervals of displacements then hold 97 % (20 and 40 postures) and 95 % (100) of the truth."""
+_JOINT_PRIOR: Final = 10.0
+"""Prior standard deviation of a joint's compliance, in units of what would explain all deflections."""
+_LEAST_PRIOR: Final = 1e-6
+"""The same of an entry at the least, where no element bends."""
+_NEWTON_STEPS: Final = 20
+_REACHED: Final = 1e-12
+"""Distance [m] and angle [rad] from the wanted pose that is rounding."""
+_DAMPING: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class OwnWeight:
+    """Masses of the n links, each carried by a joint; a tool and its payload belong to the last.
+
+    Raises:
+        RequestError: a mass is negative, or a number is not finite.
+    """
+
+    absolute: ClassVar[bool] = False
+    """Whether deflections are from the arm that does not bend; else from where the weight alone takes it."""
+
+    #: (n,) [kg], zero for a link whose weight is left out; or (n, n), row j as the torque of joint j has them
+    mass: FloatArray
+    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3) likewise
+    centre: FloatArray
+    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
+
+    def __post_init__(self) -> None:
+        finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))
+        if not finite or (self.mass < 0.0).any() or self.centre.shape != (*self.mass.shape, 3):
+            raise RequestError(
+                "a mass is negative, or a number is not finite",
+                where="own_weight",
+                remedy="give each link a mass in kg and its centre in m",
+            )
+
+    def torque_and_stiffness(
+        self, robot: Robot, configurations: Configurations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the torques g(q) and ``∂g/∂q`` of the weights (method.md §9).
+
+        Joint j carries the links behind it: ``g_j = a_j · (S_j × γ)``, a its axis, γ gravity, S their first
+        moment about it. An angle behind j moves the moment of the links behind that angle, one before it
+        turns all that j carries, which is to turn gravity back.
+
+        Returns:
+            (B, n) [N·m] and (B, n, n) [N·m/rad].
+        """
+        n = robot.n
+        rotation, origin = joint_frames(robot, configurations.q)
+        axes = configurations.angular_jacobian.transpose(0, 2, 1)
+        mass = np.triu(np.broadcast_to(self.mass, (n, n)))
+        centre = (mass[..., None] * self.centre).transpose(1, 2, 0)  # (l, 3, j)
+        moments = mass[..., None] * origin[:, None] + (rotation @ centre).transpose(0, 3, 1, 2)
+        behind = moments[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]  # (B, j, k, 3), of the links from k on
+        behind = behind - mass[:, ::-1].cumsum(axis=1)[:, ::-1, None] * origin[:, None]
+        own = np.einsum("bjji->bji", behind)
+        torque = np.einsum("bji,bji->bj", axes, np.cross(own, self.gravity))
+        later = np.cross(np.cross(axes[:, None], behind), self.gravity)
+        sooner = -np.cross(own[:, :, None], np.cross(axes, self.gravity)[:, None])
+        moved = np.where(np.tri(n, k=-1, dtype=np.bool_)[..., None], sooner, later)
+        return torque, np.einsum("bji,bjki->bjk", axes, moved)
+
+
+def unit_levers(
+    direction: FloatArray, point: FloatArray, rotation: FloatArray, origin: FloatArray
+) -> FloatArray:
+    """Return the levers by which forces on links twist the joints before them.
+
+    Args:
+        direction: (B, n, 3) of the axes.
+        point: (B, n, 3) on them [m].
+        rotation: (B, n, 3, 3) of the frames that move with the joints.
+        origin: (B, n, 3) of them [m].
+
+    Returns:
+        (B, n, n, 4, 3): of joint j by link l, at the link's origin [m], then for a metre along each of its
+        axes; zero where l < j.
+    """
+    n = point.shape[1]
+    by_force = np.cross(direction[:, :, None], origin[:, None] - point[:, :, None])
+    by_metre = np.cross(direction[:, :, None, None], rotation.transpose(0, 1, 3, 2)[:, None])
+    levers = np.concatenate([by_force[..., None, :], by_metre], axis=3)
+    return np.asarray(levers * np.triu(np.ones((n, n)))[..., None, None])
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedWeight(OwnWeight):
+    """Own weight as an identification found it with the compliances: deflections hold the sag."""
+
+    absolute: ClassVar[bool] = True
+
+    #: (n + 4 n², r) root of the covariance of all c_j, then of c_j m_jl and c_j m_jl s_jl, l the fastest but
+    #: for these four [rad/(N·m), times kg, kg·m]
+    root: FloatArray = field(kw_only=True)
+
+    def turn_root(self, robot: Robot, configurations: Configurations, torque: FloatArray) -> FloatArray:
+        """Return a root (B, n, r) of the covariance of joints' turns [rad], by loads' torques (B, n)."""
+        n = robot.n
+        rotation, origin = joint_frames(robot, configurations.q)
+        axes = configurations.angular_jacobian.transpose(0, 2, 1)
+        units = unit_levers(axes, origin, rotation, origin) @ self.gravity
+        own = np.einsum("bjlp,jlpr->bjr", units, self.root[n:].reshape(n, n, 4, -1))
+        return np.asarray(torque[..., None] * self.root[:n] + own)
+
+
+@dataclass(frozen=True, eq=False)
+class JointModel(ForwardModel):
+    """Elastic joints: the exact balance of springs, load and own weight."""
+
+    first_order = False
+
+    compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where nothing is known
+    #: of the compliances that were seen, before any constraint, in SI units; None where no uncertainty is
+    #: known
+    likelihood: Likelihood | None
+    constraints: Constraints  #: on all n compliances
+    #: of the links; None leaves it out, as the controller's zero has it in already; an identified one's sag
+    #: is part of the deflections
+    weight: OwnWeight | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
+        """Take over what an identification found."""
+        likelihood = estimate.likelihood if estimate.covariance is not None else None
+        if likelihood is not None:
+            sigma = max(float(estimate.sigma or 0.0), _LEAST_SIGMA)
+            rows = None if likelihood.given_rows is None else likelihood.given_rows / sigma
+            likelihood = Likelihood(
+                likelihood.joints, likelihood.centre, sigma**2 * likelihood.covariance, rows
+            )
+        freedom = None if estimate.sigma_given else estimate.degrees_of_freedom
+        return cls(robot, estimate.compliance, likelihood, constraints, degrees_of_freedom=freedom)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(n, n) of the unconstrained estimate [(rad/(N·m))²]; zero for joints that were not seen."""
+        covariance = np.zeros((self.robot.n, self.robot.n))
+        if self.likelihood is not None:
+            covariance[np.ix_(self.likelihood.joints, self.likelihood.joints)] = self.likelihood.covariance
+        return covariance
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """(n, n) matrix whose product with its transpose is the covariance."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    def deflect(
+        self, cases: LoadCases, unloaded: Configurations | None = None, near: Configurations | None = None
+    ) -> JointDeflection:
+        """Balance springs and loads.
+
+        Raises:
+            RequestError: a load finds no stable balance near the unloaded posture.
+        """
+        unloaded = self.unloaded(cases) if unloaded is None else unloaded
+        equilibrium = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
+        loaded = equilibrium.loaded
+        still, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
+        jacobian = np.concatenate([loaded.jacobian_at(reached)[:, 0], loaded.angular_jacobian], axis=1)
+        step = (jacobian @ equilibrium.step[..., None])[..., 0]
+        axes = loaded.flange_rotation + skew(step[:, 3:]) @ loaded.flange_rotation
+        turned = rotation_vector(axes @ unloaded.flange_rotation.transpose(0, 2, 1))
+        return JointDeflection(
+            model=self,
+            motion=np.concatenate([(reached - still)[:, 0] + step[:, :3], turned], axis=1),
+            place=reached[:, 0] + step[:, :3],
+            axes=axes,
+            cases=cases,
+            balance=equilibrium,
+            jacobian=jacobian,
+        )
+
+    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+        """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), angles of the model [rad]."""
+        step = share[:, None] * self.compliance
+        torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
+        commanded: FloatArray = goal.q - step * torque
+        if self.weight is None:
+            return commanded
+        torque = torque + self.weight.torque_and_stiffness(self.robot, goal)[0]
+        if self.weight.absolute:
+            return goal.q - step * torque
+        for _ in range(_WEIGHT_STEPS):
+            rest = self.weight.torque_and_stiffness(self.robot, Configurations(self.robot, commanded))[0]
+            commanded = goal.q - step * (torque - rest)
+        return commanded
+
+    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+        """Return ``J diag(c) τ`` (B, 3) [m]."""
+        torque = unloaded.load(cases.load_point, cases.force, cases.moment)[1]
+        if self.weight is not None and self.weight.absolute:
+            torque = torque + self.weight.torque_and_stiffness(self.robot, unloaded)[0]
+        turned = self.compliance * torque
+        jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
+        return np.asarray((jacobian @ turned[..., None])[..., 0])
+
+    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+        """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
+        jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
+        turned = np.asarray((np.abs(self.compliance * torque) > LARGEST_TURN).any(axis=1))
+        force, moment = (np.linalg.norm(part, axis=1) for part in (cases.force, cases.moment))
+        lever = np.sqrt(np.square(jacobian).sum(axis=1).max(axis=1))
+        # No entry of K_c is greater than |F| |v| + |M|: far below the limit, there is no need of entries.
+        some = np.flatnonzero(
+            ~turned & (self.compliance.max() * self.robot.n * (force * lever + moment) > _SOFTEST)
+        )
+        axes, loads = unloaded.angular_jacobian[some], (cases.force[some], cases.moment[some])
+        softening = self.compliance * np.abs(wrench_stiffness(axes, jacobian[some], *loads)).sum(axis=2)
+        turned[some] = (softening > _SOFTEST).any(axis=1)
+        return turned
+
+    @cached_property
+    def _unseen_directions(self) -> FloatArray:
+        """(u, n) directions of the compliances that the readings do not determine, in scaled compliances."""
+        identity = np.eye(self.robot.n)
+        if self.likelihood is None:
+            return identity[:0]
+        hidden = np.delete(identity, self.likelihood.joints, axis=0)
+        if self.likelihood.given_rows is None:
+            return hidden
+        spectrum = Spectrum(self.likelihood.given_rows)
+        scaled = spectrum.null_space / spectrum.scale * spectrum.scale.max()
+        return np.concatenate([hidden, scaled @ identity[self.likelihood.joints]])
+
+    def unseen(self, rows: FloatArray) -> BoolArray:
+        """(B, n) joints whose unknown compliance has a part in linear functions (B, w, n) of all."""
+        if not len(self._unseen_directions):
+            return np.zeros((len(rows), self.robot.n), dtype=np.bool_)
+        size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
+        parts = rows @ self._unseen_directions.T  # (B, w, u)
+        counts = (np.abs(parts) > _UNSEEN * size).any(axis=1)  # (B, u)
+        joints = (counts[:, :, None] & (np.abs(self._unseen_directions) > _UNSEEN)).any(axis=1)
+        return np.asarray(joints)
+
+    def ends(self, rows: FloatArray, confidence: float, *, by_profile: bool = True) -> FloatArray | None:
+        """Return the ends of intervals of linear functions aᵀc under the constraints (method.md §9).
+
+        They are what the bounds leave of the unconstrained interval, widened to contain the estimate and, as
+        for joints, the profile's ends. Without those they cover by themselves, with no program to solve.
+
+        Args:
+            rows: (K, n) functions a.
+            confidence: level.
+            by_profile: whether the profile widens them.
+
+        Returns:
+            (K, 2) in the unit of aᵀc; None where no uncertainty is known.
+        """
+        likelihood = self.likelihood
+        if likelihood is None:
+            return None
+        part, value, quantile = rows[:, likelihood.joints], rows @ self.compliance, self.quantile(confidence)
+        ends = np.stack([value, value], axis=-1)
+        deviation = np.sqrt(((part @ likelihood.covariance) * part).sum(axis=1))
+        some = np.flatnonzero(deviation > 0.0)
+        part, constraints = part[some], self.constraints.select(likelihood.joints)
+        box = range_on_box(part, constraints.bounds)
+        half = quantile * deviation[some, None] * np.array([-1.0, 1.0])
+        held = np.clip((part @ likelihood.centre)[:, None] + half, box[:, :1], box[:, 1:])
+        if by_profile and not constraints.order:  # an order leaves less than the box: the free ends are wider
+            for start in range(0, len(some), _BLOCK):
+                block = slice(start, start + _BLOCK)
+                with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
+                    radii = np.array([quantile])
+                    profile = profile_row_ends(likelihood, constraints, part[block], radii)[0]
+                    held[block] = _hull(held[block], profile)
+        ends[some] = _hull(held, ends[some])
+        return ends
+
+
+def _hull(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the intervals (K, 2) from the lesser of the lower ends to the greater of the upper ones."""
+    lower, upper = np.minimum(first[:, 0], second[:, 0]), np.maximum(first[:, 1], second[:, 1])
+    return np.stack([lower, upper], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class JointDeflection(Deflection):
+    """Deflections by elastic joints; rows and compliance are of the loaded posture."""
+
+    model: JointModel
+    cases: LoadCases  #: loads and places
+    balance: Balance  #: balance of springs and loads
+    jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
+
+    @cached_property
+    def _softened(self) -> FloatArray:
+        """(B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ."""
+        return np.asarray(np.linalg.inv(self.balance.slope))
+
+    @cached_property
+    def _answer(self) -> FloatArray:
+        """(B, 6, n) answer of the places to a change of c ∘ τ."""
+        return self.jacobian @ self._softened
+
+    @cached_property
+    def _torque(self) -> FloatArray:
+        """(B, n) torque that shows the compliances: of loads only beside a sag [N·m]."""
+        if self.model.weight is None or not self.model.weight.absolute:
+            return self.balance.torque
+        return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """(B, 6, n) ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: see `Deflection`."""
+        return np.asarray(self._answer * self._torque[:, None])
+
+    @cached_property
+    def half(self) -> FloatArray | None:
+        """(B, 6, r) by compliances, or by what was identified of the sag: see `Deflection`."""
+        if isinstance(self.model.weight, IdentifiedWeight):
+            turn = self.model.weight.turn_root(self.model.robot, self.balance.loaded, self._torque)
+            return np.asarray(self._answer @ turn)
+        return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
+
+    @property
+    def unseen(self) -> BoolArray:
+        """(B, n) joints that load, or weight of a sag, twists and of which the readings say nothing."""
+        unseen, weight = self.model.unseen(self.rows), self.model.weight
+        if isinstance(weight, IdentifiedWeight):
+            own = np.abs(self.balance.torque - self._torque)
+            hidden = ~weight.root[: self.model.robot.n].any(axis=1)
+            unseen |= hidden & (own > _TILT * own.max(axis=1, keepdims=True))
+        return unseen
+
+    @property
+    def compliance(self) -> CartesianCompliance:
+        """Cartesian compliance at the places, in the loaded postures."""
+        c, by_joint = self.model.compliance, None
+        if self.model.likelihood is not None:
+            # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
+            stiffened = np.eye(len(c)) + self.balance.stiffness @ (self._softened * c)
+            right = self.jacobian @ stiffened.transpose(0, 2, 1)
+            by_joint = self._answer, right, self.model.covariance
+        symmetric = (self.cases.moment == 0.0).all(axis=1)
+        return CartesianCompliance((self._answer * c) @ self.jacobian.transpose(0, 2, 1), symmetric, by_joint)
+
+    def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the readings determine the joints that answer: see `Deflection`."""
+        linear = self.jacobian[:, :3]
+        along = np.square(np.einsum("bi,bij->bj", direction, linear))
+        across = np.maximum(np.einsum("bij,bij->bj", linear, linear) - along, 0.0)
+        unknown_along, unknown_across = (
+            self.model.unseen(rows[:, None]).any(axis=1) for rows in (along, across)
+        )
+        return np.asarray(~unknown_along), np.asarray(~unknown_across)
+
+    def interval(self, confidence: float) -> FloatArray | None:
+        """Return intervals (B, 6, 2) under the constraints: see `Deflection`."""
+        n = self.model.robot.n
+        ends = self._ends(self.rows.reshape(-1, n), self.motion.reshape(-1), confidence)
+        return super().interval(confidence) if ends is None else ends.reshape(*self.motion.shape, 2)
+
+    def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
+        """Return what the bounds leave of intervals (B, 2): see `Deflection`."""
+        rows = np.einsum("bi,bij->bj", direction, self.rows[:, :3])
+        value = np.einsum("bi,bi->b", direction, self.displacement)
+        ends = self._ends(rows, value, confidence, by_profile=False)
+        return super().interval_along(direction, confidence) if ends is None else ends
+
+    def _ends(
+        self, rows: FloatArray, value: FloatArray, confidence: float, *, by_profile: bool = True
+    ) -> FloatArray | None:
+        """Return `JointModel.ends` of rows (K, n), shifted to values (K,): the balance is not linear in c."""
+        if isinstance(self.model.weight, IdentifiedWeight):
+            return None
+        ends = self.model.ends(rows, confidence, by_profile=by_profile)
+        return None if ends is None else ends + (value - rows @ self.model.compliance)[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticPredictor(ForwardModel):
+    """Elastic joints and links, to first order in the load at the unloaded posture."""
+
+    first_order = True
+
+    columns: ElasticColumns  #: columns of the richest model
+    kept: IndexArray  #: (p,) columns that the model has
+    entries: FloatArray  #: (p,) compliances
+    #: (p, p) upper triangular, root rootᵀ the covariance of the entries; None if it is unknown
+    root: FloatArray | None
+    seen: BoolArray  #: (n,) joints that the readings saw
+
+    @classmethod
+    def of(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
+        """Take over what an identification found."""
+        companion, form = elastic.companion, elastic.companion.formulation
+        entries, root = elastic.entries[form.columns], None
+        if companion.sigma is not None:
+            x = entries / form.unit
+            penalised = x[: form.cone.nonnegative][form.penalised].reshape(-1, 6).sum(axis=1)
+            traces = [*penalised, *(x[place][diagonal(size)].sum() for size, place in form.cone.blocks())]
+            deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
+            prior = np.full(len(x), deviation)
+            prior[form.joints] = _JOINT_PRIOR
+            scaled = form.fit.R * (prior * form.size / float(companion.sigma or 1.0))
+            factor = np.linalg.cholesky(scaled.T @ scaled + np.eye(len(x)))
+            inverse = solve_triangular(factor, np.eye(len(x)), lower=True)
+            root = np.asarray((form.unit * prior)[:, None] * inverse.T)
+        return cls(
+            robot,
+            elastic.model.columns,
+            form.columns,
+            entries,
+            root,
+            ~np.isnan(elastic.compliance),
+            degrees_of_freedom=companion.degrees_of_freedom,
+        )
+
+    @cached_property
+    def matrices(self) -> tuple[FloatArray, FloatArray]:
+        """(n, n) compliance of the joints [rad/(N·m)], and (L, 6, 6) of the links [m/N, rad/(N·m)]."""
+        compliances = np.zeros(self.columns.width)
+        compliances[self.kept] = self.entries
+        coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
+        links = [to_matrix(compliances[self.columns.link(joint)], 6) for joint in self.columns.links]
+        return np.diag(compliances[self.columns.joints]) + coupling, np.array(links).reshape(-1, 6, 6)
+
+    def deflect(
+        self,
+        cases: LoadCases,
+        unloaded: Configurations | None = None,
+        near: Configurations | None = None,  # noqa: ARG002  # nothing is balanced
+    ) -> ElasticDeflection:
+        """Bend links and joints at the unloaded posture."""
+        return self._deflect(cases, self.unloaded(cases) if unloaded is None else unloaded)
+
+    def _deflect(
+        self, cases: LoadCases, unloaded: Configurations, share: FloatArray | None = None
+    ) -> ElasticDeflection:
+        """Take a share (B,) of the deflection; all of it if None."""
+        R, origin = (part[:, list(self.columns.links)] for part in joint_frames(self.robot, unloaded.q))
+        at, pulled = (unloaded.to_base(point[:, None]) for point in (cases.place, cases.load_point))
+        jacobian = np.concatenate([unloaded.jacobian_at(at)[:, 0], unloaded.angular_jacobian], axis=1)
+        load_jacobian = unloaded.jacobian_at(pulled)[:, 0]
+        torque = unloaded.joint_torque(load_jacobian, cases.force, cases.moment)
+        moves = np.zeros((*R.shape[:2], 6, 6))
+        moves[..., :3, :3] = moves[..., 3:, 3:] = R
+        moves[..., :3, 3:] = -skew(at - origin) @ R
+        about = cases.moment[:, None] + np.cross(pulled - origin, cases.force[:, None])
+        wrench = np.concatenate([cases.force[:, None, None] @ R, about[:, :, None] @ R], axis=-1)
+        of_joints, of_links = self.matrices
+        motion = (jacobian @ (torque @ of_joints)[..., None])[..., 0]
+        motion = motion + (moves @ (wrench @ of_links).swapaxes(-1, -2))[..., 0].sum(axis=1)
+        motion = motion if share is None else share[:, None] * motion
+        return ElasticDeflection(
+            model=self,
+            motion=motion,
+            place=at[:, 0] + motion[:, :3],
+            axes=Rotation.from_rotvec(motion[:, 3:]).as_matrix() @ unloaded.flange_rotation,
+            jacobian=jacobian,
+            torque=torque,
+            moves=moves,
+            wrench=wrench[:, :, 0],
+        )
+
+    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+        """Follow Newton's method to the posture whose bent place is the goal.
+
+        The answer of the deflection to the posture is left out of the slope: each step gains three digits.
+
+        Raises:
+            RequestError: the place is at a singular posture, or too far.
+        """
+        target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
+        for _ in range(_NEWTON_STEPS):
+            bent = self._deflect(wanted, Configurations(self.robot, q), share)
+            turned = rotation_vector(goal.flange_rotation @ bent.axes.transpose(0, 2, 1))
+            off = np.concatenate([target - bent.place, turned], axis=1)
+            if (np.abs(off) <= _REACHED).all():
+                return q
+            jacobian = bent.jacobian
+            normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
+            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, off[..., None]))[..., 0]
+        raise RequestError(
+            "no posture near this one brings the loaded tool to its place",
+            where=f"cases[{int(np.argmax(np.abs(off).max(axis=1)))}]",
+            remedy="move the part away from the singularity, or give no load here",
+        )
+
+    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+        """Return the displacements (B, 3) of the places [m]."""
+        return self._deflect(cases, unloaded).displacement
+
+    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+        """Return whether the loads (B,) turn the flange beyond what is linear."""
+        turned = np.linalg.norm(self._deflect(cases, unloaded).rotation, axis=1)
+        return np.asarray(turned > LARGEST_TURN)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticDeflection(Deflection):
+    """Deflections by elastic joints and L elastic links, in the unloaded posture."""
+
+    model: ElasticPredictor
+    jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], axes of R0
+    torque: FloatArray  #: (B, n) torque of the joints [N·m]
+    moves: FloatArray  #: (B, L, 6, 6) moves of the places with each link's frame: translation, then rotation
+    wrench: FloatArray  #: (B, L, 6) wrench of the load in each link's frame [N, then N·m]
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """(B, 6, p) by the entries that the model has: see `Deflection`."""
+        columns = self.model.columns
+        rows = np.empty((len(self.torque), 6, columns.width))
+        rows[..., columns.joints] = self.jacobian * self.torque[:, None]
+        rows[..., columns.coupling] = products(self.jacobian, self.torque[:, None])
+        for i, joint in enumerate(columns.links):
+            rows[..., columns.link(joint)] = products(self.moves[:, i], self.wrench[:, i, None])
+        return rows[..., self.model.kept]
+
+    @cached_property
+    def half(self) -> FloatArray | None:
+        """(B, 6, p) by the covariance of the entries: see `Deflection`."""
+        return None if self.model.root is None else np.asarray(self.rows @ self.model.root)
+
+    @property
+    def unseen(self) -> BoolArray:
+        """(B, n) joints that the load twists and of which the readings say nothing."""
+        twisted = np.abs(self.jacobian * self.torque[:, None]).max(axis=1) > 0.0
+        return np.asarray(twisted & ~self.model.seen)
+
+    @property
+    def compliance(self) -> CartesianCompliance:
+        """Cartesian compliance at the places, of unknown uncertainty."""
+        of_joints, of_links = self.model.matrices
+        by_links = (self.moves @ of_links @ self.moves.swapaxes(-1, -2)).sum(axis=1)
+        matrix = self.jacobian @ of_joints @ self.jacobian.transpose(0, 2, 1) + by_links
+        return CartesianCompliance(matrix, np.ones(len(matrix), dtype=np.bool_), None)
+
+    def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the readings say something of all joints: see `Deflection`."""
+        known = np.full(len(direction), self.model.seen.all())
+        return known, known
