@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.trend import (
+from jointstiff.solver.compare.trend import (
     FALSE_ALARMS,
     LEAST_BASELINE,
     LIFE,

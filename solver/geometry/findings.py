@@ -163,7 +163,7 @@ class _Anomaly:
 
 @dataclass(frozen=True, eq=False)
 class _Explained:
-    """What the fit and anomalies found before it explain of the readings (K, T, 3)."""
+    """Return what the fit and anomalies found before it explain of the readings (K, T, 3)."""
 
     points: FloatArray  # (K, T, 3) readings
     weight: FloatArray  # (K, T, 3, 3) their whiteners

@@ -201,7 +201,7 @@ def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]
         reference = placed(identified.axes, in_base)
 
         def passing(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-            """Where each axis passes, nearest to the reference's point, and its direction (6 n,)."""
+            """Return where each axis passes, nearest to the reference's point, and its direction (6 n,)."""
             pairs = zip(placed(axes, in_base), reference, strict=True)
             return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 

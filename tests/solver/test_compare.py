@@ -18,7 +18,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, deflections, linear_deflections
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver import compare
-from jointstiff.solver.compare import (
+from jointstiff.solver.compare.pair import (
     Campaign,
     GaussianEstimate,
     compare_campaigns,

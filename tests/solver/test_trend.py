@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from jointstiff.solver.errors import RequestError
-from jointstiff.solver.trend import (
+from jointstiff.solver.compare.trend import (
     FALSE_ALARMS,
     LIFE,
     PRIOR_SCALE,
@@ -23,6 +22,7 @@ from jointstiff.solver.trend import (
     monitor,
     pooled_excess,
 )
+from jointstiff.solver.errors import RequestError
 
 _AGREED = np.zeros(())
 

@@ -20,7 +20,7 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.run.budgets import to_joint_budgets
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
-from jointstiff.solver.compare import (
+from jointstiff.solver.compare.pair import (
     Campaign,
     JointRatio,
     compare_campaigns,

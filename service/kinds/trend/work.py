@@ -14,7 +14,16 @@ from pydantic import BaseModel, ConfigDict
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.alarm import TrendChange
 from jointstiff.schemas.assessment import Assessment
-from jointstiff.solver.trend import FALSE_ALARMS, LIFE, Alarm, Change, Chart, Series, charts_of, log_stiffness
+from jointstiff.solver.compare.trend import (
+    FALSE_ALARMS,
+    LIFE,
+    Alarm,
+    Change,
+    Chart,
+    Series,
+    charts_of,
+    log_stiffness,
+)
 
 _OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of it"
 

@@ -78,7 +78,7 @@ def test_identification_needs_no_web_and_no_database(command, campaign):
     found = imported_by(PROGRAM, command, campaign)
     assert "clarabel" in found
     assert not found & (
-        DATABASE | WEB | {"httpx2", "jointstiff.schemas.geometry", "jointstiff.solver.compare"}
+        DATABASE | WEB | {"httpx2", "jointstiff.schemas.geometry", "jointstiff.solver.compare.pair"}
     )
 
 

@@ -1,0 +1,1 @@
+"""Estimates beside each other: two of them, or many over time; from estimates, never from readings."""

@@ -1,0 +1,23 @@
+"""Every recorded answer is given again; the slow ones each night."""
+
+from __future__ import annotations
+
+import pytest
+from support.recorded_answers import OF_SHARED_DATA, differences, recorded
+from support.shared_data import MISSING, SHARED
+
+CASES = recorded()
+SLOW = ("default", "absolute", "huber", "weight", "compare", "joints_and_links")
+"""Words of cases that choose a model, or whose programs take seconds."""
+
+
+def _case(name):
+    marks = [pytest.mark.slow] if any(word in name for word in SLOW) else []
+    return pytest.param(CASES[name], id=name, marks=marks)
+
+
+@pytest.mark.parametrize("case", [_case(name) for name in CASES])
+def test_recorded_answer(case):
+    if not SHARED.is_dir() and OF_SHARED_DATA.keys() & set(case.campaigns):
+        pytest.skip(MISSING)
+    assert not list(differences(case.answer, case.again()))
