@@ -2,6 +2,11 @@
 
     estimate = identify_weight(robot, readings)
 
+Geometry, compliances and weights are one fit: Gauss-Newton outside, the convex program inside. Columns of
+geometry are projected out, what is left is compressed to as many rows as columns, and the convex program is
+solved for c and the products η = c (π − π⁰). Each step moves the geometry, and the sag with the new products,
+until no prediction moves any more.
+
 An interval of c_j holds all values that some geometry and some masses within their bounds explain as well as
 chance allows: ``loss ≤ best + χ²``. As each joint has masses of its own in the program it is an outer bound,
 exact where all masses are exact.
@@ -17,13 +22,13 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.conic import weighed_ends
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex.conic import Cones, Weighed, solve_weighed, weighed_ends
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.geometry.charts import RigidTransform
-from jointstiff.solver.geometry.poses import Motion, PoseState, calibrate
+from jointstiff.solver.geometry.charts import LinearFit, RigidTransform
+from jointstiff.solver.geometry.poses import Motion, PoseReadings, PoseState, calibrate
 from jointstiff.solver.inference.fit_reasons import unidentified
 from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.predict.models import IdentifiedWeight
@@ -33,15 +38,231 @@ from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.text import length_text
-from jointstiff.solver.weight.bodies import WeightReadings
-from jointstiff.solver.weight.fit import WeightFit, fit_weight
-from jointstiff.solver.weight.regressor import Frames, torques_of
-from jointstiff.solver.weight.sag import identified_weight
+from jointstiff.solver.triangle import Triangle, triangle_of
+from jointstiff.solver.weight.bodies import Burden, Rows, Torques, WeightReadings, across, rows_at, torques_of
 
+MOST_STEPS: Final = 15
+_CONVERGED: Final = 1e-3
+"""Movement of the predictions, relative to the residuals, that ends the steps."""
+_EXACT: Final = 1e-7
+"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
+LARGEST_SAG: Final = 0.1
+"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
 _BEYOND_CHANCE: Final = 1e-3
 """Probability of chance below which residuals or masses count as contradicted."""
 _AT_CAP: Final = 0.5
 """Share of the greatest compliance that counts as no bound at all."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+_STEP: Final = 1e-6
+"""Step of difference quotients [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """The convex problem of one step: ``‖A x − b‖² + outside``, x in the cones."""
+
+    A: FloatArray  #: (p, p) compressed, columns in the blocks' units
+    b: FloatArray  #: (p,)
+    outside: float  #: squares of the residuals that no x explains
+    cones: Cones  #: blocks of the joints seen
+    unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
+    seen: IndexArray  #: (n_seen,) joints whose torque varies
+    unknowns: tuple[list[int], ...]  #: for each of them, which of all unknowns its block has
+    freedom: int  #: number of coordinates of positions less the geometry that they determine
+
+    @property
+    def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
+        """Yield joint, unit, place in x, and unknowns of each block."""
+        for j, unit, start, own in zip(
+            self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
+        ):
+            yield j, unit, slice(start, start + 1 + len(own)), own
+
+    def sag(self, torques: Torques, x: FloatArray) -> FloatArray:
+        """Return the sag (N, n) [rad] by torques and an x."""
+        sag = np.zeros(torques.known.shape)
+        for j, unit, place, own in self.blocks:
+            by_unknowns = torques.unit[:, j][:, own] @ x[place][1:]
+            sag[:, j] = unit * (torques.known[:, j] * x[place.start] + by_unknowns)
+        return sag
+
+
+@dataclass(frozen=True, eq=False)
+class WeightFit:
+    """The optimum of geometry, compliances and weights."""
+
+    state: PoseState  #: geometry
+    gravity: FloatArray  #: (3,) in R0 [m/s²]
+    sag: FloatArray  #: (N, n) θ [rad]
+    compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
+    rows: Rows  #: rows of the last step
+    reduced: Reduced  #: the problem of the last step
+    optimum: Weighed  #: its solution
+    steps: int  #: number of steps of Gauss and Newton
+
+
+def fit_weight(
+    robot: Robot,
+    readings: WeightReadings,
+    whitened: PoseReadings,
+    state: PoseState,
+    *,
+    free_gravity: bool = False,
+    loaded: Measurements | None = None,
+) -> WeightFit:
+    """Fit geometry, compliances and weights.
+
+    Args:
+        robot: nominal.
+        readings: N observations.
+        whitened: the same positions with their weights, in units of 1/sigma.
+        state: geometry to start from, as without sag.
+        free_gravity: whether gravity's direction is estimated, too.
+        loaded: deflections by known loads that join in; their rows are in units of their own sigma.
+
+    Raises:
+        NotObservableError: no joint's torque varies.
+        MeasurementError: no convergence.
+        SolverError: a convex program is not certified.
+    """
+    burden = readings.burden
+    gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
+    c: FloatArray = np.zeros(robot.n)
+    weight = np.linalg.norm(whitened.weight)
+    for step in range(1, MOST_STEPS + 1):
+        tilted = replace(readings, burden=replace(burden, gravity=gravity))
+        rows = rows_at(robot, tilted, whitened, state, sag, c)
+        nuisance = np.column_stack([rows.geometry, rows.gravity]) if free_gravity else rows.geometry
+        linear, by_loads = LinearFit.of(rows.residual, nuisance), Triangle(joints=robot.n)
+        for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
+            read = whitened_rows(block, [JOINTS], c)
+            for part in (read.targets, read.encoders):
+                if part is not None:
+                    by_loads.add(part)
+        others = by_loads.R[: by_loads.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
+        reduced, columns = reduce(rows, linear, burden, others)
+        optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
+        move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
+        before, sag = sag, reduced.sag(rows.torques, optimum.x)
+        state = state.displaced(move[: rows.geometry.shape[1]])
+        if free_gravity:
+            turned = gravity + np.linalg.norm(gravity) * across(gravity) @ move[-2:]
+            gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)
+        c[reduced.seen] = reduced.unit * optimum.x[reduced.cones.first]
+        moved = np.linalg.norm(nuisance @ move) + weight * np.abs(sag - before).max()
+        small = _CONVERGED * np.sqrt(optimum.loss + reduced.outside) + _EXACT * np.linalg.norm(reduced.b)
+        if moved <= small:
+            return WeightFit(state, gravity, sag, c, rows, reduced, optimum, step)
+    raise MeasurementError(
+        f"geometry and own weight did not settle in {MOST_STEPS} steps",
+        where="observations",
+        remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
+    )
+
+
+def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) -> tuple[Reduced, FloatArray]:
+    """Project out the geometry, and compress.
+
+    Args:
+        rows: m readings.
+        linear: the columns of the geometry, factorised.
+        burden: bodies and springs.
+        others: (k, n + 1) rows in which no geometry shows: of the compliances, and their readings.
+
+    Returns:
+        The convex problem, and the columns (m, p) of its x in `rows`, geometry still in them.
+
+    Raises:
+        NotObservableError: no joint's torque varies.
+    """
+    torque = rows.torques.known
+    varies: BoolArray = np.greater(np.ptp(torque, axis=0), _CONSTANT * rows.across)
+    seen = np.flatnonzero(varies | others[:, :-1].any(axis=0))
+    if not len(seen):
+        raise NotObservableError(
+            "no joint's weight torque varies over the postures",
+            where="observations",
+            remedy="read postures in which the arm is stretched out and folded, wrist up and down",
+        )
+    parts, below, blocks, units, unknowns = [], [], [], [], []
+    for j in seen.tolist():
+        own = rows.joints[:, j] if varies[j] else np.zeros(len(rows.joints))
+        left = own - linear.left @ (linear.left.T @ own)
+        unit = 1.0 / float(np.hypot(np.linalg.norm(left), np.linalg.norm(others[:, j])))
+        block, which = burden.block(varies[j] & rows.torques.unit[:, j].any(axis=0))
+        parts.append(unit * np.column_stack([own, rows.products[:, j, which]]))
+        below.append(np.pad(unit * others[:, j, None], ((0, 0), (0, len(which)))))
+        blocks.append(block)
+        units.append(unit)
+        unknowns.append(which)
+    columns, unit_of = np.concatenate(parts, axis=1), np.array(units)
+    both = np.column_stack([columns, rows.residual])
+    both = both - linear.left @ (linear.left.T @ both)
+    R = triangle_of(np.vstack([both, np.column_stack([*below, others[:, -1:]])]))
+    p = columns.shape[1]
+    scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)[seen]
+    reduced = Reduced(
+        A=R[:p, :p],
+        b=R[:p, p],
+        outside=float(R[p, p] ** 2) if len(R) > p else 0.0,
+        cones=Cones(tuple(blocks), LARGEST_SAG / scale / unit_of),
+        unit=unit_of,
+        seen=seen,
+        unknowns=tuple(unknowns),
+        freedom=int(rows.geometry.any(axis=1).sum()) - linear.rank,
+    )
+    return reduced, columns
+
+
+def identified_weight(
+    burden: Burden, fit: WeightFit, sigma: float, uncertainty: FloatArray
+) -> IdentifiedWeight | None:
+    """Return the weights that the sag of a fit is due to; None where springs balance some of them.
+
+    Positions tell products of a compliance and a weight far better than either, so that the sag has a
+    narrower interval than the compliances. About the optimum the readings are linear in x, ``A x = b + ε``. A
+    parameter is off by its bound's half-width in standard uncertainties, unless the readings tell it better:
+    with D that of all of them, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``, widened for joints whose own interval, an outer
+    bound, is wider.
+
+    Args:
+        burden: bodies that hang on in all observations.
+        fit: of the robot and its weight.
+        sigma: of a residual, in the fit's unit.
+        uncertainty: (n,) of the compliances; zero where there is none.
+    """
+    if burden.balancers:
+        return None
+    problem, x, n = fit.reduced, fit.optimum.x, len(fit.compliance)
+    # The bounds of a compliance are its cap, of its products itself
+    reach = np.full(len(x), 1e-3 * float(np.abs(x).max()))
+    for (_, _, place, _), cap in zip(problem.blocks, problem.cones.cap.tolist(), strict=True):
+        reach[place] = np.maximum(reach[place.start], x[place.start])
+        reach[place.start] = cap
+    stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / reach)])
+    root = np.linalg.inv(triangle_of(stacked))
+    nominal, inertia_of = np.zeros((n, 4)), np.zeros((n, 4, len(burden.unknown[0])))
+    for body in burden.bodies:
+        nominal[body.joint] += 0.5 * (body.most + body.least) * np.array([1.0, *body.centre])
+    for k, (number, inertia) in enumerate(burden.unknown[0]):
+        inertia_of[burden.bodies[number].joint, :, k] = inertia
+    inertias, roots = np.tile(nominal, (n, 1, 1)), np.zeros((n, 4 * n, len(x)))
+    compliances = np.zeros((n, len(x)))
+    for j, unit, place, own in problem.blocks:
+        products = unit * np.column_stack([nominal.ravel(), inertia_of.reshape(4 * n, -1)[:, own]])
+        compliance = unit * float(np.linalg.norm(root[place.start]))
+        root[place] *= max(1.0, uncertainty[j] / compliance)
+        roots[j], compliances[j] = products @ root[place], unit * root[place.start]
+        if x[place.start] > 0.0:
+            inertias[j] = (products @ x[place] / (unit * x[place.start])).reshape(n, 4)
+    mass: FloatArray = inertias[..., 0]
+    centre = inertias[..., 1:] / np.where(mass > 0.0, mass, 1.0)[..., None]
+    covariance_root = np.vstack([compliances, roots.reshape(4 * n * n, -1)])
+    return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
 
 
 @dataclass(frozen=True)
@@ -107,8 +328,7 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
     """
     problem = fit.reduced
     intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
-    first = problem.cones.first
-    exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, first]), axis=1)
+    exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
     joints = []
     for name, torque in zip(robot.joint_names, fit.rows.torques.known.T, strict=True):
         reason = (
@@ -143,9 +363,6 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
     return tuple(joints)
 
 
-_STEP: Final = 1e-6  # of difference quotients [rad]
-
-
 @dataclass(frozen=True, eq=False)
 class WeightEstimate:
     """Compliances from own weight, with their evidence."""
@@ -176,7 +393,6 @@ def identify_weight(
     *,
     confidence: float = 0.95,
     free_gravity: bool = False,
-    base: RigidTransform | None = None,
     loaded: Measurements | None = None,
 ) -> WeightEstimate:
     """Identify compliances from the sag of an arm under its own weight.
@@ -186,7 +402,6 @@ def identify_weight(
         readings: N observations.
         confidence: level of the intervals.
         free_gravity: whether gravity's direction is estimated; else it is as stated.
-        base: from R0 to the frame of the positions; the same if None.
         loaded: deflections by known loads (loaded − unloaded), which join in.
 
     Raises:
@@ -194,33 +409,22 @@ def identify_weight(
         NotObservableError: fewer coordinates than unknowns, or no weight torque varies.
         SolverError: a convex program is not certified.
     """
-    poses, base = readings.poses, base or RigidTransform.identity()
+    poses = readings.poses
     if loaded is not None and (poses.sigma is None or loaded.sigma is None):
         raise MeasurementError(
             "positions and deflections are combined, but not all of their uncertainties are stated",
             where="noise",
             remedy="state `noise.sigma` of both",
         )
-    whitened = poses.whitened
-
-    def differences(compliance: FloatArray) -> FloatArray:
-        """Return the rows of deflections by known loads, in units of their sigma."""
-        parts = [np.zeros((0, robot.n + 1))]
-        for block in [] if loaded is None else regressor_blocks(robot, loaded, compliance):
-            rows = whitened_rows(block, [JOINTS], compliance)
-            read = (rows.targets, rows.encoders)
-            parts += [part.reshape(-1, robot.n + 1) for part in read if part is not None]
-        return np.concatenate(parts) / (1.0 if loaded is None else loaded.sigma or 1.0)
-
-    rigid = calibrate(robot.chain, poses, start=base, hold_out=False)
-    frames = Frames.of(robot, base)
+    whitened, unit = poses.whitened, poses.sigma or 1.0
+    rigid = calibrate(robot.chain, poses, start=RigidTransform.identity(), hold_out=False)
     fit = fit_weight(
+        robot,
         readings,
-        replace(whitened, weight=whitened.weight / (poses.sigma or 1.0)),
-        frames,
+        replace(whitened, weight=whitened.weight / unit),
         PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
         free_gravity=free_gravity,
-        differences=differences,
+        loaded=loaded,
     )
     problem, loss = fit.reduced, fit.optimum.loss
     rank = int(np.linalg.matrix_rank(problem.A))
@@ -232,8 +436,7 @@ def identify_weight(
     if freedom < 1:
         raise NotObservableError(
             f"{remaining} coordinates that remain after the fit of the geometry do not determine "
-            f"{rank} "
-            "compliances and weights",
+            f"{rank} compliances and weights",
             where="observations",
             remedy="read more postures, or more targets in each posture",
         )
@@ -246,19 +449,17 @@ def identify_weight(
     statuses = [joint.joint.status for joint in joints]
     missing = unidentified(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.joint.standard_uncertainty or 0.0 for joint in joints])
-    unit = poses.sigma or 1.0
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = Motion(fit.state, sagging).stages[0]
     # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
     largest = 0.0
-    for step in _STEP * np.eye(len(fit.compliance)):
+    for step in _STEP * np.eye(robot.n):
         ahead, behind = (
-            torques_of(
-                readings, frames, Motion(fit.state, replace(sagging, angles=sagging.angles + part))
-            ).known
-            for part in (step, -step)
+            torques_of(robot, readings, Motion(fit.state, replace(sagging, angles=sagging.angles + turn)))
+            for turn in (step, -step)
         )
-        largest = max(largest, float((np.abs(ahead - behind) * fit.compliance).max()) / (2.0 * _STEP))
+        change = np.abs(ahead.known - behind.known) / (2.0 * _STEP)
+        largest = max(largest, float((change * fit.compliance).max()))
     return WeightEstimate(
         joints=joints,
         fit=fit,

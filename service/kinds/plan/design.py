@@ -21,8 +21,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.weight.bodies import Burden
-from jointstiff.solver.weight.planning import planned_rows
+from jointstiff.solver.weight.bodies import Burden, planned_rows
 
 _LACK_OF_FIT: Final = 0.1
 """Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""
