@@ -17,7 +17,7 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.predict.maps import MapTask, ToolFan, map_places, map_postures, tool_rotations
+from jointstiff.solver.predict.maps import MapTask, map_places, map_postures, tool_rotations
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
@@ -91,8 +91,8 @@ def run(*, quick: bool) -> list[Section]:
 def _task() -> MapTask:
     rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -1.0]]), 1)
     force = _FORCE[None]
-    fan = ToolFan(rotation, force, 0.0 * force, force / np.linalg.norm(force))
-    return MapTask(fan, _TOOL, _TOOL, np.tile([-np.inf, np.inf], (6, 1)), None, 0.95)
+    wrench = force, 0.0 * force, force / np.linalg.norm(force)
+    return MapTask(rotation, *wrench, _TOOL, _TOOL, np.tile([-np.inf, np.inf], (6, 1)), None, 0.95)
 
 
 def _area(count: int) -> FloatArray:

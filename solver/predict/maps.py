@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.forward import ForwardModel, LoadCases, unit_vectors
 from jointstiff.solver.predict.model_error import ModelError
 from jointstiff.solver.robot.inverse import InverseKinematics
@@ -27,23 +27,13 @@ _FULL_TURN: Final = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
-class ToolFan:
-    """Orientations of the flange among which each place chooses, with the process wrench in each."""
+class MapTask:
+    """Everything that a map asks of each place, which chooses among O orientations of the flange."""
 
     rotation: FloatArray  #: (O, 3, 3) axes of the flange in R0
     force: FloatArray  #: (O, 3) on the robot, axes of R0 [N]
     moment: FloatArray  #: (O, 3) about the load point, axes of R0 [N·m]
     direction: FloatArray  #: (O, 3) unit vectors along which compliance is asked for, axes of R0
-
-    def __len__(self) -> int:
-        return len(self.rotation)
-
-
-@dataclass(frozen=True, eq=False)
-class MapTask:
-    """Everything that a map asks of each place."""
-
-    fan: ToolFan  #: orientations and wrenches
     place: FloatArray  #: (3,) place of the tool, flange frame [m]: it is brought to the places
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
     limits: FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none
@@ -52,12 +42,12 @@ class MapTask:
     confidence: float  #: level of the intervals
 
     def cases(self, orientation: IndexArray, joints: FloatArray) -> LoadCases:
-        """Return the load cases of postures (R, n) in orientations (R,) of the fan."""
+        """Return the load cases of postures (R, n) in orientations (R,)."""
         count = len(joints)
         return LoadCases(
             joints=joints.copy(),
-            force=self.fan.force[orientation],
-            moment=self.fan.moment[orientation],
+            force=self.force[orientation],
+            moment=self.moment[orientation],
             load_point=np.tile(self.load_point, (count, 1)),
             place=np.tile(self.place, (count, 1)),
         )
@@ -77,23 +67,17 @@ def tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) ->
     Returns:
         (D·A, 3, 3) axes of the flange in R0, the angles of a direction together.
     """
-    angle = _FULL_TURN * np.arange(turns) / turns
-    about = np.tile(np.eye(3), (turns, 1, 1))
-    about[:, 0, 0] = about[:, 1, 1] = np.cos(angle)
-    about[:, 1, 0] = np.sin(angle)
-    about[:, 0, 1] = -about[:, 1, 0]
+    about = Rotation.from_euler("z", _FULL_TURN * np.arange(turns)[:, None] / turns).as_matrix()
     tool = _frame_about(tool_axis)
     return np.concatenate([_frame_about(direction) @ about @ tool.T for direction in directions])
 
 
 def _frame_about(axis: FloatArray) -> FloatArray:
     """Return right-handed axes (3, 3), the last of them given; the first is nearest to x, or else to y."""
-    for other in np.eye(3)[:2]:
-        across = other - axis * (axis @ other)
-        if (size := float(np.linalg.norm(across))) > 1e-6:
-            first = across / size
-            return np.stack([first, np.cross(axis, first), axis], axis=1)
-    raise RequestError("a direction is the zero vector", where="directions", remedy="give unit vectors")
+    x, y = np.eye(3)[:2] - np.outer(axis[:2], axis)
+    across = x if np.linalg.norm(x) > 1e-6 else y
+    first = across / np.linalg.norm(across)
+    return np.stack([first, np.cross(axis, first), axis], axis=1)
 
 
 def postures_within_limits(
@@ -105,11 +89,11 @@ def postures_within_limits(
     not known: a map that keeps near to a posture follows its branch where solutions may be missing, near a
     singularity, as programs follow theirs, and takes what it finds if no other solution is nearer.
     """
-    fan, count = task.fan, len(task.fan)
+    count = len(task.rotation)
     poses = np.zeros((len(places), count, 4, 4))
     poses[..., 3, 3] = 1.0
-    poses[..., :3, :3] = fan.rotation
-    poses[..., :3, 3] = places[:, None] - fan.rotation @ task.place
+    poses[..., :3, :3] = task.rotation
+    poses[..., :3, 3] = places[:, None] - task.rotation @ task.place
     goals = poses.reshape(-1, 4, 4)
     solutions, complete = inverse.solutions(goals)
     lost = np.zeros(0, dtype=np.intp)
@@ -147,10 +131,7 @@ def _turned(angles: FloatArray, robot: Robot, task: MapTask) -> FloatArray:
     """
     joint_map, limits = robot.joint_map, robot.limits
     q = joint_map.model_angles(angles)
-    if task.near is None:
-        near = np.clip(0.0, limits[:, 0], limits[:, 1])
-    else:
-        near = joint_map.model_angles(task.near[None])[0]
+    near = np.clip(0.0, *limits.T) if task.near is None else joint_map.model_angles(task.near[None])[0]
     q = q + _FULL_TURN * np.round((near - q) / _FULL_TURN)
     with np.errstate(invalid="ignore"):
         up = np.where(q < limits[:, 0], np.ceil((limits[:, 0] - q) / _FULL_TURN), 0.0)
@@ -163,7 +144,7 @@ class DeflectionMap:
     """P places of a map. Numbers are NaN where a place is not `reached`."""
 
     status: IndexArray  #: (P,) index into `STATUSES`
-    orientation: IndexArray  #: (P,) index of the fan
+    orientation: IndexArray  #: (P,) index of the orientation
     #: (P, n) posture without the load, controller's angles [rad]; given where limits are kept
     joints: FloatArray
     displacement: FloatArray  #: (P, 3) displacement of the place, loaded minus unloaded, axes of R0 [m]
@@ -188,12 +169,8 @@ class DeflectionMap:
     @classmethod
     def joined(cls, parts: list[DeflectionMap]) -> DeflectionMap:
         """Return the places of all parts, in order."""
-        return cls(
-            *(
-                np.concatenate(columns)
-                for columns in zip(*(vars(part).values() for part in parts), strict=True)
-            )
-        )
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
 
     @property
     def reached(self) -> BoolArray:
@@ -262,7 +239,7 @@ def map_postures(
         model: model of the loaded robot.
         error: of the model; None where it has none.
         task: tool and wrench.
-        orientation: (P,) index of the fan.
+        orientation: (P,) index of the orientation.
         joints: (P, n) controller's angles [rad].
     """
     result = DeflectionMap.empty(len(joints), model.robot.n)
@@ -276,7 +253,7 @@ def map_postures(
         return result
     cases = cases[bearable] if overloaded.any() else cases
     bent = model.deflect(cases, None if overloaded.any() else unloaded)
-    unseen, direction = bent.unseen.any(axis=1), task.fan.direction[orientation[bearable]]
+    unseen, direction = bent.unseen.any(axis=1), task.direction[orientation[bearable]]
     result.status[bearable] = np.where(unseen, _UNSEEN, _REACHED)
     compliance = bent.compliance
     known_along, known_across = bent.compliance_known(direction)

@@ -14,7 +14,7 @@ from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.predict.maps import STATUSES, DeflectionMap, MapTask, ToolFan, tool_rotations
+from jointstiff.solver.predict.maps import STATUSES, DeflectionMap, MapTask, tool_rotations
 from jointstiff.solver.robot.model import Robot
 
 _SHARES: Final = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
@@ -80,7 +80,10 @@ def to_map_task(request: messages.MapOptions, robot: Robot) -> MapTask:
     direction = _unit(tuple(force) if request.direction is None else request.direction, "direction")
     turned = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
     return MapTask(
-        fan=ToolFan(rotation, turned @ force, turned @ moment, turned @ direction),
+        rotation=rotation,
+        force=turned @ force,
+        moment=turned @ moment,
+        direction=turned @ direction,
         place=np.array(request.place),
         load_point=np.array(request.place if request.load_point is None else request.load_point),
         limits=_limits(request, robot),
@@ -105,7 +108,7 @@ def to_map_result(
     ends: dict[str, messages.MapPlace | None] = {"worst": None, "stiffest": None}
     quantiles = []
     if len(reached):
-        tool = task.fan.rotation @ _unit(request.tool_axis, "tool_axis")
+        tool = task.rotation @ _unit(request.tool_axis, "tool_axis")
         for name, of in (("worst", np.argmax), ("stiffest", np.argmin)):
             ends[name] = _place(int(reached[of(length[reached])]), places, tool, found)
         values = np.quantile(length[reached], _SHARES)

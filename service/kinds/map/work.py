@@ -100,7 +100,7 @@ class MapWork(SteppedWork[DeflectionMap]):
 
     def _blocks(self) -> tuple[Span, ...]:
         poses = POSES_A_STEP // _ELASTIC if self._model.first_order else POSES_A_STEP
-        size = max(1, poses // len(self._task.fan))
+        size = max(1, poses // len(self._task.rotation))
         return tuple(
             (start, min(start + size, len(self.places))) for start in range(0, len(self.places), size)
         )

@@ -16,7 +16,6 @@ from jointstiff.solver.predict.maps import (
     STATUSES,
     DeflectionMap,
     MapTask,
-    ToolFan,
     map_places,
     tool_rotations,
 )
@@ -41,8 +40,8 @@ def task(*, directions=((0.0, 0.0, -1.0),), turns=1, force=(0.0, 800.0, 300.0), 
     rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), np.array(directions, dtype=float), turns)
     unit = np.array(force) / np.linalg.norm(force)
     ones = np.ones((len(rotation), 1))
-    fan = ToolFan(rotation, ones * force, np.zeros((len(rotation), 3)), ones * unit)
-    return MapTask(fan, TOOL, np.array([0.0, 0.0, 0.1]), limits, near, 0.95)
+    wrench = ones * force, np.zeros((len(rotation), 3)), ones * unit
+    return MapTask(rotation, *wrench, TOOL, np.array([0.0, 0.0, 0.1]), limits, near, 0.95)
 
 
 def tool_pose(joints):
@@ -62,7 +61,7 @@ def test_the_tool_stands_where_it_was_asked_to_and_bends_as_springs_do():
     assert found.reached.all()
     place, axes = tool_pose(found.joints)
     np.testing.assert_allclose(place, AREA, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(axes, asked.fan.rotation[found.orientation], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(axes, asked.rotation[found.orientation], rtol=0, atol=1e-12)
     np.testing.assert_allclose(axes[:, :, 2], np.tile([0.0, 0.0, -1.0], (len(AREA), 1)), rtol=0, atol=1e-12)
     exact = exact_displacement(asked, found.joints, [0.0, 800.0, 300.0])
     np.testing.assert_allclose(found.displacement, exact, rtol=0, atol=1e-13)
@@ -75,8 +74,8 @@ def test_the_stiffest_posture_is_no_softer_than_any_other():
     found = map_places(MODEL, None, asked, INVERSE, AREA[:4])
     for place, length in zip(AREA, found.length, strict=False):
         poses = np.tile(np.eye(4), (3, 1, 1))
-        poses[:, :3, :3] = asked.fan.rotation
-        poses[:, :3, 3] = place - asked.fan.rotation @ TOOL
+        poses[:, :3, :3] = asked.rotation
+        poses[:, :3, 3] = place - asked.rotation @ TOOL
         joints = INVERSE.solutions(poses)[0].reshape(-1, 6)
         joints = joints[np.isfinite(joints).all(axis=1)]
         joints = joints[((joints >= ROBOT.limits[:, 0]) & (joints <= ROBOT.limits[:, 1])).all(axis=1)]
@@ -134,11 +133,11 @@ def test_compliance_and_intervals_are_those_of_a_prediction():
     model, asked = measured_model(), task(directions=((0.0, 0.0, -1.0), (0.5, 0.0, -(0.75**0.5))), turns=2)
     found = map_places(model, None, asked, INVERSE, AREA)
     every = np.ones((len(AREA), 1))
-    force = asked.fan.force[found.orientation]
+    force = asked.force[found.orientation]
     cases = LoadCases(found.joints, force, 0.0 * force, every * asked.load_point, every * TOOL)
     predicted = model.deflect(cases)
     np.testing.assert_allclose(found.displacement, predicted.displacement, rtol=1e-9)
-    direction = asked.fan.direction[found.orientation]
+    direction = asked.direction[found.orientation]
     np.testing.assert_allclose(found.along, predicted.compliance.along(direction), rtol=1e-9)
     worst = [
         max(v @ C @ v for v in circle(u))
@@ -191,8 +190,8 @@ def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
         joints = draw.uniform([-2.5, -0.5, -0.5, -2.5, -0.02, -2.5], [2.5, 0.8, 0.8, 2.5, 0.02, 2.5])
         near = robot.joint_map.controller_angles((joints + 0.02 * draw.choice([-1.0, 1.0], 6))[None])[0]
         pose = flange_poses(robot, joints[None])[0]
-        fan = ToolFan(pose[None, :3, :3], *(np.array([[0.0, 0.0, -1.0]]) for _ in range(3)))
-        asked = MapTask(fan, np.zeros(3), np.zeros(3), FREE, near, 0.95)
+        wrench = np.tile([0.0, 0.0, -1.0], (3, 1, 1))
+        asked = MapTask(pose[None, :3, :3], *wrench, np.zeros(3), np.zeros(3), FREE, near, 0.95)
         found = map_places(model, None, asked, inverse, pose[None, :3, 3])
         statuses.append(STATUSES[found.status[0]])
         if found.reached[0]:
