@@ -1,4 +1,7 @@
-"""Prediction and compliance against springs that balance loads exactly, by code that shares nothing."""
+"""Prediction, compliance and compensated commands against springs that balance loads exactly.
+
+The simulator's balance shares no code with the solver's.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import estimate
+from support.campaigns import estimate, prepare
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.models import JointModel, OwnWeight
+from jointstiff.solver.links.choice import Folds, Plan
+from jointstiff.solver.links.fit import estimate_elastic
+from jointstiff.solver.links.model import ElasticColumns, ElasticModel
+from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot
@@ -21,32 +28,34 @@ from jointstiff.solver.robot.model import Robot
 ARM = default_arm()
 ROBOT = robot_of(ARM)
 COUNT = 6
-PLACE = np.array([0.05, -0.08, 0.21])
 POSITIVE = Constraints(Bounds.positive(6))
+MODEL = JointModel(ROBOT, ARM.compliances, None, POSITIVE)
+ANY = CorrectionLimits(1.0, 1.0)
 
 
-def cases(*, moment: float = 0.0, seed: int = 0) -> LoadCases:
+def cases(count=COUNT, *, force=1500.0, moment=0.0, seed=0) -> LoadCases:
     generator = np.random.default_rng(seed)
     low, high = ARM.limits.T
-    q = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (COUNT, 6))
-    force = generator.standard_normal((COUNT, 3))
+    q = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, 6))
+    pull = generator.standard_normal((count, 3))
     return LoadCases(
         joints=q,
-        force=1500.0 * force / np.linalg.norm(force, axis=1, keepdims=True),
-        moment=moment * generator.standard_normal((COUNT, 3)),
-        load_point=np.broadcast_to([0.0, 0.1, 0.15], (COUNT, 3)).copy(),
-        place=np.broadcast_to(PLACE, (COUNT, 3)).copy(),
+        force=force * pull / np.linalg.norm(pull, axis=1, keepdims=True),
+        moment=moment * generator.standard_normal((count, 3)),
+        load_point=np.tile([0.0, 0.1, 0.15], (count, 1)),
+        place=np.tile([0.05, -0.08, 0.21], (count, 1)),
     )
 
 
-def exact_model(arm=ARM) -> JointModel:
-    return JointModel(ROBOT, arm.compliances, None, POSITIVE)
-
-
-def exact_pose(load: LoadCases, force, moment, load_point):
+def exact_pose(joints, load, force, moment):
     """Place (B, 3) and axes (B, 3, 3) of the flange in the exact balance."""
-    q = load.joints + equilibrium(ARM, load.joints, force, moment, load_point)
-    posture = ARM.posture(q)
+    posture = ARM.posture(joints + equilibrium(ARM, joints, force, moment, load.load_point))
+    return posture.point_to_base(load.place), posture.flange_rotation
+
+
+def still_pose(load):
+    """Return the same of the arm that does not bend."""
+    posture = ARM.posture(load.joints)
     return posture.point_to_base(load.place), posture.flange_rotation
 
 
@@ -61,10 +70,9 @@ def rotation_between(first, second):
 @pytest.mark.parametrize("moment", [0.0, 200.0])
 def test_displacement_and_rotation_are_those_of_the_exact_balance(moment):
     load = cases(moment=moment)
-    found = exact_model().deflect(load)
-    still = np.zeros((COUNT, 3))
-    before, axes = exact_pose(load, still, still, load.load_point)
-    after, turned = exact_pose(load, load.force, load.moment, load.load_point)
+    found = MODEL.deflect(load)
+    before, axes = still_pose(load)
+    after, turned = exact_pose(load.joints, load, load.force, load.moment)
     np.testing.assert_allclose(found.displacement, after - before, rtol=0, atol=2e-14)
     np.testing.assert_allclose(found.rotation, rotation_between(axes, turned), rtol=0, atol=2e-14)
     assert found.interval(0.95) is None
@@ -76,7 +84,7 @@ def test_compliance_is_the_difference_of_exact_balances(moment):
     """At the load point, where a further force is part of the same dead wrench."""
     load = cases(moment=moment)
     load = replace(load, place=load.load_point)
-    found = exact_model().deflect(load).compliance
+    found = MODEL.deflect(load).compliance
 
     def differences(step: float) -> np.ndarray:
         columns = []
@@ -84,7 +92,7 @@ def test_compliance_is_the_difference_of_exact_balances(moment):
             size = step if k < 3 else step / 3
             unit = size * np.eye(6)[k]
             ends = [
-                exact_pose(load, load.force + s * unit[:3], load.moment + s * unit[3:], load.load_point)
+                exact_pose(load.joints, load, load.force + s * unit[:3], load.moment + s * unit[3:])
                 for s in (1, -1)
             ]
             moved = np.concatenate(
@@ -104,7 +112,7 @@ def test_compliance_is_the_difference_of_exact_balances(moment):
 def test_the_three_stiffnesses_are_what_their_names_say():
     """Springs that block what each blocks, tried out on the compliance; and their order."""
     load = cases()
-    found = exact_model().deflect(load).compliance
+    found = MODEL.deflect(load).compliance
     u = load.force / np.linalg.norm(load.force, axis=1, keepdims=True)
     free, lateral, rotation = (
         f(u)
@@ -129,7 +137,7 @@ def test_the_three_stiffnesses_are_what_their_names_say():
 
 def test_rigid_joints_have_a_compliance_and_no_endless_numbers():
     rigid = replace(ARM, stiffnesses=np.where([0, 1, 1, 0, 1, 0], ARM.stiffnesses, np.inf))
-    found = exact_model(rigid).deflect(cases()).compliance
+    found = replace(MODEL, compliance=rigid.compliances).deflect(cases()).compliance
     assert np.isfinite(found.matrix).all()
     u = np.tile([1.0, 0.0, 0.0], (COUNT, 1))
     assert np.isfinite(found.stiffness_lateral_free(u)).all()
@@ -146,7 +154,7 @@ def test_own_weight_is_a_load_that_moves_with_the_links():
     tool = posture.point_to_base(load.load_point)
     centre[5] = np.swapaxes(rotation[0, 5], 0, 1) @ (tool[0] - origin[0, 5])
     weight = OwnWeight(mass, centre)
-    found = replace(exact_model(), weight=weight).deflect(load)
+    found = replace(MODEL, weight=weight).deflect(load)
     pull = np.broadcast_to([0.0, 0.0, -40.0 * 9.80665], (COUNT, 3))
     still = np.zeros((COUNT, 3))
     # The same springs, whose rest is where the weight alone keeps the robot in q: q₀ = q − c ∘ g(q).
@@ -154,20 +162,18 @@ def test_own_weight_is_a_load_that_moves_with_the_links():
     loaded = rest + equilibrium(ARM, rest, load.force + pull, still, load.load_point)
     expected = ARM.posture(loaded).point_to_base(load.place) - posture.point_to_base(load.place)
     np.testing.assert_allclose(found.displacement, expected, rtol=0, atol=2e-14)
-    without = exact_model().deflect(load)
+    without = MODEL.deflect(load)
     assert np.abs(without.displacement - found.displacement).max() > 1e-7
 
 
 def test_the_length_of_a_displacement_has_an_uncertainty_by_source():
     """Beside differences of exact balances in which one joint is softer by a tenth of a per mille."""
     load = cases()
-    found = exact_model().deflect(load)
+    found = MODEL.deflect(load)
     step = 1e-4 * ARM.compliances
     covariances = np.stack([np.outer(step, step), np.diag(step**2), np.zeros((6, 6))])
     lengths = [
-        np.linalg.norm(
-            JointModel(ROBOT, ARM.compliances + change, None, POSITIVE).deflect(load).displacement, axis=1
-        )
+        np.linalg.norm(replace(MODEL, compliance=ARM.compliances + change).deflect(load).displacement, axis=1)
         for change in (*np.diag(step), step, 0.0 * step)
     ]
     changes = np.array(lengths[:-1]) - lengths[-1]
@@ -176,9 +182,8 @@ def test_the_length_of_a_displacement_has_an_uncertainty_by_source():
 
 
 def test_a_load_without_balance_is_refused():
-    load = cases()
     with pytest.raises(RequestError, match="balance"):
-        exact_model().deflect(replace(load, force=1e7 * load.force))
+        MODEL.deflect(cases(force=1e10))
 
 
 @pytest.mark.parametrize("across", [0.0, 1.0])
@@ -210,7 +215,7 @@ class TestIdentified:
 
     def test_intervals_hold_the_truth(self):
         load = cases(seed=3)
-        truth = exact_model().deflect(load)
+        truth = MODEL.deflect(load)
         truth = np.concatenate([truth.displacement, truth.rotation], axis=1)
         held = []
         for measurements in self.design.measured(150, seed=5):
@@ -261,8 +266,119 @@ class TestIdentified:
         spread = np.std([worst.compliance for worst in found], axis=0)
         stated = np.mean([worst.compliance_uncertainty for worst in found], axis=0)
         np.testing.assert_allclose(spread / stated, 1.0, atol=0.2)
-        truth = exact_model().deflect(load).compliance.worst.direction
+        truth = MODEL.deflect(load).compliance.worst.direction
         cosine = [np.abs((worst.direction * truth).sum(axis=1)) for worst in found]
         angle = np.sqrt(np.mean(np.square(np.arccos(np.minimum(cosine, 1.0))), axis=0))
         stated = np.mean([worst.direction_uncertainty for worst in found], axis=0)
         np.testing.assert_allclose(angle / stated, 1.0, atol=0.2)
+
+
+POINTS = 40
+
+
+def path(force=1500.0):
+    point = np.tile([0.0, 0.05, 0.25], (POINTS, 1))
+    return replace(cases(POINTS, force=force, seed=5), load_point=point, place=point.copy())
+
+
+def bent(joints, wanted):
+    return exact_pose(joints, wanted, wanted.force, wanted.moment)
+
+
+def test_the_loaded_tool_is_where_it_is_wanted():
+    wanted = path()
+    found = compensate(MODEL, wanted, ANY)
+    for there, goal in zip(bent(found.commanded, wanted), still_pose(wanted), strict=True):
+        np.testing.assert_allclose(there, goal, rtol=0, atol=1e-12)
+    assert np.abs(found.residual).max() < 1e-12
+    np.testing.assert_allclose(found.share, 1.0)
+
+
+def test_the_mirror_is_worse_by_orders_of_magnitude():
+    """The mirror x − δ(x) of the literature, with the exact deflection at the wanted posture."""
+    wanted = path()
+    found = compensate(MODEL, wanted, ANY)
+    deflection = equilibrium(ARM, wanted.joints, wanted.force, wanted.moment, wanted.load_point)
+    mirrored = bent(wanted.joints - deflection, wanted)[0] - still_pose(wanted)[0]
+    assert np.linalg.norm(mirrored, axis=1).max() > 1e-6
+    assert np.linalg.norm(found.residual[:, :3], axis=1).max() < 1e-12
+
+
+def test_uncorrected_is_the_exact_deflection():
+    wanted = path()
+    found = compensate(MODEL, wanted)
+    moved = bent(wanted.joints, wanted)[0] - still_pose(wanted)[0]
+    np.testing.assert_allclose(found.uncorrected[:, :3], moved, atol=1e-12)
+
+
+def test_limits_hold_corrections_back_and_say_so():
+    found = compensate(MODEL, path(), CorrectionLimits(displacement=5e-4))
+    size = np.linalg.norm(found.correction[:, :3], axis=1)
+    assert found.capped.any()
+    assert size.max() < 5e-4 * 1.01
+    np.testing.assert_allclose(size[found.capped], 5e-4, rtol=0.01)
+    assert (np.linalg.norm(found.residual[found.capped, :3], axis=1) > 1e-6).all()
+    assert (np.linalg.norm(found.residual[~found.capped, :3], axis=1) < 1e-12).all()
+
+
+def test_ramps_begin_where_the_load_sets_in():
+    wanted = path()
+    force = wanted.force.copy()
+    force[:5] = force[-5:] = 0.0
+    wanted = replace(wanted, force=force)
+    found = compensate(MODEL, wanted, CorrectionLimits(1.0, 1.0, ramp=1.0))
+    assert found.share[5] == pytest.approx(0.0)
+    assert found.share[20] == pytest.approx(1.0)
+    assert (np.diff(found.share[5:8]) >= 0).all()
+    np.testing.assert_allclose(found.correction[:5], 0.0, atol=1e-15)
+
+
+def test_no_load_is_no_correction():
+    found = compensate(MODEL, path(force=1e-300))
+    assert np.abs(found.correction).max() < 1e-15
+
+
+@pytest.fixture(scope="module")
+def links():
+    """Exact beams, read and fitted."""
+    document = elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3)
+    robot, measurements = prepare(document)
+    columns = ElasticColumns(6, tuple(range(6)))
+    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), Plan(folds=3, weights=(1e-4,)))
+    model = ElasticModel("joints_and_links", columns)
+    return ElasticPredictor.of(robot, estimate_elastic(robot, measurements, folds, model, 1e-4))
+
+
+def exact_beams(joints, cases):
+    """Exact places (m, 3) of beams in balance, without load and with it: code that shares nothing."""
+    places = cases.place[:1]
+    still, loaded = elastic_deflections(beam_arm(ARM), joints, cases.force, cases.load_point, places)
+    return still[:, 0], loaded[:, 0]
+
+
+def test_as_much_is_compensated_as_is_predicted(links):
+    wanted = path()
+    found = compensate(links, wanted, ANY)
+    assert np.abs(found.residual).max() < 1e-11
+    goal, loaded = exact_beams(wanted.joints, wanted)
+    size = np.linalg.norm(loaded - goal, axis=1).mean()
+    predicted = 1.0 - np.linalg.norm(loaded - goal - found.uncorrected[:, :3], axis=1).mean() / size
+    reached = exact_beams(found.commanded, wanted)[1]
+    compensated = 1.0 - np.linalg.norm(reached - goal, axis=1).mean() / size
+    assert predicted > 0.97
+    assert compensated == pytest.approx(predicted, abs=1e-3)
+
+
+def test_a_share_is_left(links):
+    wanted = path()
+    whole = compensate(links, wanted, ANY)
+    most = float(np.median(np.linalg.norm(whole.correction[:, :3], axis=1)))
+    found = compensate(links, wanted, CorrectionLimits(most, 1.0))
+    assert found.capped.sum() == POINTS // 2
+    assert np.linalg.norm(found.correction[:, :3], axis=1).max() < most * 1.01
+    assert np.linalg.norm(found.residual[~found.capped, :3], axis=1).max() < 1e-11
+
+
+def test_the_place_follows_from_rows_and_from_blocks_alike(links):
+    found = links.deflect(path())
+    np.testing.assert_allclose(found.motion, found.rows @ links.entries, atol=1e-15)
