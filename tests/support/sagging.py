@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, random_configurations, robot_document
@@ -9,8 +11,12 @@ from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies, sa
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.robot.model import Body, JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
 from jointstiff.solver.weight.bodies import Burden, WeightReadings
 
+ARM, BODIES = default_arm(), default_bodies()
+SPRING = Balancer(3e4, 0.3, np.array([-0.2, 0.0, 0.5]), 1, np.array([-0.3, 0.0, 0.2]))
+"""A balancer of 9 kN at its free length."""
 POINTS = np.array(list(TARGETS.values()))
 LOAD_POINT = np.array([-0.06, 0.02, 0.18])
 
@@ -18,6 +24,16 @@ LOAD_POINT = np.array([-0.06, 0.02, 0.18])
 def robot_of(arm: SpringArm) -> Robot:
     model = robot_document(arm)["model"]
     return Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+
+
+ROBOT = robot_of(ARM)
+OFF = replace(BODIES, masses=BODIES.masses * (1.0 + 0.08 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])))
+"""Bodies whose masses are 8 % off."""
+
+
+def stated_spring(rate=(2.7e4, 3.3e4), pull=(8e3, 1e4)) -> StatedBalancer:
+    """State the balancer within bounds."""
+    return StatedBalancer(1, (-0.2, 0.0, 0.5), (-0.3, 0.0, 0.2), rate, pull)
 
 
 def burden_of(bodies: Bodies, relative: float = 0.0, radius: float = 0.0, balancers=()) -> Burden:
@@ -41,7 +57,7 @@ def campaign(
     balancer: Balancer | None = None,
 ) -> WeightReadings:
     """Read an arm unloaded; with a payload [kg], once more in the same postures with that hung on."""
-    arm, bodies = arm or default_arm(), bodies or default_bodies()
+    arm, bodies = arm or ARM, bodies or BODIES
     q = random_configurations(arm, postures, seed)
     loads = [np.zeros(3), payload * bodies.gravity][: 2 if payload else 1]
     states = [q + sag(arm, bodies, q, force=f, load_point=LOAD_POINT, balancer=balancer) for f in loads]

@@ -1,4 +1,4 @@
-"""Sag predicted from own weight: beside the minimum of the potential energy, and corrected."""
+"""Sag under own weight, predicted and corrected, beside the minimum of the potential energy."""
 
 from __future__ import annotations
 
@@ -6,34 +6,101 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.sagging import LOAD_POINT, burden_of, campaign, robot_of
+from support.sagging import (
+    ARM,
+    BODIES,
+    LOAD_POINT,
+    OFF,
+    POINTS,
+    ROBOT,
+    SPRING,
+    burden_of,
+    campaign,
+    stated_spring,
+)
 
-from jointstiff.simulator import default_arm, random_configurations
-from jointstiff.simulator.own_weight import Balancer, default_bodies, sag
+from jointstiff.simulator import random_configurations
+from jointstiff.simulator.own_weight import energy, sag
 from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.geometry.poses import PoseState, chain_axes
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
+from jointstiff.solver.robot.model import Body
+from jointstiff.solver.weight.bodies import Burden, rows_at
 from jointstiff.solver.weight.identification import identify_weight
 
-ARM, BODIES = default_arm(), default_bodies()
-ROBOT = robot_of(ARM)
+SPRING_STATED = stated_spring((3e4, 3e4), (9e3, 9e3))
 COUNT = 30
 
 
+def test_the_sag_is_where_the_energy_has_its_minimum():
+    q = random_configurations(ARM, 20)
+    force, point = np.array([[300.0, -200.0, -900.0]] * 20), np.tile(LOAD_POINT, (20, 1))
+    theta = sag(ARM, BODIES, q, force=force, load_point=point, balancer=SPRING)
+    least = energy(ARM, BODIES, q, theta, force, point, SPRING)
+    for step in 1e-5 * np.eye(6):
+        for sign in (-1.0, 1.0):
+            assert (energy(ARM, BODIES, q, theta + sign * step, force, point, SPRING) > least).all()
+
+
+def rows_of(readings, theta=None):
+    """Return the rows about the nominal geometry, at a sag of zero if None."""
+    axes, flange = chain_axes(ROBOT.chain)
+    theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
+    state = PoseState(axes, flange.apply(POINTS), np.zeros(len(theta)))
+    return rows_at(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
+
+
+@pytest.mark.parametrize("spring", [None, SPRING])
+@pytest.mark.parametrize("payload", [0.0, 120.0])
+def test_the_balance_of_the_solver_holds_where_the_simulator_rests(spring, payload):
+    stated = burden_of(BODIES, balancers=[SPRING_STATED] if spring else [])
+    readings = campaign(sigma=0.0, payload=payload, balancer=spring, stated=stated)
+    q = readings.poses.angles
+    theta = sag(ARM, BODIES, q, force=readings.force, load_point=readings.load_point, balancer=spring)
+    flange_at = Configurations(ROBOT, q + ARM.compliances * rows_of(readings, theta).torques.known)
+    places = flange_at.to_base(np.broadcast_to(POINTS, (len(q), *POINTS.shape)))
+    np.testing.assert_allclose(places, ARM.posture(q + theta).targets_to_base(POINTS), rtol=0, atol=1e-12)
+
+
+def test_torques_are_those_of_the_weights_in_predictions():
+    readings = campaign(sigma=0.0)
+    configurations = Configurations(ROBOT, readings.poses.angles)
+    torque, _ = OwnWeight(BODIES.masses, BODIES.centres).torque_and_stiffness(ROBOT, configurations)
+    np.testing.assert_allclose(rows_of(readings).torques.known, torque, atol=1e-9)
+
+
+FOREARM = Body("forearm", 3, 80.0, 70.0, 90.0, (0.4, 0.1, 0.2), radius=0.1)
+LOOSE = replace(SPRING_STATED, rate=(2e4, 4e4), pull=(8e3, 1e4))
+
+
+@pytest.mark.parametrize(
+    ("column", "size", "body", "spring"),
+    [  # in half-widths: 10 kg, 0.1 m of 80 kg, 1e4 N/m, 1e3 N
+        (0, 0.2, replace(FOREARM, mass=82.0, least=72.0, most=92.0), LOOSE),
+        (2, 0.5, replace(FOREARM, centre=(0.4, 0.15, 0.2)), LOOSE),
+        (4, 0.01, FOREARM, replace(LOOSE, rate=(2.01e4, 4.01e4))),
+        (5, 0.01, FOREARM, replace(LOOSE, pull=(8.01e3, 1.001e4))),
+    ],
+    ids=["mass", "centre", "rate", "pull"],
+)
+def test_torques_of_the_unknowns_at_their_bounds_are_differences_of_known_torques(column, size, body, spring):
+    burdens = Burden((FOREARM,), (LOOSE,)), Burden((body,), (spring,))
+    before, after = (rows_of(campaign(sigma=0.0, stated=burden)).torques for burden in burdens)
+    np.testing.assert_allclose(after.known - before.known, size * before.unit[..., column], atol=1e-8)
+    assert np.abs(after.known - before.known).max() > 1.0
+
+
 def cases(load=0.0):
-    q, still, point = (
-        random_configurations(ARM, COUNT, seed=91),
-        np.zeros((COUNT, 3)),
-        np.tile(LOAD_POINT, (COUNT, 1)),
-    )
+    q, still = random_configurations(ARM, COUNT, seed=91), np.zeros((COUNT, 3))
+    point = np.tile(LOAD_POINT, (COUNT, 1))
     return LoadCases(q, np.tile([0.0, 0.0, -load], (COUNT, 1)), still, point, point)
 
 
-def model_of(estimate):
-    return JointModel(ROBOT, estimate.fit.compliance, None, Constraints(Bounds.positive(6)), estimate.weight)
+def model_of(found):
+    return JointModel(ROBOT, found.fit.compliance, None, Constraints(Bounds.positive(6)), found.weight)
 
 
 def displaced(bodies, asked):
@@ -54,16 +121,12 @@ def test_exact_readings_and_masses_give_the_sag_exactly(load):
 @pytest.fixture(scope="module")
 def uncertain():
     """40 postures, true masses 8 % off, stated within ± 10 %."""
-    signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    bodies = replace(BODIES, masses=BODIES.masses * (1.0 + 0.08 * signs))
-    readings = campaign(bodies=bodies, stated=burden_of(BODIES, 0.1, 0.01), seed=4)
-    return bodies, identify_weight(ROBOT, readings)
+    return identify_weight(ROBOT, campaign(bodies=OFF, stated=burden_of(BODIES, 0.1, 0.01), seed=4))
 
 
 @pytest.mark.parametrize("load", [0.0, 900.0])
 def test_positions_tell_the_sag_better_than_masses_and_compliances(uncertain, load):
-    bodies, estimate = uncertain
-    found, truth = model_of(estimate).deflect(cases(load)), displaced(bodies, cases(load))
+    found, truth = model_of(uncertain).deflect(cases(load)), displaced(OFF, cases(load))
     interval = found.interval(0.95)[:, :3]
     assert ((interval[..., 0] <= truth) & (truth <= interval[..., 1])).mean() >= 0.9
     along = found.interval_along(np.tile([0.0, 0.0, 1.0], (COUNT, 1)), 0.95)
@@ -71,16 +134,15 @@ def test_positions_tell_the_sag_better_than_masses_and_compliances(uncertain, lo
     if not load:
         off = np.linalg.norm(found.displacement - truth, axis=1)
         assert np.median(off) < 0.03 * np.median(np.linalg.norm(truth, axis=1))
-        wide = np.ptp(estimate.joints[1].joint.compliance_interval) / estimate.fit.compliance[1]
+        wide = np.ptp(uncertain.joints[1].joint.compliance_interval) / uncertain.fit.compliance[1]
         assert np.median(np.ptp(interval[:, 2], axis=1)) < 0.5 * wide * np.abs(truth[:, 2]).max()
 
 
 def test_a_corrected_command_brings_the_bent_arm_to_absolute_places(uncertain):
-    bodies, estimate = uncertain
     wanted = cases(900.0)
-    found = compensate(model_of(estimate), wanted, CorrectionLimits(displacement=1.0, rotation=1.0))
+    found = compensate(model_of(uncertain), wanted, CorrectionLimits(displacement=1.0, rotation=1.0))
     assert np.abs(found.residual).max() < 1e-12
-    reached = displaced(bodies, replace(wanted, joints=found.commanded))
+    reached = displaced(OFF, replace(wanted, joints=found.commanded))
     reached += ARM.posture(found.commanded).point_to_base(wanted.place)
     off = np.linalg.norm(reached - ARM.posture(wanted.joints).point_to_base(wanted.place), axis=1)
     before = np.linalg.norm(found.uncorrected[:, :3], axis=1)
@@ -88,24 +150,16 @@ def test_a_corrected_command_brings_the_bent_arm_to_absolute_places(uncertain):
 
 
 def test_a_joint_of_whose_sag_nothing_is_told_leaves_no_prediction(uncertain):
-    _, estimate = uncertain
-    assert not model_of(estimate).deflect(cases()).unseen.any()  # joint 1 carries no weight
-    hidden = estimate.weight.root.reshape(-1, estimate.weight.root.shape[1]).copy()
+    assert not model_of(uncertain).deflect(cases()).unseen.any()  # joint 1 carries no weight
+    hidden = uncertain.weight.root.reshape(-1, uncertain.weight.root.shape[1]).copy()
     hidden[1] = 0.0
     hidden[6 + 24 : 6 + 48] = 0.0
-    model = replace(model_of(estimate), weight=replace(estimate.weight, root=hidden))
+    model = replace(model_of(uncertain), weight=replace(uncertain.weight, root=hidden))
     unseen = model.deflect(cases()).unseen
     assert unseen[:, 1].mean() > 0.9
     assert not np.delete(unseen, 1, axis=1).any()
     with pytest.raises(RequestError, match="do not determine"):
         compensate(model, cases())
-
-
-def test_springs_leave_no_sag_to_predict():
-    spring = Balancer(3e4, 0.3, np.array([-0.2, 0.0, 0.5]), 1, np.array([-0.3, 0.0, 0.2]))
-    stated = StatedBalancer(1, (-0.2, 0.0, 0.5), (-0.3, 0.0, 0.2), (2.7e4, 3.3e4), (8e3, 1e4))
-    readings = campaign(balancer=spring, stated=burden_of(BODIES, balancers=[stated]))
-    assert identify_weight(ROBOT, readings).weight is None
 
 
 def test_masses_that_joints_feel_differently_have_the_stiffness_of_their_torques():
