@@ -17,7 +17,6 @@ from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE
 
 _LEAF = 256
 """Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
@@ -28,6 +27,9 @@ TOLD_APART: Final = 1e-2
 _RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which nothing is left to explain."""
 
+ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
+"""Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
+ISOTROPIC_DIFFERENCE.setflags(write=False)
 _ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))
 _ISOTROPIC.setflags(write=False)
 
@@ -108,8 +110,11 @@ class Triangle:
             rows: (..., K + 1); leading dimensions are flattened.
             count: number of readings among them, if some are padding of zeros; all if None.
         """
-        flat = rows.reshape(-1, self.R.shape[1])
-        self.R = triangle_of(np.concatenate([self.R, triangle_of(flat)]))
+        flat, width = rows.reshape(-1, self.R.shape[1]), self.R.shape[1]
+        if not self.rows and len(flat) >= width:
+            self.R = triangle_of(flat)
+        else:
+            self.R = triangle_of(np.concatenate([self.R, triangle_of(flat)]))
         self.rows += len(flat) if count is None else count
 
     @property

@@ -13,8 +13,9 @@ from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, EncoderReadings, Measurements
+from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
 
 
 def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:

@@ -15,7 +15,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import (
     ASSUMED_LOAD_POINT,
-    ISOTROPIC_DIFFERENCE,
     CommonUncertainty,
     Measurements,
 )
@@ -25,6 +24,7 @@ from jointstiff.solver.readings.tracker_noise import (
     refuse_no_covariance,
 )
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)

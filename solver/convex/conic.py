@@ -27,6 +27,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.triangle import triangle_of
 
 if TYPE_CHECKING:
     from jointstiff.solver.convex.programs import Program  # takes a second to import
@@ -177,7 +178,7 @@ class LeastSquares:
     def compressed(self) -> tuple[FloatArray, FloatArray]:
         """Upper triangle T (k, p) and y (k,) with ‖T x − y‖² = ‖R x − z‖² but for a constant."""
         p = self.R.shape[1]
-        both = np.asarray(np.linalg.qr(np.column_stack([self.R, self.z]), mode="r"), dtype=np.float64)
+        both = triangle_of(np.column_stack([self.R, self.z]))
         return both[:p, :p], both[:p, p]
 
 

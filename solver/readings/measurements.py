@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +115,6 @@ class CommonUncertainty:
                     where=f"noise.{where}",
                     remedy="give a number that is zero or positive",
                 )
-
-
-ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
-"""Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
-ISOTROPIC_DIFFERENCE.setflags(write=False)
 
 
 def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:

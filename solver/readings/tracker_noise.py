@@ -14,9 +14,10 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
 
 SHORTEST_SIGHT: Final = 0.01
 """Distance from station to target [m] below which the line of sight is undefined."""
