@@ -501,13 +501,12 @@ def _ordered_intervals(
 
 def match(first: Campaign, second: Campaign) -> Matches:
     """Find the observations of equal label, posture and load that share a target."""
-    shared = [name for name in first.measurements.targets if name in second.measurements.targets]
-    names = first.measurements.targets, second.measurements.targets
-    targets = np.array([[own.index(name) for name in shared] for own in names], np.intp)
-    place = {label: i for i, label in enumerate(second.measurements.labels)}
-    both = [(i, place[label]) for i, label in enumerate(first.measurements.labels) if label in place]
-    rows = np.array(both, dtype=np.intp).reshape(-1, 2).T
     one, two = first.measurements, second.measurements
+    shared = [name for name in one.targets if name in two.targets]
+    targets = np.array([[own.targets.index(name) for name in shared] for own in (one, two)], np.intp)
+    place = {label: i for i, label in enumerate(two.labels)}
+    both = [(i, place[label]) for i, label in enumerate(one.labels) if label in place]
+    rows = np.array(both, dtype=np.intp).reshape(-1, 2).T
     sides = []
     for m, at, target in zip((one, two), rows[..., None], targets, strict=True):
         direction = np.zeros(m.position.shape) if m.direction is None else m.direction
@@ -524,9 +523,7 @@ def match(first: Campaign, second: Campaign) -> Matches:
         size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
         same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
     kept = same & present.any(axis=1)
-    return Matches(
-        rows[:, kept], targets, present[kept], tuple(first.measurements.labels[j] for j in i[~kept])
-    )
+    return Matches(rows[:, kept], targets, present[kept], tuple(one.labels[j] for j in i[~kept]))
 
 
 def avoided_deflection(pair: _Pair, free: _Estimates, compliances: FloatArray) -> AvoidedDeflection:
@@ -537,24 +534,21 @@ def avoided_deflection(pair: _Pair, free: _Estimates, compliances: FloatArray) -
         free: their estimates without constraints: their sigma, and the joints that they see.
         compliances: (2, n) of the joints in both [rad/(N·m)].
     """
-    first, second = pair
-    matches = match(first, second)
+    matches = match(*pair)
     each, measured = measured_shares(pair, matches, (free[0].sigma, free[1].sigma))
     unknown = free[0].observability.null | free[1].observability.null
     of_first, of_second = (_predicted_lengths(one, compliances, unknown) for one in pair)
-    alone = np.setdiff1d(np.arange(len(second.measurements.labels)), matches.observations[1])
+    first, second = (campaign.measurements.labels for campaign in pair)
+    alone = np.setdiff1d(np.arange(len(second)), matches.observations[1])
     total = np.nansum(np.vstack([of_first, of_second[alone]]), axis=0)
     by_row = dict(zip(matches.observations[0].tolist(), each, strict=True))
     shares = [
         ConfigurationShare(
             label, "both" if i in by_row else "first", by_row.get(i), _share(*of_first[i]).value
         )
-        for i, label in enumerate(first.measurements.labels)
+        for i, label in enumerate(first)
     ]
-    shares += [
-        ConfigurationShare(second.measurements.labels[i], "second", None, _share(*of_second[i]).value)
-        for i in alone
-    ]
+    shares += [ConfigurationShare(second[i], "second", None, _share(*of_second[i]).value) for i in alone]
     return AvoidedDeflection(len(each), matches.unlike, measured, _share(*total).value, tuple(shares))
 
 
