@@ -1,0 +1,49 @@
+"""One place whitens readings and compresses rows: solver/triangle.py."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+SOLVER = Path(__file__).parents[2] / "solver"
+WHITENED_BY_THEMSELVES = {"fitting/method.py", "geometry/poses.py", "geometry/frames.py"}
+"""Maps of methods, and positions of geometry, which are no deflections."""
+
+
+def _trees():
+    for path in sorted(SOLVER.rglob("*.py")):
+        yield path.relative_to(SOLVER).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _compresses(node):
+    """Tell whether a node is a QR that keeps the triangle alone; one with pivoting asks for an order."""
+    if not isinstance(node, ast.Call) or ast.unparse(node.func).split(".")[-1] != "qr":
+        return False
+    keywords = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+    return keywords.get("mode") == "'r'" and "pivoting" not in keywords
+
+
+def test_only_the_triangle_compresses():
+    places = {name for name, tree in _trees() if any(map(_compresses, ast.walk(tree)))}
+    assert places == {"triangle.py"}
+
+
+def test_only_the_triangle_whitens_deflections():
+    named = {
+        name
+        for name, tree in _trees()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and any(alias.name == "whitener" for alias in node.names)
+    }
+    assert named == WHITENED_BY_THEMSELVES
+
+
+def test_only_terms_know_the_columns_of_a_term():
+    users = {
+        name
+        for name, tree in _trees()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and node.attr == "motion" and not name.startswith("terms/")
+        if isinstance(node.value, ast.Name) and node.value.id.isupper()
+    }
+    assert not users
