@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from jointstiff.solver.fitting.settings import Settings
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.inference.estimate import Estimate
-    from jointstiff.solver.inference.prediction import predict
     from jointstiff.solver.readings.measurements import Measurements
     from jointstiff.solver.robot.chain import KinematicChain
     from jointstiff.solver.robot.model import Body, Robot
@@ -40,7 +39,6 @@ __all__ = [
     "WeightReadings",
     "identify",
     "identify_weight",
-    "predict",
 ]
 
 _HOMES = {
@@ -58,7 +56,6 @@ _HOMES = {
     "WeightReadings": "weight.bodies",
     "identify": "estimate",
     "identify_weight": "weight.identification",
-    "predict": "inference.prediction",
 }
 
 

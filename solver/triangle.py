@@ -1,4 +1,4 @@
-"""Triangle: readings and the columns of all terms, whitened and compressed (method.md §5, §18).
+"""Triangle: readings and the columns of all terms, whitened and compressed (method.md §5, §13).
 
 For rows M = [A d] the triangle T satisfies ``Tᵀ T = Mᵀ M``, so ``‖A x − d‖ = ‖T (x, −1)‖`` for every x: a
 fit, an F test and an order of two campaigns need nothing else of the readings. Householder QR is backward

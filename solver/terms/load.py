@@ -1,4 +1,4 @@
-"""Errors of the load: its point, its size and direction, and a force that nobody stated (method.md §8, §18).
+"""Errors of the load: its point, its size and direction, and a force that nobody stated (method.md §8, §13).
 
 With W = (F, M) the load, J_F and J_ω its Jacobians, R the flange's rotation and c the compliances, each error
 adds torques τ, which move the targets by ``J (c ∘ τ)``.

@@ -1,4 +1,4 @@
-"""A term: something that can move a target, as columns by which its unknowns move it (method.md §18)."""
+"""A term: something that can move a target, as columns by which its unknowns move it (method.md §13)."""
 
 from __future__ import annotations
 
