@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
     from jointstiff.solver.estimate import identify
+    from jointstiff.solver.evidence.estimate import Estimate
     from jointstiff.solver.fitting.settings import Settings
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.inference.estimate import Estimate
     from jointstiff.solver.readings.measurements import Measurements
     from jointstiff.solver.robot.chain import KinematicChain
     from jointstiff.solver.robot.model import Body, Robot
@@ -45,7 +45,7 @@ _HOMES = {
     "Balancer": "weight.bodies",
     "Body": "robot.model",
     "Burden": "weight.bodies",
-    "Estimate": "inference.estimate",
+    "Estimate": "evidence.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "robot.chain",
     "Measurements": "readings.measurements",

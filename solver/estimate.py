@@ -13,6 +13,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
+from jointstiff.solver.evidence.estimate import CommonErrors, ComplementaryStiffness, Estimate
+from jointstiff.solver.evidence.verdict import Evidence, verdicts
 from jointstiff.solver.fitting.fit import Fit, fit_method, scale_of
 from jointstiff.solver.fitting.method import (
     Method,
@@ -21,11 +23,9 @@ from jointstiff.solver.fitting.method import (
     refuse_unless_posed,
     spherical_wrist,
 )
+from jointstiff.solver.fitting.observability import Excitation, Observability
 from jointstiff.solver.fitting.robust import RobustFit, TargetRows, fit_huber
 from jointstiff.solver.fitting.settings import PriorRows, Settings
-from jointstiff.solver.inference.estimate import CommonErrors, ComplementaryStiffness, Estimate
-from jointstiff.solver.inference.verdict import Evidence, verdicts
-from jointstiff.solver.observability import Excitation, Observability
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import keep_for, regressor_blocks

@@ -21,10 +21,10 @@ from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
 from jointstiff.solver.convex.solution import solve_batch, solve_step
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Method
+from jointstiff.solver.fitting.observability import NULL_COLUMN, Excitation, Spectrum, analyse
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.observability import NULL_COLUMN, Excitation, Spectrum, analyse
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks

@@ -15,7 +15,7 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.evidence.estimate import Estimate
 
 __all__ = ["run"]
 

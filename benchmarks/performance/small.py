@@ -19,7 +19,7 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.evidence.estimate import Estimate
 from tests.reference.exact_nnls import exact_nnls
 
 __all__ = ["run"]

@@ -27,12 +27,12 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.alternatives import better_alternative
+from jointstiff.solver.evidence.assessment import Assessment, assess
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.plausibility import judge
+from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.alternatives import better_alternative
-from jointstiff.solver.inference.assessment import Assessment, assess
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.plausibility import judge
-from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot

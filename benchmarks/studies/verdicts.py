@@ -13,8 +13,8 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.settings import Method, Settings
-from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

@@ -8,8 +8,8 @@ from jointstiff.schemas import assessment as messages
 from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget
 from jointstiff.service.conversion.message import messages_of
-from jointstiff.solver.inference.assessment import Assessment
-from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.evidence.assessment import Assessment
+from jointstiff.solver.evidence.verdict import JointCompliance
 
 
 def to_assessment(assessment: Assessment, joints: Sequence[JointCompliance]) -> messages.Assessment:

@@ -16,11 +16,11 @@ from jointstiff.service.conversion.readings import ReadingArrays, content_hash, 
 from jointstiff.service.conversion.robots import dh_kinematics, to_bodies
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.prediction import Prediction, inspect_encoders
+from jointstiff.solver.evidence.screening import Screening
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.assessment import Assessment, assess, gross_mistake
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import Prediction, inspect_encoders
-from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import KinematicChain

@@ -26,12 +26,12 @@ from jointstiff.solver.convex.problem import Bounds, Constraints, Order
 from jointstiff.solver.convex.solution import Certificate, StagesCertificate
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.profile import profile_ends
+from jointstiff.solver.evidence.verdict import Evidence, stiffness_of, verdicts
 from jointstiff.solver.fitting.fit import Likelihood, Scale, StageFit, fit_method
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import predict
-from jointstiff.solver.inference.profile import profile_ends
-from jointstiff.solver.inference.verdict import Evidence, stiffness_of, verdicts
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Configurations
 from jointstiff.solver.robot.model import Robot

@@ -164,7 +164,7 @@ def solve(problem: IdentificationProblem) -> Solution:
 
     Returns:
         The optimum with its certificate. Where R is rank deficient the fitted R c is unique, but c
-        is one of many; see `solver.observability`.
+        is one of many; see `solver.fitting.observability`.
 
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.

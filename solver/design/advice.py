@@ -15,8 +15,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.design.feasibility import targets_in_flange, within_limits
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.observability import Spectrum
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.readings.measurements import Measurements, shown_along
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot

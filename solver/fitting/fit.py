@@ -15,8 +15,8 @@ from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
 from jointstiff.solver.convex.solution import Certificate, Solution, solve
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.method import MethodTriangles
+from jointstiff.solver.fitting.observability import Combination, Identifiability, Spectrum, analyse
 from jointstiff.solver.fitting.settings import PriorRows
-from jointstiff.solver.observability import Combination, Identifiability, Spectrum, analyse
 from jointstiff.solver.triangle import Triangle
 
 SIGMA_TEST_LEVEL: Final = 0.01

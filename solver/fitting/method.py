@@ -22,8 +22,8 @@ from scipy.optimize import minimize_scalar
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting.observability import Excitation, Spectrum
 from jointstiff.solver.fitting.settings import PriorRows, Settings
-from jointstiff.solver.observability import Excitation, Spectrum
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.robot.model import Robot

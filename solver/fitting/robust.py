@@ -26,8 +26,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
 from jointstiff.solver.convex.solution import Certificate, Proposer, certify, huber_point, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.fitting.settings import Prior
-from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.terms.block import RegressorBlock
 from jointstiff.solver.terms.joints import JOINTS

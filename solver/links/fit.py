@@ -29,11 +29,11 @@ from jointstiff.solver.convex.conic import (
 )
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.verdict import JointCompliance
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import Prediction
-from jointstiff.solver.inference.verdict import JointCompliance
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.losses import LossProblem
 from jointstiff.solver.links.model import (

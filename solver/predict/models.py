@@ -21,12 +21,12 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import diagonal, to_matrix
 from jointstiff.solver.convex.problem import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.profile import profile_row_ends, range_on_box
 from jointstiff.solver.fitting.fit import Likelihood
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
+from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns
-from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.predict.forward import (
     LARGEST_TURN,
     CartesianCompliance,

@@ -13,7 +13,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.errors import NotObservableError, UnsupportedMethodError
-from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.configuration import Configurations, find_wrist

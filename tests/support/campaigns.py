@@ -19,8 +19,8 @@ from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf

@@ -29,9 +29,9 @@ from jointstiff.solver.compare.pair import (
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify, refuse_unsupported
+from jointstiff.solver.evidence.budget import UncertaintyBudget
+from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.budget import UncertaintyBudget
-from jointstiff.solver.inference.prediction import predict
 
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",

@@ -12,7 +12,7 @@ from jointstiff.schemas.deflection import DeflectionBudget, DeflectionComponent
 from jointstiff.schemas.run import joints as messages
 from jointstiff.schemas.run.budget import Budget, BudgetComponent
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.evidence.budget import UncertaintyBudget
 
 _LACK_OF_FIT: Final = {
     "lack_of_fit",

@@ -17,10 +17,10 @@ from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.kinds.run.budgets import to_budget, to_joint_budgets
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.advice import Advice
-from jointstiff.solver.inference.assessment import Assessment
-from jointstiff.solver.inference.budget import UncertaintyBudget
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import Contributions, Prediction
+from jointstiff.solver.evidence.assessment import Assessment
+from jointstiff.solver.evidence.budget import UncertaintyBudget
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.prediction import Contributions, Prediction
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 from jointstiff.solver.robot.model import Robot

@@ -12,9 +12,9 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.solver.convex.problem import Bounds, Order
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.fitting.settings import Prior, Settings
-from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.robot.model import Robot
 
 

@@ -20,9 +20,9 @@ from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.convex.solution import StagesCertificate
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.evidence.assessment import assessed
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.geometry.poses import Poses
-from jointstiff.solver.inference.assessment import assessed
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings

@@ -23,12 +23,12 @@ from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork, pack, un
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.estimate import refuse_unsupported
+from jointstiff.solver.evidence.budget import LeftOut, UncertaintyBudget
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.lack_of_fit import widened
+from jointstiff.solver.evidence.prediction import predict, predict_encoders
+from jointstiff.solver.evidence.screening import Screening, screen_estimate
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.lack_of_fit import widened
-from jointstiff.solver.inference.prediction import predict, predict_encoders
-from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.links.fit import refuse_unsupported_elastic
 from jointstiff.solver.predict.model_error import ModelError, leave_postures_out
 from jointstiff.solver.predict.models import JointModel

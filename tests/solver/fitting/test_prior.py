@@ -13,8 +13,8 @@ from jointstiff.service.conversion.message import message as message_of
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.plausibility import judge
 from jointstiff.solver.fitting.settings import Prior
-from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.resampling import gram_blocks
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot

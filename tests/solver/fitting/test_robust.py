@@ -19,9 +19,9 @@ from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import linear_deflections, torques
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting import robust
 from jointstiff.solver.fitting.settings import Prior
-from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import JointMap, Robot

@@ -14,7 +14,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
-from jointstiff.solver.inference.prediction import inspect_encoders, predict_encoders
+from jointstiff.solver.evidence.prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 

@@ -18,7 +18,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
 from jointstiff.solver.estimate import spherical_wrist
 from jointstiff.solver.fitting.method import fit_displacement
-from jointstiff.solver.observability import Spectrum, analyse
+from jointstiff.solver.fitting.observability import Spectrum, analyse
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations, find_wrist
 from jointstiff.solver.terms.block import regressor_blocks

@@ -21,8 +21,8 @@ from jointstiff.solver.convex import solution
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,

@@ -15,8 +15,8 @@ from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.inference.plausibility import judge
-from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.evidence.plausibility import judge
+from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 from jointstiff.solver.robot.configuration import Configurations

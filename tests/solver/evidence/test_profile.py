@@ -20,9 +20,9 @@ from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.problem import Bounds, Constraints, Scaled
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence import profile as module
+from jointstiff.solver.evidence.profile import profile_ends
 from jointstiff.solver.fitting.fit import Likelihood, rows_of
-from jointstiff.solver.inference import profile as module
-from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.terms.block import regressor_blocks
 
 RADII = np.array([1.959963984540054, 1.6448536269514722])

@@ -7,7 +7,7 @@ import pytest
 from support.campaigns import estimate, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot

@@ -10,9 +10,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Constraints
+from jointstiff.solver.evidence.profile import profile_ends
 from jointstiff.solver.fitting.fit import Fit, Scale
-from jointstiff.solver.inference.profile import profile_ends
-from jointstiff.solver.observability import Observability, noise_reason
+from jointstiff.solver.fitting.observability import Observability, noise_reason
 from jointstiff.solver.text import rounded_down
 
 

@@ -11,16 +11,16 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.solution import Certificate, StagesCertificate
+from jointstiff.solver.evidence.verdict import JointCompliance
 from jointstiff.solver.fitting.fit import Likelihood, SigmaTest, sigma_test
 from jointstiff.solver.fitting.method import MethodTriangles
-from jointstiff.solver.fitting.robust import RobustFit
-from jointstiff.solver.inference.verdict import JointCompliance
-from jointstiff.solver.observability import (
+from jointstiff.solver.fitting.observability import (
     Identifiability,
     Observability,
     ObservabilityIndices,
     observability_indices,
 )
+from jointstiff.solver.fitting.robust import RobustFit
 
 
 @dataclass(frozen=True, eq=False)

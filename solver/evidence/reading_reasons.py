@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
+from jointstiff.solver.evidence.alternatives import BetterAlternative, places_on_flange
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.screening import Screening
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.alternatives import BetterAlternative, places_on_flange
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.prediction import Prediction
-from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.readings.measurements import NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text

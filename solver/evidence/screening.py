@@ -17,8 +17,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.observability import Excitation
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.fitting.observability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.finding import Action, Finding
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.verdict import JointCompliance
 
 CHECK_NOISE: Final = (
     "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "

@@ -14,7 +14,7 @@ from support.examples import examples
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, torques
 from jointstiff.simulator.equilibrium import linear_deflections
-from jointstiff.solver.observability import (
+from jointstiff.solver.fitting.observability import (
     Observability,
     ObservabilityIndices,
     Spectrum,

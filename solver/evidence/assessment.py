@@ -11,20 +11,20 @@ from itertools import chain
 from typing import Final
 
 from jointstiff.schemas.finding import Finding, FindingCode, Verdict
-from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.inference.alternatives import LARGEST_RATIO, BetterAlternative, better_alternative
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
-from jointstiff.solver.inference.prediction import Prediction
-from jointstiff.solver.inference.reading_reasons import (
+from jointstiff.solver.evidence.alternatives import LARGEST_RATIO, BetterAlternative, better_alternative
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.fit_reasons import fit_reasons, within_noise
+from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.reading_reasons import (
     alternative_reason,
     finding_reasons,
     load_mistake_reasons,
     load_reasons,
     noise_reasons,
 )
-from jointstiff.solver.inference.screening import Screening, screen_estimate
-from jointstiff.solver.inference.verdict import JointCompliance
+from jointstiff.solver.evidence.screening import Screening, screen_estimate
+from jointstiff.solver.evidence.verdict import JointCompliance
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, Measurements
 from jointstiff.solver.robot.model import Robot
 

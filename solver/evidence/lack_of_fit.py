@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.inference.budget import UncertaintyBudget
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.verdict import JointCompliance, OneSidedBounds
+from jointstiff.solver.evidence.budget import UncertaintyBudget
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.verdict import JointCompliance, OneSidedBounds
 
 _NO_UPPER_END = "without single postures its stiffness has no upper limit: something besides the joints bends"
 

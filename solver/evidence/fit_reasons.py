@@ -10,10 +10,10 @@ import numpy as np
 
 from jointstiff.schemas.finding import Action, Finding, Verdict
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference.estimate import Estimate
-from jointstiff.solver.inference.plausibility import CHECK_ALL, CHECK_NOISE, WORTH_A_WARNING, judge
-from jointstiff.solver.inference.prediction import Prediction
-from jointstiff.solver.inference.screening import HeldOutGain, Screening
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.plausibility import CHECK_ALL, CHECK_NOISE, WORTH_A_WARNING, judge
+from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.screening import HeldOutGain, Screening
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.text import length_text
 

@@ -11,8 +11,8 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.inference.estimate import Estimate
 
 _LEAST_POSTURES: Final = 2
 """Postures beyond the number of joints that it takes to tell model error from the noise of the readings."""

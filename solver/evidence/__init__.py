@@ -1,0 +1,1 @@
+"""Evidence of a fit: intervals, budget, causes, predictions, verdicts."""

@@ -1,1 +1,0 @@
-"""Inference from a fit: intervals, verdicts and predictions."""
