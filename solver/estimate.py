@@ -13,8 +13,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.estimate import CommonErrors, ComplementaryStiffness, Estimate
-from jointstiff.solver.evidence.verdict import Evidence, verdicts
+from jointstiff.solver.evidence.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
 from jointstiff.solver.fitting.fit import Fit, fit_method, scale_of
 from jointstiff.solver.fitting.method import (
     Method,
@@ -313,7 +312,7 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
         ratios,
     )
     estimate = Estimate(
-        joints=verdicts(evidence),
+        joints=evidence.verdicts(),
         compliance=fit.compliance,
         covariance=covariance,
         sigma=scale.sigma,

@@ -27,10 +27,9 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.alternatives import better_alternative
-from jointstiff.solver.evidence.assessment import Assessment, assess
+from jointstiff.solver.evidence.assessment import Assessment, assess, judge
+from jointstiff.solver.evidence.causes import better_alternative
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.plausibility import judge
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.integrity import inspect

@@ -9,7 +9,7 @@ from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget
 from jointstiff.service.conversion.message import messages_of
 from jointstiff.solver.evidence.assessment import Assessment
-from jointstiff.solver.evidence.verdict import JointCompliance
+from jointstiff.solver.evidence.estimate import JointCompliance
 
 
 def to_assessment(assessment: Assessment, joints: Sequence[JointCompliance]) -> messages.Assessment:

@@ -17,9 +17,9 @@ from jointstiff.service.conversion.robots import dh_kinematics, to_bodies
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
+from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.prediction import Prediction, inspect_encoders
-from jointstiff.solver.evidence.screening import Screening
+from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
@@ -140,7 +140,6 @@ def check_set(
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect(robot, measurements, degrees=document.units.angle == "deg")
-        findings += inspect_encoders(robot, measurements)
     return CheckedSet(readings, measurements, findings, content_hash(document, readings, resolved))
 
 

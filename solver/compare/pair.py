@@ -26,10 +26,9 @@ from jointstiff.solver.convex.problem import Bounds, Constraints, Order
 from jointstiff.solver.convex.solution import Certificate, StagesCertificate
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.estimate import Estimate, Evidence, stiffness_of
+from jointstiff.solver.evidence.intervals import profile_ends
 from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.evidence.profile import profile_ends
-from jointstiff.solver.evidence.verdict import Evidence, stiffness_of, verdicts
 from jointstiff.solver.fitting.fit import Likelihood, Scale, StageFit, fit_method
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.readings.measurements import Measurements
@@ -302,7 +301,7 @@ def unconstrained(campaign: Campaign, *, same_load_point: bool) -> Estimate:
         settings.confidence,
         prior_to_data=np.full(robot.n, np.nan),
     )
-    return replace(estimate, joints=verdicts(evidence), covariance=estimate.sigma**2 * fit.covariance)
+    return replace(estimate, joints=evidence.verdicts(), covariance=estimate.sigma**2 * fit.covariance)
 
 
 def _joint_ratio(j: int, name: str, free: _Estimates, confidence: float, *, positive: bool) -> JointRatio:
@@ -493,8 +492,8 @@ def _ordered_intervals(
             centre=np.concatenate([estimate.compliance for estimate in free])[known],
             covariance=block_diag(*covariances)[np.ix_(known, known)],
         )
-        places, radii = np.arange(len(known)), np.array([quantile])
-        low, high = profile_ends(likelihood, constraints.select(known), places, radii)[0].T
+        rows, radii = np.eye(len(known)), np.array([quantile])
+        low, high = profile_ends(likelihood, constraints.select(known), rows, radii)[0].T
         ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
     return ends.reshape(2, -1, 2)
 

@@ -15,7 +15,7 @@ The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the next thr
 with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last two to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and 0 ≤ w ≤ limit. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
-data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.profile`; tests
+data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.intervals`; tests
 hold them to the program that is stated here.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome

@@ -9,16 +9,16 @@ quarter turns, as makers' conventions are.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import chain, combinations, product
+from itertools import combinations, product
 from typing import Final, Literal
 
 import numpy as np
 from scipy import optimize, special
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -99,18 +99,24 @@ def _best(
 ) -> tuple[BetterAlternative | None, float]:
     """Compare alternatives: the best that is significant, and the compensation as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = measurements[_chosen(measurements, min(_OBSERVATIONS, affordable))]
-    freedom = _coordinates(part) - robot.n
+    part = measurements.evenly(max(1, min(_OBSERVATIONS, affordable)))
+    # A rigid flange moves by six coordinates at most.
+    coordinates = int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
+    freedom = coordinates - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
     # Noise alone goes below that ratio of residual sums with probability `FALSE_ALARM`.
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
-    alternatives, plain = _screened(robot, part, alternatives)
+    # Some of the observations select the alternatives to examine.
+    some = part.evenly(math.ceil(_SCREENED * robot.n * len(part) / coordinates))
+    rows, grams = _rows(robot, some, alternatives)
+    as_given, plain = _fit(rows[0], grams[0])
+    sums = _least_sums(grams[1:])
+    alternatives = [a for a, left in zip(alternatives, sums, strict=True) if left < as_given]
     if not alternatives:
         return None, plain
-    rows = _rows(robot, part, alternatives, np.arange(len(part)))
-    grams = rows.transpose(0, 2, 1) @ rows
+    rows, grams = _rows(robot, part, alternatives)
     as_given, plain = _fit(rows[0], grams[0])
     needed, best = as_given * ratio, None
     for k in (1 + np.flatnonzero(_least_sums(grams[1:]) < needed)).tolist():
@@ -123,57 +129,28 @@ def _best(
     return best, plain
 
 
-def _screened(
-    robot: Robot, part: Measurements, alternatives: Sequence[Alternative]
-) -> tuple[list[Alternative], float]:
-    """Choose the alternatives that fit some of the observations better than the set as given.
-
-    Returns:
-        The alternatives, and the compensation of these observations as given.
-    """
-    some = _chosen(part, math.ceil(_SCREENED * robot.n * len(part) / _coordinates(part)))
-    rows = _rows(robot, part, alternatives, some)
-    grams = rows.transpose(0, 2, 1) @ rows
-    as_given, plain = _fit(rows[0], grams[0])
-    sums = _least_sums(grams[1:])
-    return [a for a, left in zip(alternatives, sums, strict=True) if left < as_given], plain
-
-
 @lru_cache
 def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
     """Return the mistakes that are compared."""
-    mistakes = (_exchanges(n), _joint_maps_of_one(n), _zeros(n), _loads(n, min(targets, _MOST_TARGETS)))
-    return tuple(chain.from_iterable(mistakes))
-
-
-def _exchanges(n: int) -> Iterator[Alternative]:
-    unit = np.eye(n)
+    unit, none = np.eye(n), np.zeros(n)
+    mistakes: list[Alternative] = []
     for j, k in combinations(range(n), 2):
         order = np.arange(n)
         order[[j, k]] = k, j
-        yield Alternative("columns_exchanged", (j, k), unit[order], np.zeros(n))
-
-
-def _joint_maps_of_one(n: int) -> Iterator[Alternative]:
-    unit = np.eye(n)
-    for j in range(n):
-        yield Alternative("sign_reversed", (j,), unit - 2.0 * np.outer(unit[j], unit[j]), np.zeros(n))
-    if n > 2:
-        for sign in (1.0, -1.0):
-            matrix = unit + sign * np.outer(unit[2], unit[1])
-            yield Alternative("joints_coupled", (1, 2), matrix, np.zeros(n))
-
-
-def _zeros(n: int) -> Iterator[Alternative]:
-    unit = np.eye(n)
-    for j in range(n):
-        for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
-            yield Alternative("zero_offset", (j,), unit, turn * unit[j])
-
-
-def _loads(n: int, targets: int) -> Iterator[Alternative]:
-    for t in range(targets):
-        yield Alternative("load_and_target_exchanged", (), np.eye(n), np.zeros(n), t)
+        mistakes.append(Alternative("columns_exchanged", (j, k), unit[order], none))
+    for j, row in enumerate(unit):
+        reversed_joint = unit - 2.0 * np.outer(row, row)
+        mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, none))
+    for sign in (1.0, -1.0) if n > 2 else ():
+        coupled = unit + sign * np.outer(unit[2], unit[1])
+        mistakes.append(Alternative("joints_coupled", (1, 2), coupled, none))
+    for j, turn in product(range(n), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
+        mistakes.append(Alternative("zero_offset", (j,), unit, turn * unit[j]))
+    exchanges = [
+        Alternative("load_and_target_exchanged", (), unit, none, t)
+        for t in range(min(targets, _MOST_TARGETS))
+    ]
+    return (*mistakes, *exchanges)
 
 
 @lru_cache
@@ -191,53 +168,34 @@ def _joint_maps(n: int) -> tuple[Alternative, ...]:
     return tuple(maps)
 
 
-def _chosen(measurements: Measurements, most: int) -> IndexArray:
-    """Return indices of observations, evenly spread: all if they are no more."""
-    count = len(measurements)
-    spread = np.arange(max(most, 1)) * (count - 1) // max(most - 1, 1)
-    return spread if most < count else np.arange(count)
-
-
-def _coordinates(part: Measurements) -> int:
-    """Count the coordinates that can differ from a model of rigid flanges: at most six an observation."""
-    return int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
-
-
 def _rows(
-    robot: Robot, part: Measurements, alternatives: Sequence[Alternative], chosen: IndexArray
-) -> FloatArray:
+    robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
+) -> tuple[FloatArray, FloatArray]:
     """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative.
 
-    Only of the observations `chosen`, as often as there are alternatives: the first of them are as given.
+    Returns:
+        The rows, and their Gram matrices (K + 1, n + 1, n + 1).
     """
-    count, times = len(chosen), len(alternatives) + 1
-    matrices, offsets = _maps(robot.n, tuple(alternatives))
-    joints = (part.joints[chosen] @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
+    count, times = len(given), len(alternatives) + 1
+    matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
+    offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
+    joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
     at = Configurations(robot, robot.joint_map.model_angles(joints))
-    stacked = part[np.tile(chosen, times)]
-    given = stacked[:count]
+    stacked = given[np.tile(np.arange(count), times)]
     load_point, position = stacked.load_point, stacked.position
-    by_load = [(k, a.target) for k, a in enumerate(alternatives, 1) if a.target is not None]
+    by_load = [(k, each.target) for k, each in enumerate(alternatives, 1) if each.target is not None]
     if by_load:
         load_point, position = load_point.copy(), position.copy()
         places = _on_flange(given, at.flange_rotation[:count], at.flange_translation[:count])
         for k, t in by_load:
-            rows = slice(k * count, (k + 1) * count)
-            load_point[rows] = places[:, t]
-            position[rows, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
+            part = slice(k * count, (k + 1) * count)
+            load_point[part] = places[:, t]
+            position[part, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
     block = unloaded_block(
         robot, at, replace(stacked, joints=joints, load_point=load_point, position=position)
     )
-    return whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(times, -1, robot.n + 1)
-
-
-@lru_cache(maxsize=16)
-def _maps(n: int, alternatives: tuple[Alternative, ...]) -> tuple[FloatArray, FloatArray]:
-    """Stack E (K + 1, n, n) and e (K + 1, n) [rad] of the set as given, then of each alternative."""
-    return (
-        np.array([np.eye(n), *(alternative.matrix for alternative in alternatives)]),
-        np.array([np.zeros(n), *(alternative.offset for alternative in alternatives)]),
-    )
+    rows = whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(times, -1, robot.n + 1)
+    return rows, rows.transpose(0, 2, 1) @ rows
 
 
 def places_on_flange(robot: Robot, part: Measurements) -> FloatArray:

@@ -1,21 +1,25 @@
 """Uncertainty budget of the compliances: components, their evaluation and correlation (method.md §8).
 
+Where the joints alone do not fit, held-out postures speak, too: the model error widens the intervals.
+
 *Evaluation of measurement data: Guide to the expression of uncertainty in measurement* (GUM), JCGM 100:2008.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.evidence.estimate import Estimate, OneSidedBounds
 from jointstiff.solver.fitting.fit import student_quantile
 
 _LEAST_POSTURES: Final = 2
 """Postures beyond the number of joints that it takes to tell model error from the noise of the readings."""
+_NO_UPPER_END = "without single postures its stiffness has no upper limit: something besides the joints bends"
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +124,34 @@ class UncertaintyBudget:
         """Return all included components together; of the `whole` budget, the others too."""
         parts = [part.spread.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
+
+    def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
+        """Return the estimate whose intervals hold the compliances ± the expanded uncertainty.
+
+        Args:
+            estimate: of n joints, the one that the budget is of.
+            bounds: on the compliances; an interval that ends at one does not pass it.
+        """
+        joints = list(estimate.joints)
+        uncertainty = self.total().uncertainty
+        for j in self.joints.tolist():
+            joint = joints[j]
+            interval, sides, value = joint.compliance_interval, joint.one_sided, joint.compliance
+            if interval is None or sides is None or value is None:
+                continue
+            half = self.coverage_factor * float(uncertainty[j])
+            least, most = max(float(bounds.lower[j]), value - half), min(float(bounds.upper[j]), value + half)
+            interval = min(interval[0], least), max(interval[1], most)
+            unsure = joint.status == "identified" and interval[0] <= 0.0
+            joints[j] = replace(
+                joint,
+                status="uncertain" if unsure else joint.status,
+                standard_uncertainty=float(uncertainty[j]),
+                compliance_interval=interval,
+                one_sided=OneSidedBounds(min(sides[0], least), max(sides[1], most)),
+                reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if unsure else None])) or None,
+            )
+        return replace(estimate, joints=tuple(joints))
 
 
 def _model_error(

@@ -1,26 +1,97 @@
-"""The estimate: joint compliances with uncertainty, verdict and evidence (method.md §6)."""
+"""The estimate: joint compliances with intervals, verdicts and evidence (method.md §6).
+
+Each joint has compliance and stiffness with intervals, or the reason why it has none.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from math import isfinite
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.convex.problem import Constraints
 from jointstiff.solver.convex.solution import Certificate, StagesCertificate
-from jointstiff.solver.evidence.verdict import JointCompliance
-from jointstiff.solver.fitting.fit import Likelihood, SigmaTest, sigma_test
+from jointstiff.solver.evidence.intervals import interval_ends
+from jointstiff.solver.fitting.fit import Fit, Likelihood, Scale, SigmaTest, sigma_test
 from jointstiff.solver.fitting.method import MethodTriangles
 from jointstiff.solver.fitting.observability import (
     Identifiability,
     Observability,
     ObservabilityIndices,
+    noise_reason,
     observability_indices,
 )
 from jointstiff.solver.fitting.robust import RobustFit
+from jointstiff.solver.text import rounded_down
+
+
+def stiffness_of(compliance: float | None) -> float | None:
+    """Return 1 / c; None for a rigid joint and where the inverse overflows."""
+    if not compliance:
+        return None
+    stiffness = 1.0 / compliance
+    return stiffness if isfinite(stiffness) else None
+
+
+def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
+    """Return [1/c_hi, 1/c_lo], open above (None) where the compliance reaches zero.
+
+    An interval of compliances that are all negative, or that spans zero downwards, is no interval of
+    stiffness: it has no least stiffness.
+    """
+    if interval is None or interval[0] < 0 or interval[1] <= 0:
+        return None
+    least = stiffness_of(interval[1])
+    return None if least is None else (least, stiffness_of(interval[0]))
+
+
+class OneSidedBounds(NamedTuple):
+    """Bounds on a compliance from below and above, each at the full confidence [rad/(N·m)]."""
+
+    compliance_at_least: float
+    compliance_at_most: float
+
+    @property
+    def stiffness_at_least(self) -> float | None:
+        """Lower bound of the stiffness [N·m/rad]; None where the compliance may be negative."""
+        return (stiffness_interval(self) or (None, None))[0]
+
+    @property
+    def stiffness_at_most(self) -> float | None:
+        """Upper bound of the stiffness [N·m/rad]; None where there is none."""
+        return (stiffness_interval(self) or (None, None))[1]
+
+
+@dataclass(frozen=True)
+class JointCompliance:
+    """Result for one joint; numbers are None if the joint is not observable."""
+
+    name: str
+    #: "uncertain" where the standard uncertainty reaches the compliance and the interval contains zero, so
+    #: that there is no greatest stiffness
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
+    compliance: float | None = None  #: [rad/(N·m)]
+    standard_uncertainty: float | None = None  #: of the compliance, without constraints [rad/(N·m)]
+    #: profile-likelihood interval under the constraints [rad/(N·m)]
+    compliance_interval: tuple[float, float] | None = None
+    one_sided: OneSidedBounds | None = None  #: bounds from below and above [rad/(N·m)]
+    #: information of its prior over that of the readings; inf where the prior alone tells it from other
+    #: joints, None without a prior
+    prior_to_data: float | None = None
+    reason: str | None = None  #: why there is no number, or what holds it
+
+    stiffness: float | None = field(init=False)  #: [N·m/rad]; None for a rigid joint and where it overflows
+    #: interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid
+    stiffness_interval: tuple[float, float | None] | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", stiffness_of(self.compliance))
+        object.__setattr__(self, "stiffness_interval", stiffness_interval(self.compliance_interval))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,3 +208,132 @@ class Estimate:
     def sigma_test(self) -> SigmaTest | None:
         """Return the test of a stated sigma; None if not stated, or without residual freedom."""
         return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
+
+
+_NO_UNCERTAINTY = (
+    "its uncertainty is unknown: sigma is not given, and there are no more readings than "
+    "joints to estimate it; state `noise`, or add observations"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Data on which the verdicts are based."""
+
+    names: tuple[str, ...]  #: names of the n joints
+    fit: Fit  #: outcome of the method
+    observability: Observability  #: observability in these readings
+    scale: Scale  #: sigma
+    constraints: Constraints  #: on the compliances
+    confidence: float  #: level of the intervals
+    prior_to_data: FloatArray  #: (n,) NaN where there is no prior, inf where only the prior speaks
+
+    def verdicts(self) -> tuple[JointCompliance, ...]:
+        """Return the result for each joint.
+
+        Raises:
+            SolverError: if the end of an interval could not be certified.
+        """
+        hidden = [self.why_hidden(j) for j in range(len(self.names))]
+        shown = np.array([j for j, reason in enumerate(hidden) if reason is None], dtype=np.intp)
+        ends: list[FloatArray | None] = [None] * len(shown)
+        sigma, likelihood = self.scale.sigma, self.fit.likelihood
+        if sigma is not None and len(shown):
+            tail = 1.0 - self.confidence
+            radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
+            constraints = self.constraints.select(likelihood.joints)
+            wanted, value = np.searchsorted(likelihood.joints, shown), self.fit.compliance[shown]
+            ends = [*interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
+        joints = [
+            JointCompliance(name, "not_observable", reason=reason)
+            for name, reason in zip(self.names, hidden, strict=True)
+        ]
+        for j, both in zip(shown.tolist(), ends, strict=True):
+            joints[j] = self.verdict(j, both)
+        return tuple(joints)
+
+    def verdict(self, j: int, ends: FloatArray | None) -> JointCompliance:
+        """Return the result for a joint that has a number, by its interval and one-sided bounds (2, 2)."""
+        name, value, ratio = self.names[j], float(self.fit.compliance[j]), float(self.prior_to_data[j])
+        uncertainty = self.uncertainty(j)
+        status: Literal["identified", "uncertain", "at_bound"] = "identified"
+        reason = self.constraint_that_holds(j, ends)
+        if reason is not None:
+            status = "at_bound"
+        elif ends is None:
+            reason = _NO_UNCERTAINTY
+        elif uncertainty is not None and ends[0, 0] <= 0.0 <= ends[0, 1]:
+            status = "uncertain"
+            size = "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
+            reason = (
+                f"{self.stiffer_than(ends)}the standard uncertainty of its compliance, "
+                f"{1e6 * uncertainty:.2g} µrad/(N·m), {size}: add loads with more torque about the axis of "
+                f"{name}"
+            )
+        if np.isinf(ratio):
+            alone = f"the readings show {name} only in combination with other joints: "
+            alone += "only its prior separates them"
+            reason = alone if reason is None else f"{reason}; {alone}"
+        two_sided, one_sided = (None, None) if ends is None else ends.tolist()
+        return JointCompliance(
+            name,
+            status,
+            value,
+            uncertainty,
+            None if two_sided is None else (two_sided[0], two_sided[1]),
+            None if one_sided is None else OneSidedBounds(*one_sided),
+            None if np.isnan(ratio) else ratio,
+            reason,
+        )
+
+    def uncertainty(self, j: int) -> float | None:
+        """Return the standard uncertainty without constraints [rad/(N·m)]; None where sigma is unknown."""
+        sigma = self.scale.sigma
+        return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
+
+    def constraint_that_holds(self, j: int, ends: FloatArray | None) -> str | None:
+        """Return the active constraint of a joint in words, or None.
+
+        An order ties joints to equality in the last digit, which noise never does; one through a joint that
+        the readings do not see ties those on both sides of it.
+        """
+        compliance, active = self.fit.compliance, int(self.fit.active[j])
+        if active and compliance[j] == 0.0:
+            limit = self.stiffer_than(ends) or "its compliance is zero: "
+            return f"{limit}these readings cannot distinguish it from a rigid joint"
+        if self.fit.tied[j] or active:
+            seen = np.flatnonzero(~self.observability.null)
+            pairs = [seen[[i, k]].tolist() for i, k in self.constraints.select(seen).order]
+            tied = [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
+            if tied:
+                partners = ", ".join(self.names[k] for k in tied)
+                return f"`stiffness_order` makes its stiffness equal to that of {partners}"
+        if active:
+            return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
+        return None
+
+    def stiffer_than(self, ends: FloatArray | None) -> str:
+        """Return the lower limit of a stiffness, as in the tables; empty without one."""
+        if ends is None or ends[1, 1] <= 0.0:
+            return ""
+        lower = rounded_down(1.0 / float(ends[1, 1]))
+        stiffness = f"{lower / 1e6:.3g} · 10⁶ N·m/rad" if lower >= 1e4 else f"{lower:.3g} N·m/rad"
+        return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
+
+    def why_hidden(self, j: int) -> str | None:
+        """Return why a joint has no stiffness, or None if it has one."""
+        observability, name = self.observability, self.names[j]
+        if observability.null[j]:
+            if np.isnan(self.prior_to_data[j]):
+                return observability.reasons[j]
+            return (
+                f"{observability.reasons[j]}; its prior is not returned as a result, because the readings do "
+                f"not determine {name}"
+            )
+        for group in self.fit.undetermined:
+            if j in group.joints:
+                return group.reason(self.names)
+        uncertainty = self.uncertainty(j)
+        if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
+            return noise_reason(j, self.names, observability, uncertainty)
+        return None

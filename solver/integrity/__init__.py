@@ -9,7 +9,7 @@ from typing import Final
 
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.solver.integrity.places import inspect_drift, inspect_places, inspect_rigidity
-from jointstiff.solver.integrity.response import inspect_response
+from jointstiff.solver.integrity.response import inspect_encoders, inspect_response
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
@@ -44,6 +44,7 @@ def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[
     if good.any():
         findings += [*inspect_rigidity(view, good), *inspect_drift(view, good)]
         findings += inspect_response(view, good) if responds else ()
+    findings += inspect_encoders(view)
     kinds: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
         kinds.setdefault(finding.code, []).append(finding)

@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.integrity.places import angle_hypotheses
 from jointstiff.solver.integrity.values import MODEL_ALLOWANCE, View, median, vector_quantile, vector_scale
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.terms.block import RegressorBlock, whole_block
+from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, whole_block
 from jointstiff.solver.text import length_text
 
 UNEXPLAINED: Final = 0.5
@@ -31,6 +31,10 @@ BETTER: Final = 0.5
 FLIPPED: Final = 0.5
 """Ratio of the residuals with the load reversed and as posted: 2 for a perfect fit, 0 for a wrong sign."""
 BEYOND_NOISE: Final = 5.0
+AGAINST_SIGMAS: Final = 5.0
+"""Deflection of a joint opposite to its torque, in standard deviations, above which it is not noise."""
+LARGEST_ENCODER_DEFLECTION: Final = 0.02
+"""Largest plausible deflection of a joint [rad]: more is a mistake in a unit, or a robot that moved."""
 SMALLEST_RESIDUAL: Final = 5e-6
 """Smallest deflection that a tracker can see [m]."""
 LEAST_ROWS: Final = 3
@@ -293,3 +297,40 @@ def exchanged_pair(
         if left < least:
             best, least = (a, b), left
     return best
+
+
+def inspect_encoders(view: View) -> Iterator[Finding]:
+    """Look for encoders that cannot be right: against the load's torque, or further than joints bend.
+
+    A spring gives way to its torque, so ``τ_j δθ_j`` is work done on it, and not negative but by noise.
+
+    Yields:
+        At most one finding of each kind a joint.
+    """
+    names, encoders = view.robot.joint_names, view.measurements.encoders
+    if encoders is None:
+        return
+    torque = np.concatenate([block.torque for block in regressor_blocks(view.robot, view.measurements)])
+    work = encoders.deflection * np.sign(torque)
+    against = encoders.present & (-work > AGAINST_SIGMAS * np.sqrt(2.0) * encoders.sigma)
+    size = np.abs(encoders.deflection)
+    for j in np.flatnonzero(against.any(axis=0)):
+        rows = np.flatnonzero(against[:, j])
+        worst = int(rows[size[rows, j].argmax()])
+        yield view.finding(
+            "encoder_against_torque",
+            worst if len(rows) == 1 else None,
+            f"the encoder of {names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} µrad, opposite to "
+            f"the torque of {torque[worst, j]:.4g} N.m, in {len(rows)} of "
+            f"{int(encoders.present[:, j].sum())} readings",
+            "check the encoder's sign, which is that of the model's joint, not the controller's; that "
+            "unloaded and loaded are not exchanged; and the signs of the force",
+        )
+    for j in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
+        worst = int(size[:, j].argmax())
+        yield view.finding(
+            "encoder_deflection_implausibly_large",
+            worst,
+            f"the encoder of {names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
+            "check `units.angle`, and that unloaded and loaded readings are of the same posture",
+        )

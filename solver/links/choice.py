@@ -16,7 +16,7 @@ import numpy as np
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.screening import CLEAR_GAIN, HeldOutGain
+from jointstiff.solver.evidence.causes import CLEAR_GAIN, HeldOutGain
 from jointstiff.solver.links.losses import LossProblem, TargetFits
 from jointstiff.solver.links.model import (
     LOSSES,

@@ -29,9 +29,8 @@ from jointstiff.solver.convex.conic import (
 )
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
 from jointstiff.solver.evidence.prediction import Prediction
-from jointstiff.solver.evidence.verdict import JointCompliance
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.links.choice import Folds

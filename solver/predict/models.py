@@ -22,7 +22,7 @@ from jointstiff.solver.convex.conic import diagonal, to_matrix
 from jointstiff.solver.convex.problem import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.profile import profile_row_ends, range_on_box
+from jointstiff.solver.evidence.intervals import profile_ends, range_on_box
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.links.fit import ElasticEstimate
@@ -322,7 +322,7 @@ class JointModel(ForwardModel):
                 block = slice(start, start + _BLOCK)
                 with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
                     radii = np.array([quantile])
-                    profile = profile_row_ends(likelihood, constraints, part[block], radii)[0]
+                    profile = profile_ends(likelihood, constraints, part[block], radii)[0]
                     held[block] = _hull(held[block], profile)
         ends[some] = _hull(held, ends[some])
         return ends

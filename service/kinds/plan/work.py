@@ -20,8 +20,8 @@ from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.run.weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.design.plan import plan_campaign
+from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.evidence.screening import screen_estimate
 from jointstiff.solver.robot.model import Robot
 
 _LARGEST_RELATIVE: Final = 0.5

@@ -26,8 +26,8 @@ from jointstiff.service.kinds.run.results import to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
+from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.screening import Screening
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.links.choice import (
     FoldFit,

@@ -9,7 +9,7 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import ModelChoice, PlainModel, RunResult
 from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
-from jointstiff.solver.evidence.screening import LINKS_LEVEL, Screening
+from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening
 from jointstiff.solver.links.choice import WEIGHTS, HeldOut, Plan, Selection
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import LOSSES, ElasticColumns, Loss

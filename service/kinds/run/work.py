@@ -24,10 +24,9 @@ from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.estimate import refuse_unsupported
 from jointstiff.solver.evidence.budget import LeftOut, UncertaintyBudget
+from jointstiff.solver.evidence.causes import Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.lack_of_fit import widened
 from jointstiff.solver.evidence.prediction import predict, predict_encoders
-from jointstiff.solver.evidence.screening import Screening, screen_estimate
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.links.fit import refuse_unsupported_elastic
 from jointstiff.solver.predict.model_error import ModelError, leave_postures_out
@@ -214,7 +213,7 @@ def _reported(
     lacks = screening is not None and screening.lack_of_fit and prepared.is_sound(estimate)
     budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
     if budget is not None and lacks:
-        estimate = widened(estimate, budget, settings.bounds)
+        estimate = budget.widened(estimate, settings.bounds)
     prediction = predict(
         prepared.robot,
         prepared.measurements,

@@ -14,7 +14,7 @@ from support.examples import examples
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.evidence.verdict import stiffness_interval
+from jointstiff.solver.evidence.estimate import stiffness_interval
 
 
 @pytest.mark.parametrize("length", ["m", "mm"])

@@ -15,8 +15,8 @@ from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.alternatives import better_alternative
 from jointstiff.solver.evidence.assessment import Assessment, assess
+from jointstiff.solver.evidence.causes import better_alternative
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Prior

@@ -11,7 +11,7 @@ from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
-from jointstiff.solver.evidence.screening import LINKS_LEVEL, MISTAKE_LEVEL, Screening, screen_estimate
+from jointstiff.solver.evidence.causes import LINKS_LEVEL, MISTAKE_LEVEL, Screening, screen_estimate
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

@@ -13,7 +13,7 @@ from jointstiff.service.conversion.message import message as message_of
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.plausibility import judge
+from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.resampling import gram_blocks
 from jointstiff.solver.robot.chain import KinematicChain

@@ -13,7 +13,7 @@ from support.shared_data import shared
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.solver.evidence.fit_reasons import fit_reasons
+from jointstiff.solver.evidence.assessment import fit_reasons
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.integrity import MAX_FINDINGS_PER_CODE, inspect
 from jointstiff.solver.robot.configuration import Configurations

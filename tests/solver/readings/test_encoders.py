@@ -14,7 +14,8 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
-from jointstiff.solver.evidence.prediction import inspect_encoders, predict_encoders
+from jointstiff.solver.evidence.prediction import predict_encoders
+from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
@@ -167,14 +168,14 @@ def test_resampling_takes_the_encoders_along(method):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_clean_encoders_raise_no_finding(seed):
-    assert not list(inspect_encoders(*prepare(campaign(seed=seed)[0])))
+    assert not inspect(*prepare(campaign(seed=seed)[0]), degrees=False)
 
 
 def test_a_wrong_sign_is_noticed():
     robot, measurements = prepare(campaign()[0])
     turned = measurements.encoders.deflection * np.array([1, 1, -1, 1, 1, 1])
     encoders = replace(measurements.encoders, deflection=turned)
-    (finding,) = inspect_encoders(robot, replace(measurements, encoders=encoders))
+    (finding,) = inspect(robot, replace(measurements, encoders=encoders), degrees=False)
     assert finding.code == "encoder_against_torque"
     assert finding.observation is None
     assert "joint_3" in finding.message
@@ -186,14 +187,14 @@ def test_one_swapped_reading_is_noticed_where_it_is():
     swapped = measurements.encoders.deflection.copy()
     swapped[7, 1] *= -1
     encoders = replace(measurements.encoders, deflection=swapped)
-    (finding,) = inspect_encoders(robot, replace(measurements, encoders=encoders))
+    (finding,) = inspect(robot, replace(measurements, encoders=encoders), degrees=False)
     assert (finding.code, finding.observation) == ("encoder_against_torque", "c08")
 
 
 def test_an_angle_in_another_unit_is_noticed():
     robot, measurements = prepare(campaign()[0])
     encoders = replace(measurements.encoders, deflection=np.rad2deg(measurements.encoders.deflection))
-    codes = {f.code for f in inspect_encoders(robot, replace(measurements, encoders=encoders))}
+    codes = {f.code for f in inspect(robot, replace(measurements, encoders=encoders), degrees=False)}
     assert codes == {"encoder_deflection_implausibly_large"}
 
 

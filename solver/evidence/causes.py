@@ -1,4 +1,4 @@
-"""Screening for what joints alone leave unexplained: load point, forgotten force, links (method.md §7).
+"""Causes of what joints alone leave unexplained: load point, forgotten force, links (method.md §7).
 
 Joints are fitted with K_c to the targets' rows, without bounds. One triangle of all terms in question answers
 every F test. Mistakes come first: beside columns of links the tests of mistakes accuse clean campaigns of
@@ -134,7 +134,11 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
                 mistakes.append(_followed(robot, part, triangle, kind))
     best = min(mistakes, key=lambda each: each.ratio, default=None)
     if best is not None and best.kind == "constant_force":
-        best = replace(best, movement_as_well=_movement_as_well(triangle, best))
+        # A movement of all loaded readings, with three unknowns more, may explain them as well.
+        left = max(triangle.residual_squares([JOINTS.name, MOVEMENT.name]), 1e-300)
+        left_by_force = max(best.ratio * triangle.residual_squares([JOINTS.name]), 1e-300)
+        difference = triangle.rows * np.log(left / left_by_force) + 3 * np.log(triangle.rows)
+        best = replace(best, movement_as_well=bool(difference < _AS_WELL))
     return Screening(_links_p_value(triangle, robot.n), best)
 
 
@@ -151,14 +155,6 @@ def _links_p_value(triangle: Triangle, n: int, beside: tuple[str, ...] = ()) -> 
     """Return the p-value of the F test of links beside the joints, and beside other terms."""
     most = max(0, min(_LEADING, (triangle.rows - n) // 3))
     return triangle.p_value(DIAGONAL_LINKS.name, (JOINTS.name, *beside), most=most, least=INDEPENDENT)
-
-
-def _movement_as_well(triangle: Triangle, force: LoadMistake) -> bool:
-    """Return True if a movement of all loaded readings explains them as well as a constant force."""
-    left = max(triangle.residual_squares([JOINTS.name, MOVEMENT.name]), 1e-300)
-    left_by_force = max(force.ratio * triangle.residual_squares([JOINTS.name]), 1e-300)
-    unknowns = 3 * np.log(triangle.rows)  # three more
-    return bool(triangle.rows * np.log(left / left_by_force) + unknowns < _AS_WELL)
 
 
 def _followed(robot: Robot, part: Measurements, triangle: Triangle, kind: LoadMistakeKind) -> LoadMistake:

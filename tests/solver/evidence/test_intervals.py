@@ -20,8 +20,8 @@ from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.problem import Bounds, Constraints, Scaled
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence import profile as module
-from jointstiff.solver.evidence.profile import profile_ends
+from jointstiff.solver.evidence import intervals as module
+from jointstiff.solver.evidence.intervals import profile_ends
 from jointstiff.solver.fitting.fit import Likelihood, rows_of
 from jointstiff.solver.terms.block import regressor_blocks
 
@@ -40,7 +40,8 @@ def positive(n: int, *order: tuple[int, int]) -> Constraints:
 
 def ends_of(found: Likelihood, constraints: Constraints, radii=RADII, wanted=None):
     wanted = np.arange(len(found.centre)) if wanted is None else np.asarray(wanted)
-    return profile_ends(found, constraints, wanted, np.atleast_1d(np.asarray(radii, dtype=float)))
+    rows = np.eye(len(found.centre))[wanted]
+    return profile_ends(found, constraints, rows, np.atleast_1d(np.asarray(radii, dtype=float)))
 
 
 def random_likelihood(rng: np.random.Generator, decades: float) -> tuple[np.ndarray, np.ndarray]:
