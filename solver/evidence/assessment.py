@@ -32,6 +32,7 @@ from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import unloaded_configurations
 from jointstiff.solver.text import length_text
 
 SAME_PLACE: Final = 2e-3
@@ -104,11 +105,12 @@ class Assessment:
         An exact fit explains all, whatever was measured; without a joint no contribution is a joint's.
         """
         codes = {reason.code for reason in self.reasons}
-        if "no_residual_freedom" in codes:
-            prediction = replace(prediction, compensation=None)
-        if codes & {"no_residual_freedom", "no_joint_identified"}:
-            prediction = replace(prediction, contributions=None)
-        return prediction
+        exact = "no_residual_freedom" in codes
+        return replace(
+            prediction,
+            compensation=None if exact else prediction.compensation,
+            contributions=None if exact or "no_joint_identified" in codes else prediction.contributions,
+        )
 
 
 def assess(
@@ -219,18 +221,30 @@ _UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
 """Words for alternatives: what is undone, and what to check."""
 
 
+def _reason(
+    code: FindingCode,
+    weight: Verdict,
+    message: str,
+    remedy: str,
+    *,
+    action: Action | None = None,
+    where: str | None = None,
+) -> Finding:
+    return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy, action=action)
+
+
 def alternative_reason(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
     """Report the mistake that would explain the readings far better: what to check, what to do at a click."""
     alternative = better.alternative
     names = [robot.joint_names[j] for j in alternative.joints]
-    first, last = alternative.joints[:1], alternative.joints[-1:]
+    first, last = (alternative.joints[0], alternative.joints[-1]) if names else (0, 0)
     words = {
         "names": ", ".join(names),
-        "first": "".join(names[:1]),
-        "last": "".join(names[-1:]),
+        "first": robot.joint_names[first],
+        "last": robot.joint_names[last],
         "target": (alternative.target or 0) + 1,
-        "turn": float(np.degrees(alternative.offset[list(first)].sum())),
-        "coupled": "added to" if (alternative.matrix[last, first] > 0.0).all() else "taken from",
+        "turn": float(np.degrees(alternative.offset[first])),
+        "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
     }
     what, remedy = (text.format(**words) for text in _UNDONE[alternative.kind])
     if alternative.target is not None:
@@ -244,15 +258,13 @@ def alternative_reason(robot: Robot, measurements: Measurements, better: BetterA
             off = robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
             offset = offset + 2.0 * np.pi * np.round(np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi))
         action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
-    return Finding(
-        code="alternative_explains_better",
-        weight="do_not_use",
-        message=(
-            f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
-            f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
-            f"{100 * better.ratio:.2g} %"
-        ),
-        remedy=remedy,
+    return _reason(
+        "alternative_explains_better",
+        "do_not_use",
+        f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
+        f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
+        f"{100 * better.ratio:.2g} %",
+        remedy,
         action=action,
     )
 
@@ -264,8 +276,8 @@ def load_mistake_reason(mistake: LoadMistake, estimate: Estimate) -> Finding:
     more than the intervals hold of a load point elsewhere: a load point stated to 1 mm that is 10 mm off
     contradicts the statement, while the intervals of an assumed one hold 10 mm.
     """
-    action: Action | None
     x, y, z = mistake.correction.tolist()
+    action: Action | None = Action.of("correct_force", correction=(x, y, z))
     if mistake.kind == "load_point":
         moved = f"({1e3 * x:.3g}, {1e3 * y:.3g}, {1e3 * z:.3g}) mm"
         what = f"with every load point moved by {moved} in the flange frame"
@@ -274,7 +286,6 @@ def load_mistake_reason(mistake: LoadMistake, estimate: Estimate) -> Finding:
     else:
         what = f"with a constant force of ({x:.3g}, {y:.3g}, {z:.3g}) N (axes of R0) added to every load"
         remedy = "check for a weight that hangs on the flange only while loaded, and for the load cell's zero"
-        action = Action.of("correct_force", correction=(x, y, z))
         if mistake.movement_as_well:
             what += ", or with tracker or base moved between the unloaded and the loaded readings"
             remedy = (
@@ -291,15 +302,12 @@ def load_mistake_reason(mistake: LoadMistake, estimate: Estimate) -> Finding:
         held = np.linalg.norm(np.hstack(sources)[known], axis=1)
         harmful &= change * estimate.compliance[known] > COVERED * held
     beside = "" if mistake.proved else ", but links may bend beside it"
-    return Finding(
-        code="alternative_explains_better",
-        weight="do_not_use" if mistake.proved and harmful.any() else "use_with_care",
-        message=(
-            f"{what}, the joints explain the readings better than chance allows (F test, "
-            f"p = {mistake.p_value:.1g}){beside}; a compliance changes by "
-            f"{100 * change.max(initial=0.0):.2g} %"
-        ),
-        remedy=remedy,
+    return _reason(
+        "alternative_explains_better",
+        "do_not_use" if mistake.proved and harmful.any() else "use_with_care",
+        f"{what}, the joints explain the readings better than chance allows (F test, p = "
+        f"{mistake.p_value:.1g}){beside}; a compliance changes by {100 * change.max(initial=0.0):.2g} %",
+        remedy,
         action=action,
     )
 
@@ -331,23 +339,19 @@ def reading_reasons(
         yield _of_all(same, code, Action.of("leave_out_readings", observations) if some else first.action)
     for same in _kinds(others, "use_with_care"):
         observations = _observations(measurements, same)
-        show = Action.of("show_posture", observations) if observations else None
-        yield _of_all(same, "suspicious_readings", show)
+        action = Action.of("show_posture", observations) if observations else None
+        yield _of_all(same, "suspicious_readings", action)
     yield from _outlying(measurements, settings, prediction, outliers)
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
     if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
-        yield Finding(
-            code="deflections_below_noise",
-            weight="use_with_care",
-            message=(
-                f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
-                f"{length_text(noise)}: these readings give only lower limits of the stiffnesses"
-            ),
-            remedy=(
-                "increase the load; check that the loaded readings were taken with the load applied, and "
-                "check the stated noise"
-            ),
+        yield _reason(
+            "deflections_below_noise",
+            "use_with_care",
+            f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
+            f"{length_text(noise)}: these readings give only lower limits of the stiffnesses",
+            "increase the load; check that the loaded readings were taken with the load applied, and "
+            "check the stated noise",
         )
 
 
@@ -356,15 +360,17 @@ def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Findin
     part = measurements.evenly(_PLACES)
     if part.present.shape[1] < 2 or not part.force.any():
         return
-    apart = np.linalg.norm(places_on_flange(robot, part) - part.load_point[:, None], axis=2)
+    at = unloaded_configurations(robot, part)
+    places = places_on_flange(part, at.flange_rotation, at.flange_translation)
+    apart = np.linalg.norm(places - part.load_point[:, None], axis=2)
     apart = np.where((part.coordinates == 3).any(axis=0), apart, np.inf).max(axis=0)
     t = int(apart.argmin())
     if apart[t] <= SAME_PLACE:
-        yield Finding(
-            code="load_at_target",
-            weight="use_with_care",
-            message=f"the load point coincides with target {t + 1}, a reflector",
-            remedy="check the load point in the flange frame",
+        yield _reason(
+            "load_at_target",
+            "use_with_care",
+            f"the load point coincides with target {t + 1}, a reflector",
+            "check the load point in the flange frame",
             action=Action.of("exchange_load_and_target", target=measurements.targets[t]),
         )
 
@@ -379,23 +385,20 @@ def _outlying(
     """
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
     if prediction.contributions is None:
-        typical = float(np.median(norm))
-        beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * typical)}
+        beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
         outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
     observations = _observations(measurements, outliers)
     if not observations:
         return
     count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
     if count >= FEW * len(measurements):
-        yield Finding(
-            code="deflection_unexplained",
-            weight="use_with_care",
-            message=(
-                f"{count} of {len(measurements)} observations disagree with the joint springs that fit the "
-                "others: too many for single wrong readings, so something besides the joints bends, or "
-                "angles or loads are wrong"
-            ),
-            remedy="check these postures; if their readings are right, try elasticity joints_and_links",
+        yield _reason(
+            "deflection_unexplained",
+            "use_with_care",
+            f"{count} of {len(measurements)} observations disagree with the joint springs that fit the "
+            "others: too many for single wrong readings, so something besides the joints bends, or "
+            "angles or loads are wrong",
+            "check these postures; if their readings are right, try elasticity joints_and_links",
             action=Action.of("show_posture", observations),
         )
     elif settings.loss != "huber":
@@ -405,11 +408,9 @@ def _outlying(
 
 def _kinds(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
     """Group the findings of a weight by their code, in the order of their first."""
-    groups: dict[FindingCode, list[Finding]] = {}
-    for finding in findings:
-        if finding.weight == weight:
-            groups.setdefault(finding.code, []).append(finding)
-    return list(groups.values())
+    weighty = [finding for finding in findings if finding.weight == weight]
+    codes = dict.fromkeys(finding.code for finding in weighty)
+    return [[finding for finding in weighty if finding.code == code] for code in codes]
 
 
 def _observations(measurements: Measurements, same: Sequence[Finding]) -> tuple[str, ...]:
@@ -420,9 +421,8 @@ def _observations(measurements: Measurements, same: Sequence[Finding]) -> tuple[
 
 def _of_all(same: Sequence[Finding], code: FindingCode, action: Action | None) -> Finding:
     """Return one reason for findings of a kind: the first of them, with their number."""
-    others = len(same) - 1
-    message = same[0].message + (f" (and {others} more of this kind)" if others else "")
-    return same[0].model_copy(update={"code": code, "message": message, "action": action})
+    more = f" (and {len(same) - 1} more of this kind)" if len(same) > 1 else ""
+    return same[0].model_copy(update={"code": code, "message": same[0].message + more, "action": action})
 
 
 def fit_reasons(
@@ -443,15 +443,15 @@ def fit_reasons(
         explained: whether another reason already explains the deflections.
     """
     statuses = [joint.status for joint in estimate.joints]
-    if set(statuses) - {"not_observable"} == {"at_bound"}:
-        yield from unidentified(
-            statuses,
-            "check signs, frame and units of forces and deflections, and the joint map: the targets do not "
-            "move as these loads would move them",
-            Action.of("exchange_readings"),
-        )
-    else:
-        yield from unidentified(statuses, "add postures and loads that twist the joints")
+    opposed = set(statuses) - {"not_observable"} == {"at_bound"}
+    yield from unidentified(
+        statuses,
+        "check signs, frame and units of forces and deflections, and the joint map: the targets do not move "
+        "as these loads would move them"
+        if opposed
+        else "add postures and loads that twist the joints",
+        Action.of("exchange_readings") if opposed else None,
+    )
     yield from _freedom(measurements, estimate)
     postures: list[FloatArray] = []
     for joints in measurements.joints:
@@ -460,17 +460,13 @@ def fit_reasons(
         if len(postures) >= _LEAST_POSTURES:
             break
     else:
-        yield Finding(
-            code="few_postures",
-            weight="use_with_care",
-            message=(
-                f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses were "
-                "not tested in others"
-            ),
-            remedy=(
-                f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° or "
-                "more"
-            ),
+        yield _reason(
+            "few_postures",
+            "use_with_care",
+            f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses were "
+            "not tested in others",
+            f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° or "
+            "more",
         )
     yield from _residuals(measurements, estimate, joints_alone=prediction.contributions is not None)
     if not explained:
@@ -484,12 +480,12 @@ def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = N
     if "identified" in statuses:
         return
     counts = Counter(status.replace("_", " ") for status in statuses)
-    yield Finding(
-        code="no_joint_identified",
-        weight="do_not_use",
-        message="the readings identify no joint: "
+    yield _reason(
+        "no_joint_identified",
+        "do_not_use",
+        "the readings identify no joint: "
         + ", ".join(f"{count} {status}" for status, count in counts.items()),
-        remedy=remedy,
+        remedy,
         action=action,
     )
 
@@ -505,38 +501,30 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding
     free = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
     sigma = None if estimate.sigma_given else estimate.sigma
     if free < _LEAST_FREEDOM:
-        unknown = not estimate.sigma_given
-        left = "the uncertainty is unknown" if unknown else "its uncertainty comes from the stated noise only"
-        yield Finding(
-            code="no_residual_freedom",
-            weight="do_not_use" if unknown else "use_with_care",
-            message=(
-                f"there are as many parameters as readings, so the fit is exact whatever was measured: {left}"
-            ),
-            remedy="add observations: at least twice the present number",
+        known = estimate.sigma_given
+        left = "its uncertainty comes from the stated noise only" if known else "the uncertainty is unknown"
+        yield _reason(
+            "no_residual_freedom",
+            "use_with_care" if known else "do_not_use",
+            f"there are as many parameters as readings, so the fit is exact whatever was measured: {left}",
+            "add observations: at least twice the present number",
         )
     elif sigma is not None and sigma < LEAST_SIGMA:
-        yield Finding(
-            code="residuals_vanish",
-            weight="use_with_care",
-            message=(
-                f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no tracker "
-                "reaches: these readings are computed, not measured, and the uncertainties are meaningless"
-            ),
-            remedy="state `noise` from the tracker's data sheet",
+        yield _reason(
+            "residuals_vanish",
+            "use_with_care",
+            f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no tracker "
+            "reaches: these readings are computed, not measured, and the uncertainties are meaningless",
+            "state `noise` from the tracker's data sheet",
         )
     elif sigma is not None and sigma > LARGEST_SIGMA:
-        yield Finding(
-            code="sigma_implausible",
-            weight="use_with_care",
-            message=(
-                f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-                "reading; laser trackers have 10 to 40 µm, so most of it is what the model leaves unexplained"
-            ),
-            remedy=(
-                "state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
-                "whether links bend"
-            ),
+        yield _reason(
+            "sigma_implausible",
+            "use_with_care",
+            f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+            "reading; laser trackers have 10 to 40 µm, so most of it is what the model leaves unexplained",
+            "state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
+            "whether links bend",
         )
 
 
@@ -547,47 +535,38 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
     """
     refuted, test = measurements.refuted_sigma, estimate.sigma_test
     if refuted is not None and estimate.sigma is not None:
-        yield Finding(
-            code="residuals_exceed_sigma",
-            weight="use_with_care",
-            message=(
-                f"the residuals give a standard uncertainty of {length_text(estimate.sigma)} per coordinate "
-                f"of a reading, {estimate.sigma / refuted:.3g} times the {length_text(refuted)} that were "
-                "stated and that they refuted: what the model leaves unexplained counts as noise, and may "
-                "be no noise"
-            ),
-            remedy=_CHECK_NOISE,
+        yield _reason(
+            "residuals_exceed_sigma",
+            "use_with_care",
+            f"the residuals give a standard uncertainty of {length_text(estimate.sigma)} per coordinate of a "
+            f"reading, {estimate.sigma / refuted:.3g} times the {length_text(refuted)} that were stated and "
+            "that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
+            _CHECK_NOISE,
         )
     ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
     if test is None or test.verdict == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return
     if test.verdict == "residuals_too_small":
         chance = "p < 0.001" if test.p_value < 0.001 else f"p = {test.p_value:.1g}"
-        yield Finding(
-            code="sigma_overstated",
-            weight="use",
-            message=(
-                f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
-                f"{chance}), so the uncertainties are too large"
-            ),
-            remedy=(
-                "check `noise` and `units.length`; omit `noise` so that sigma is estimated from the residuals"
-            ),
+        yield _reason(
+            "sigma_overstated",
+            "use",
+            f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
+            f"{chance}), so the uncertainties are too large",
+            "check `noise` and `units.length`; omit `noise` so that sigma is estimated from the residuals",
         )
-        return
-    weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
-    if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
-        weight = "use"  # chance, or the penalty of the links, may do it
-    yield Finding(
-        code="residuals_exceed_sigma",
-        weight=weight,
-        message=(
-            f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the "
-            "uncertainties are too small by the same factor"
-        ),
-        remedy=_CHECK_NOISE,
-        action=Action.of("omit_noise"),
-    )
+    else:
+        weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
+        if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
+            weight = "use"  # chance, or the penalty of the links, may do it
+        yield _reason(
+            "residuals_exceed_sigma",
+            weight,
+            f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the uncertainties "
+            "are too small by the same factor",
+            _CHECK_NOISE,
+            action=Action.of("omit_noise"),
+        )
 
 
 def _unexplained(measurements: Measurements, estimate: Estimate, prediction: Prediction) -> Iterator[Finding]:
@@ -597,14 +576,12 @@ def _unexplained(measurements: Measurements, estimate: Estimate, prediction: Pre
         return
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
-    yield Finding(
-        code="deflection_unexplained",
-        weight="use" if noisy else weight,
-        message=(
-            f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
-            "robots explain about 80 %"
-        ),
-        remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
+    yield _reason(
+        "deflection_unexplained",
+        "use" if noisy else weight,
+        f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
+        "robots explain about 80 %",
+        "check the robot's model, the joint map, the frame and signs of the forces, and the units",
         action=Action.of("show_posture", [measurements.labels[norm.argmax()]]),
     )
 
@@ -619,15 +596,13 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
                 if np.isinf(ratio)
                 else f"carries {ratio:.3g} times as much information as the readings"
             )
-            yield Finding(
-                code="prior_dominates",
-                weight="use_with_care",
+            yield _reason(
+                "prior_dominates",
+                "use_with_care",
+                f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
+                "add loads and postures with more torque about its axis, or omit the prior to see what "
+                "was measured",
                 where=joint.name,
-                message=f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
-                remedy=(
-                    "add loads and postures with more torque about its axis, or omit the prior to see what "
-                    "was measured"
-                ),
             )
     identified = {
         joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
@@ -647,15 +622,13 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
             )
         elif len(implausible) == len(identified):
             remedy = "check the units of force, length and moment: all joints are out of range"
-        yield Finding(
-            code="stiffness_implausible",
-            weight="do_not_use",
+        yield _reason(
+            "stiffness_implausible",
+            "do_not_use",
+            f"the stiffness of {name} is {stiffness:.3g} N.m/rad; joints of industrial "
+            f"robots have {least:.0e} to {greatest:.0e} N.m/rad",
+            remedy,
             where=name,
-            message=(
-                f"the stiffness of {name} is {stiffness:.3g} N.m/rad; joints of industrial "
-                f"robots have {least:.0e} to {greatest:.0e} N.m/rad"
-            ),
-            remedy=remedy,
         )
     if estimate.complementary_stiffness is not None:
         yield from _complementary_stiffness(estimate.complementary_stiffness)
@@ -664,60 +637,50 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
 def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
     """Report a K_c that was neglected, though it matters or was asked for."""
     if size.obstacle is not None:
-        yield Finding(
-            code="complementary_stiffness_matters",
-            weight="use_with_care",
-            message=f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
-            remedy="check the units of force and length",
+        yield _reason(
+            "complementary_stiffness_matters",
+            "use_with_care",
+            f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
+            "check the units of force and length",
         )
     elif not size.included and size.largest_shift is not None and size.largest_shift > LARGEST_SHIFT:
-        yield Finding(
-            code="complementary_stiffness_matters",
-            weight="use_with_care",
-            message=(
-                "neglecting the complementary stiffness K_c biases a compliance by "
-                f"{size.largest_shift:.2g} standard uncertainties"
-            ),
-            remedy="set complementary_stiffness: included",
+        yield _reason(
+            "complementary_stiffness_matters",
+            "use_with_care",
+            "neglecting the complementary stiffness K_c biases a compliance by "
+            f"{size.largest_shift:.2g} standard uncertainties",
+            "set complementary_stiffness: included",
             action=Action.of("include_complementary_stiffness"),
         )
 
 
 def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
     """Report that joints and links share what bends (method.md §7), or that joints alone lack something."""
-    gain, evidence = None, []
+    gain, bends = None, ""
     if screening is not None:
         gain = screening.gain
-        evidence.append(f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})")
+        bends = f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
     if gain is not None:
-        evidence.append(
-            f"With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
+        bends += (
+            f". With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
             f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
         )
     if prediction.contributions is None:
-        yield Finding(
-            code="links_bend_with_joints",
-            weight="use_with_care",
-            message=". ".join(
-                [
-                    *(() if gain is None else evidence),
-                    "Each joint's stiffness includes some bending of its link; the bias exceeds the stated "
-                    "uncertainty. Predicted deflections are not affected",
-                ]
-            ),
-            remedy=(
-                "use the model to predict deflections; do not quote the stiffness of a single joint, as "
-                "readings under load cannot separate a joint from its link"
-            ),
+        evidence = "" if gain is None else f"{bends}. "
+        yield _reason(
+            "links_bend_with_joints",
+            "use_with_care",
+            f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds the "
+            "stated uncertainty. Predicted deflections are not affected",
+            "use the model to predict deflections; do not quote the stiffness of a single joint, as readings "
+            "under load cannot separate a joint from its link",
         )
     elif screening is not None and screening.lack_of_fit:
-        yield Finding(
-            code="lack_of_fit",
-            weight="use_with_care",
-            message=". ".join(evidence),
-            remedy=(
-                "let the readings choose the model (elasticity automatic), or use these stiffnesses, of "
-                "joints and links together, for postures and loads like these only"
-            ),
+        yield _reason(
+            "lack_of_fit",
+            "use_with_care",
+            bends,
+            "let the readings choose the model (elasticity automatic), or use these stiffnesses, of joints "
+            "and links together, for postures and loads like these only",
             action=Action.of("choose_model") if gain is None and screening.comparable else None,
         )

@@ -94,17 +94,17 @@ class UncertaintyBudget:
         """
         if estimate.covariance is None:
             return None
-        common = estimate.common
-        readings = estimate.covariance
+        common, given, readings = estimate.common, estimate.sigma_given, estimate.covariance
         if common is not None:
             readings = readings - common.responses @ common.responses.T
-        given = estimate.sigma_given
         own_freedom = None if given else estimate.degrees_of_freedom
         components = [BudgetComponent("readings", "B" if given else "A", True, Spread(readings), own_freedom)]
         if common is not None:
-            for source, own in common.by_source.items():
-                if own.any():
-                    components.append(BudgetComponent(source, "B", True, Spread(own @ own.T)))
+            components += [
+                BudgetComponent(source, "B", True, Spread(own @ own.T))
+                for source, own in common.by_source.items()
+                if own.any()
+            ]
         joints = np.flatnonzero(estimate.estimated)
         if left_out is not None:
             components += _model_error(left_out, readings, joints, included=lack_of_fit)
@@ -112,9 +112,8 @@ class UncertaintyBudget:
         if size is not None and not size.included and size.shift is not None:
             shift = Spread(np.outer(size.shift, size.shift))
             components.append(BudgetComponent("complementary_stiffness", "B", False, shift))
-        level = 0.5 * (1.0 + probability)
         factor = max(
-            student_quantile(level, part.degrees_of_freedom)
+            student_quantile(0.5 * (1.0 + probability), part.degrees_of_freedom)
             for part in components
             if part.source == "readings" or (part.source == "model_error" and part.included)
         )

@@ -6,7 +6,7 @@ Each joint has compliance and stiffness with intervals, or the reason why it has
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 from typing import Literal, NamedTuple
@@ -85,13 +85,15 @@ class JointCompliance:
     prior_to_data: float | None = None
     reason: str | None = None  #: why there is no number, or what holds it
 
-    stiffness: float | None = field(init=False)  #: [N·m/rad]; None for a rigid joint and where it overflows
-    #: interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid
-    stiffness_interval: tuple[float, float | None] | None = field(init=False)
+    @property
+    def stiffness(self) -> float | None:
+        """Stiffness [N·m/rad]; None for a rigid joint and where it overflows."""
+        return stiffness_of(self.compliance)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "stiffness", stiffness_of(self.compliance))
-        object.__setattr__(self, "stiffness_interval", stiffness_interval(self.compliance_interval))
+    @property
+    def stiffness_interval(self) -> tuple[float, float | None] | None:
+        """Interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid."""
+        return stiffness_interval(self.compliance_interval)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +102,8 @@ class CommonErrors:
 
     #: change (n, k) of the estimate by one standard uncertainty of each error of a source [rad/(N·m)]
     by_source: Mapping[str, FloatArray]
-    responses: (
-        FloatArray  #: (n, K) all of them; their share of the covariance is the product with the transpose
-    )
+    #: (n, K) all of them; their share of the covariance is the product with the transpose
+    responses: FloatArray
 
     def of(self, source: str) -> FloatArray:
         """Return the responses (n, k) of the errors of one source."""
@@ -218,7 +219,7 @@ _NO_UNCERTAINTY = (
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Data on which the verdicts are based."""
+    """Data on which the verdicts on the joints are based."""
 
     names: tuple[str, ...]  #: names of the n joints
     fit: Fit  #: outcome of the method
@@ -270,10 +271,7 @@ class Evidence:
                 f"{1e6 * uncertainty:.2g} µrad/(N·m), {size}: add loads with more torque about the axis of "
                 f"{name}"
             )
-        if np.isinf(ratio):
-            alone = f"the readings show {name} only in combination with other joints: "
-            alone += "only its prior separates them"
-            reason = alone if reason is None else f"{reason}; {alone}"
+        alone = "the readings show {} only in combination with other joints: only its prior separates them"
         two_sided, one_sided = (None, None) if ends is None else ends.tolist()
         return JointCompliance(
             name,
@@ -283,7 +281,7 @@ class Evidence:
             None if two_sided is None else (two_sided[0], two_sided[1]),
             None if one_sided is None else OneSidedBounds(*one_sided),
             None if np.isnan(ratio) else ratio,
-            reason,
+            "; ".join(filter(None, [reason, alone.format(name) if np.isinf(ratio) else None])) or None,
         )
 
     def uncertainty(self, j: int) -> float | None:

@@ -38,14 +38,11 @@ _STANDS_STILL = 1e-13
 """Movement of a joint on a face, relative to that without constraints, that counts as rounding."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
+_NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
 def interval_ends(
-    likelihood: Likelihood,
-    constraints: Constraints,
-    wanted: IndexArray,
-    radii: FloatArray,
-    value: FloatArray,
+    likelihood: Likelihood, constraints: Constraints, wanted: IndexArray, radii: FloatArray, value: FloatArray
 ) -> FloatArray:
     """Return the ends of the intervals of some compliances: profiles, widened to cover what they should.
 
@@ -78,10 +75,7 @@ def interval_ends(
 
 
 def profile_ends(
-    likelihood: Likelihood,
-    constraints: Constraints,
-    rows: FloatArray,
-    radii: FloatArray,
+    likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Return the ends of the profile-likelihood intervals of linear functions aᵀc.
 
@@ -165,7 +159,7 @@ class _Ball:
             tight = self.inequalities.matrix[solution.tight]
             slack = self.inequalities.matrix @ solution.compliance - self.inequalities.least
             if (slack < -_VIOLATION).any():  # s is so large that the solver takes it for rounding
-                raise _not_certified()
+                raise SolverError(_NOT_CERTIFIED)
         return solution.compliance, solution.active != 0, tight
 
     def march(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -204,7 +198,7 @@ class _Ball:
             pending = pending[~done]
             if not len(pending):
                 return points, at_bound
-        raise _not_certified()
+        raise SolverError(_NOT_CERTIFIED)
 
     def optima(self, s: FloatArray, objective: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return optima (K, p) of the quadratic programs, and −dx/ds (K, p) on the face of each."""
@@ -231,7 +225,3 @@ class _Ball:
                 inverse = np.linalg.pinv(self.A @ along, rcond=_NO_DIRECTION)
                 step[k] = along @ (inverse @ (inverse.T @ (along.T @ objective[k])))
         return x, step
-
-
-def _not_certified() -> SolverError:
-    return SolverError("an end of a confidence interval could not be certified")

@@ -25,17 +25,6 @@ class Contributions:
     #: (n,) share of the mean length of the predicted deflections, dimensionless; zero if nothing moves
     share: FloatArray
 
-    @classmethod
-    def of(cls, along: FloatArray, present: BoolArray) -> Contributions:
-        """Average the parts (N, T, n) [m], zero where a target is not `present` (N, T)."""
-        mean = along.sum(axis=(0, 1)) / present.sum()
-        total = float(mean.sum())
-        return cls(
-            by_observation=(along.sum(axis=1) / present.sum(axis=1)[:, None]).T,
-            mean=mean,
-            share=mean / total if total > 0.0 else np.zeros_like(mean),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -85,20 +74,24 @@ def predict(
     Raises:
         SolverError: the load finds no balance with joints of that compliance.
     """
-    blocks = regressor_blocks(robot, measurements, compliance if complementary_stiffness else None)
     named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
-    pairs = [(block.A @ compliance, _along(block.A * named)) for block in blocks]
-    predicted, along = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-    return Prediction.of(measurements, predicted, Contributions.of(along, measurements.present))
-
-
-def _along(moved: FloatArray) -> FloatArray:
-    """Project what each joint moves (B, T, 3, n) on the deflection by all: (B, T, n) [m]."""
-    whole = moved.sum(axis=-1)
-    length = np.linalg.norm(whole, axis=-1)
-    direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
-    along: FloatArray = np.einsum("btij,bti->btj", moved, direction)
-    return along
+    predicted, along = [], []
+    for block in regressor_blocks(robot, measurements, compliance if complementary_stiffness else None):
+        predicted.append(block.A @ compliance)
+        moved = block.A * named
+        whole = moved.sum(axis=-1)
+        length = np.linalg.norm(whole, axis=-1)
+        direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
+        along.append(np.einsum("btij,bti->btj", moved, direction))
+    parts, present = np.concatenate(along), measurements.present  # parts are zero where nothing was read
+    mean = parts.sum(axis=(0, 1)) / present.sum()
+    total = float(mean.sum())
+    contributions = Contributions(
+        by_observation=(parts.sum(axis=1) / present.sum(axis=1)[:, None]).T,
+        mean=mean,
+        share=mean / total if total > 0.0 else np.zeros_like(mean),
+    )
+    return Prediction.of(measurements, np.concatenate(predicted), contributions)
 
 
 def predict_encoders(

@@ -28,7 +28,6 @@ from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.evidence.assessment import unidentified
 from jointstiff.solver.evidence.estimate import JointCompliance
-from jointstiff.solver.evidence.fit_reasons import unidentified
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.geometry.charts import LinearFit, RigidTransform
 from jointstiff.solver.geometry.poses import Motion, PoseReadings, PoseState, calibrate
