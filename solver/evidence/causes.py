@@ -227,7 +227,7 @@ def _rows(
 
 
 def places_on_flange(part: Measurements, rotation: FloatArray, translation: FloatArray) -> FloatArray:
-    """Compute places (N, T, 3) on a flange (N, 3, 3), (N, 3) [m] of targets: given, or means of those read."""
+    """Compute places (N, T, 3) of targets on a flange (N, 3, 3), (N, 3) [m]: given, or means of the read."""
     read = (part.position - translation[:, None]) @ rotation
     seen = np.where(part.in_flange[..., None], part.position, read)
     weight = part.present[..., None] / np.maximum(part.present.sum(axis=0), 1)[:, None]
