@@ -340,7 +340,6 @@ class CorrectionLimits:
 
     displacement: float = 5e-3  #: greatest correction of the place [m]
     rotation: float = 10e-3  #: greatest correction of the orientation [rad]
-    ramp: float = 0.0  #: length of path over which the correction sets in and fades with the load [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,17 +371,17 @@ def compensate(
 
     Args:
         model: of the loaded robot.
-        wanted: m postures that bring the tool to the wanted places while nothing bends, in the order of the
-            path: `joints` are their angles as the controller would show them, the load acts there.
+        wanted: m postures that bring the tool to the wanted places while nothing bends: `joints` are their
+            angles as the controller would show them, the load acts there.
         limits: by which corrections are held back.
-        ramp: (m,) shares of the corrections, where the cases are a part of the path (`ramp_shares`).
+        ramp: (m,) shares of the corrections (`ramp_shares`); all of them if None.
 
     Raises:
         RequestError: a load twists a joint of which nothing is known, finds no stable balance, or cannot be
             compensated.
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
-    ramp = ramp_shares(robot, wanted, limits.ramp) if ramp is None else ramp
+    ramp = np.ones(len(wanted)) if ramp is None else ramp
     if len(wanted) > _BLOCK:
         blocks = [slice(start, start + _BLOCK) for start in range(0, len(wanted), _BLOCK)]
         parts = [vars(compensate(model, wanted[block], limits, ramp[block])) for block in blocks]

@@ -19,7 +19,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links.choice import Folds, Plan
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
-from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
+from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
@@ -114,14 +114,8 @@ def test_the_three_stiffnesses_are_what_their_names_say():
     load = cases()
     found = MODEL.deflect(load).compliance
     u = load.force / np.linalg.norm(load.force, axis=1, keepdims=True)
-    free, lateral, rotation = (
-        f(u)
-        for f in (
-            found.stiffness_lateral_free,
-            found.stiffness_lateral_blocked,
-            found.stiffness_rotation_blocked,
-        )
-    )
+    free, lateral = found.stiffness_lateral_free(u), found.stiffness_lateral_blocked(u)
+    rotation = found.stiffness_rotation_blocked(u)
     for b in range(COUNT):
         across = np.linalg.svd(u[b][None])[2][1:]
         blocked = [np.r_[row, 0, 0, 0] for row in across]
@@ -215,20 +209,16 @@ class TestIdentified:
 
     def test_intervals_hold_the_truth(self):
         load = cases(seed=3)
-        truth = MODEL.deflect(load)
-        truth = np.concatenate([truth.displacement, truth.rotation], axis=1)
-        held = []
+        truth, held = MODEL.deflect(load).motion, []
         for measurements in self.design.measured(150, seed=5):
             ends = self.model(measurements).deflect(load).interval(0.95)
             held.append((ends[..., 0] <= truth) & (truth <= ends[..., 1]))
         assert 0.92 <= np.mean(held) <= 0.975
 
     def test_free_intervals_are_plus_and_minus(self):
-        load = cases()
-        found = self.model(positive=False).deflect(load)
+        found = self.model(positive=False).deflect(cases())
         deviation = np.linalg.norm(found.half, axis=2)
-        value = np.concatenate([found.displacement, found.rotation], axis=1)
-        expected = value[..., None] + 1.6448536 * deviation[..., None] * np.array([-1, 1])
+        expected = found.motion[..., None] + 1.6448536 * deviation[..., None] * [-1, 1]
         np.testing.assert_allclose(found.interval(0.9), expected, rtol=1e-6)
 
     def test_constraints_cut_intervals_and_hold_the_joints_own(self):
@@ -326,7 +316,7 @@ def test_ramps_begin_where_the_load_sets_in():
     force = wanted.force.copy()
     force[:5] = force[-5:] = 0.0
     wanted = replace(wanted, force=force)
-    found = compensate(MODEL, wanted, CorrectionLimits(1.0, 1.0, ramp=1.0))
+    found = compensate(MODEL, wanted, ANY, ramp_shares(ROBOT, wanted, 1.0))
     assert found.share[5] == pytest.approx(0.0)
     assert found.share[20] == pytest.approx(1.0)
     assert (np.diff(found.share[5:8]) >= 0).all()
