@@ -20,6 +20,7 @@ from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.links import links_behind
+from jointstiff.solver.terms.registry import TERMS
 from jointstiff.solver.terms.term import whitened_rows as term_rows
 
 CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]
@@ -81,9 +82,13 @@ def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements
     Returns:
         (N, 3 T, P) in units of sigma.
     """
-    terms = [JOINTS, links_behind(tuple(range(robot.n)))] if request.links else [JOINTS]
-    blocks = regressor_blocks(robot, measurements)
-    parts = [term_rows(block, terms, np.zeros(robot.n)).targets[..., :-1] for block in blocks]
+    hedged = [term for term in TERMS.values() if term.hedged]
+    terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
+    parts = []
+    for block in regressor_blocks(robot, measurements):
+        columns, _, widths = term_rows(block, terms, np.nan_to_num(request.nominal))
+        unit = np.repeat([term.hedged or 1.0 for term in terms], list(widths.values()))
+        parts.append(columns[..., :-1] * unit)
     rows = np.concatenate(parts)
     return rows.reshape(len(rows), -1, rows.shape[-1])
 

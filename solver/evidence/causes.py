@@ -16,7 +16,7 @@ readings looks like a constant force: the Bayesian information criterion compare
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -36,8 +36,8 @@ from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, unloaded_block
 from jointstiff.solver.terms.joints import JOINTS
 from jointstiff.solver.terms.links import DIAGONAL_LINKS
-from jointstiff.solver.terms.load import CONSTANT_FORCE, LOAD_POINT
 from jointstiff.solver.terms.places import MOVEMENT
+from jointstiff.solver.terms.registry import TERMS
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import INDEPENDENT, Triangle
 
@@ -86,7 +86,6 @@ _TESTED: Final = 500
 """Number of observations that suffice for the tests."""
 _AS_WELL: Final = 6.0
 """Difference of the information criterion below which neither of two causes is preferred."""
-_TERMS: Final = (JOINTS, LOAD_POINT, CONSTANT_FORCE, DIAGONAL_LINKS, MOVEMENT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,6 +302,8 @@ class Screening:
     """Outcome of the tests."""
 
     links_p_value: float  #: of the test of links, the load as stated; 1 where the readings cannot tell
+    #: p-value of each suspected term beside the joints, by name; empty where nothing could be tested
+    p_values: Mapping[str, float]
     mistake: LoadMistake | None  #: the mistake in the load that explains most; None where none is significant
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
@@ -329,11 +330,12 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     try:
         block = next(regressor_blocks(robot, part, compliance))
     except SolverError:  # no balance: other reasons say so
-        return Screening(1.0, None)
+        return Screening(1.0, {}, None)
     triangle = _triangle(block, compliance, estimate.observability.null)
+    p_values = {name: triangle.p_value(name) for name, term in TERMS.items() if term.suspected}
     mistakes: list[LoadMistake] = []
     for kind in get_args(LoadMistakeKind):
-        if triangle.p_value(kind) < MISTAKE_LEVEL:
+        if p_values[kind] < MISTAKE_LEVEL:
             with suppress(SolverError):  # it leads to loads that no arm balances
                 mistakes.append(_followed(robot, part, triangle, kind))
     best = min(mistakes, key=lambda each: each.ratio, default=None)
@@ -343,12 +345,13 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         left_by_force = max(best.ratio * triangle.residual_squares([JOINTS.name]), 1e-300)
         difference = triangle.rows * np.log(left / left_by_force) + 3 * np.log(triangle.rows)
         best = replace(best, movement_as_well=bool(difference < _AS_WELL))
-    return Screening(_links_p_value(triangle, robot.n), best)
+    return Screening(_links_p_value(triangle, robot.n), p_values, best)
 
 
 def _triangle(block: RegressorBlock, compliance: FloatArray, null: BoolArray) -> Triangle:
     """Return the triangle of the targets' rows of all terms in question, without joints that are not seen."""
-    rows = whitened_rows(block, _TERMS, compliance)
+    suspected = [term for term in TERMS.values() if term.suspected]
+    rows = whitened_rows(block, [JOINTS, *suspected, DIAGONAL_LINKS], compliance)
     triangle = Triangle(**rows.widths)
     triangle.add(rows.targets, count=int(block.measurements.coordinates.sum()))
     triangle.span[JOINTS.name] = np.flatnonzero(~null)

@@ -44,7 +44,7 @@ def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
 
 
-LOAD_POINT = Term("load_point", "m", _load_point, lambda common: (common.load_point,))
+LOAD_POINT = Term("load_point", "m", _load_point, lambda common: (common.load_point,), suspected=True)
 FORCE_SCALE = Term("force_scale", "1", _force_scale, lambda common: (common.scale,))
 FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, lambda common: (common.direction,))
-CONSTANT_FORCE = Term("constant_force", "N", _constant_force)
+CONSTANT_FORCE = Term("constant_force", "N", _constant_force, suspected=True)

@@ -50,4 +50,4 @@ def _movement(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa:
 
 TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))
 AXES = Term("axes", "m, rad", _axes, lambda common: (common.axis_position, common.axis_direction))
-MOVEMENT = Term("movement", "m, rad", _movement)
+MOVEMENT = Term("movement", "m, rad", _movement, suspected=True)

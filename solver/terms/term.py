@@ -44,6 +44,9 @@ class Term:
     motion: Callable[[RegressorBlock, FloatArray], Motion]
     #: standard uncertainties of its unknowns as the readings state them, repeated over them; none without
     prior: Callable[[CommonUncertainty], tuple[float, ...]] = lambda _: ()
+    suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
+    #: standard uncertainty of its unknowns as a nuisance of plans under one load; 0 leaves it out
+    hedged: float = 0.0
 
 
 def by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:

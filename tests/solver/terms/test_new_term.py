@@ -1,0 +1,84 @@
+"""A new term is a few lines and an entry: a test, a budget, a plan and the API then have it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import estimate, prepare
+
+from jointstiff.schemas.run.budget import BudgetComponent
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.equilibrium import deflections
+from jointstiff.solver.design.candidates import PlanRequest, whitened_rows
+from jointstiff.solver.design.feasibility import Equipment, Loads
+from jointstiff.solver.evidence.budget import UncertaintyBudget
+from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.readings.measurements import CommonUncertainty
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.terms.registry import TERMS
+from jointstiff.solver.terms.term import Term, by_torque
+
+ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
+
+
+def load_zero(block, compliance):
+    """Move the targets by a force that is constant in the flange's frame: the zero of a load cell there."""
+    force = block.load_jacobian.transpose(0, 2, 1) @ block.configurations.flange_rotation
+    return by_torque(block, compliance, force)
+
+
+@pytest.fixture
+def load_zero_term(monkeypatch):
+    term = Term("load_zero", "N", load_zero, lambda _: (UNCERTAINTY,), suspected=True, hedged=UNCERTAINTY)
+    monkeypatch.setitem(TERMS, term.name, term)
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return prepare(simulate_campaign(ARM, load="pull", configurations=24, seed=4, sigma=1e-5))
+
+
+def test_it_is_tested_as_a_cause(campaign, load_zero_term):
+    """A zero of the load cell is seen where springs balance it exactly, and nothing where there is none."""
+    robot, measurements = campaign
+    at = Configurations(robot, measurements.joints)
+    places = (measurements.position[0] - at.flange_translation[0]) @ at.flange_rotation[0]
+    force = measurements.force + at.flange_rotation @ ZERO
+    load = (measurements.joints, force, measurements.moment, measurements.load_point)
+    unloaded, loaded = deflections(ARM, *load, places)
+    noise = np.random.default_rng(1).normal(0.0, np.sqrt(2.0) * 1e-5, loaded.shape)
+    off = replace(measurements, deflection=loaded - unloaded + noise)
+    seen, clean = (screen_estimate(robot, m, estimate(robot, m)).p_values for m in (off, measurements))
+    assert seen["load_zero"] < 1e-20
+    assert clean["load_zero"] > 1e-3
+
+
+def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, load_zero_term):
+    robot, measurements = campaign
+    stated = replace(measurements, common_uncertainty=CommonUncertainty())
+    budget = UncertaintyBudget.of(estimate(robot, stated), 0.95)
+    (part,) = (part for part in budget.components if part.source == "load_zero")
+    message = BudgetComponent(
+        source=part.source,
+        evaluation=part.evaluation,
+        included=part.included,
+        degrees_of_freedom=None,
+        contributions=part.spread.uncertainty.tolist(),
+        correlation=part.spread.correlation.tolist(),
+    )
+    assert message.source == "load_zero"
+    assert all(0.0 < u < 0.1 / k for u, k in zip(message.contributions, ARM.stiffnesses, strict=True))
+
+
+def test_it_is_a_nuisance_of_plans(campaign, load_zero_term):
+    """Its columns follow those of the joints, in units of what is known of it."""
+    robot, measurements = campaign
+    loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
+    equipment = Equipment(np.zeros((3, 3)), measurements.load_point[0], loads, 1e-5)
+    request = PlanRequest(equipment, 6, 1.0 / ARM.stiffnesses, np.full(6, np.inf))
+    rows = whitened_rows(robot, request, measurements)
+    twice = whitened_rows(robot, replace(request, nominal=2.0 * request.nominal), measurements)
+    assert rows.shape == (24, 9, 6 + 3)
+    np.testing.assert_allclose(twice[..., 6:], 2.0 * rows[..., 6:])
