@@ -340,7 +340,7 @@ def _time_section() -> Section:
         identify_weight(robot, readings)
         fit.append(process_time() - start)
         start = process_time()
-        programs.weighed.__wrapped__(len(problem.b), problem.cones.blocks).solve(data)
+        programs.weighed.__wrapped__(len(problem.b), problem.cones.blocks).solve(data, programs.TOLERANCE)
         fresh.append(process_time() - start)
     ratio = float(np.median(fit) / np.median(fresh))
     return Section(

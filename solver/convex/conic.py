@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.triangle import triangle_of
@@ -122,11 +122,17 @@ class Cone:
 
     nonnegative: int  #: how many of the first are zero or positive
     sizes: tuple[int, ...] = ()  #: sizes of the blocks that follow, each a symmetric matrix as a vector
+    penalised: int = 0  #: how many of the scalars, the last ones, have a penalty as the blocks' traces have
 
     @property
     def dimension(self) -> int:
         """Number of parameters."""
         return self.nonnegative + sum(size * (size + 1) // 2 for size in self.sizes)
+
+    @property
+    def free(self) -> int:
+        """Number of the first scalars, those without a penalty."""
+        return self.nonnegative - self.penalised
 
     def blocks(self) -> Iterator[tuple[int, slice]]:
         """Size and place of each block."""
@@ -153,10 +159,10 @@ class Cone:
             out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
         return out
 
-    def penalty(self, penalised: BoolArray, weight: float) -> FloatArray:
-        """(p,) the weight for the penalised scalars and on the diagonals of the blocks."""
+    def penalty(self, weight: float) -> FloatArray:
+        """(p,) the weight λ for the penalised scalars and on the diagonals of the blocks."""
         out = np.zeros(self.dimension)
-        out[: self.nonnegative][penalised] = weight
+        out[self.free : self.nonnegative] = weight
         for size, place in self.blocks():
             out[place][diagonal(size)] = weight
         return out
@@ -187,14 +193,13 @@ class SemidefiniteProgram:
     """A program with squared residuals as data."""
 
     fit: LeastSquares  #: quadratic part
-    cone: Cone  #: cone of the parameters
-    weight: float  #: λ > 0; it penalises the traces of all blocks, and the scalars in `penalised`
-    penalised: BoolArray  #: (nonnegative,) which of the scalars, the others' columns being independent
+    cone: Cone  #: cone of the parameters; columns of scalars without a penalty are independent
+    weight: float  #: λ > 0 of the penalty
 
     @cached_property
     def penalty(self) -> FloatArray:
-        """P (p,): λ for the penalised scalars and on the diagonals of the blocks."""
-        return self.cone.penalty(self.penalised, self.weight)
+        """P (p,)."""
+        return self.cone.penalty(self.weight)
 
     def slack(self, x: FloatArray) -> FloatArray:
         """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
@@ -211,9 +216,9 @@ class SemidefiniteProgram:
         """
         from jointstiff.solver.convex import programs  # takes a second to import
 
-        near, cone = self.fit.near, self.cone
+        near = self.fit.near
         T, readings = self.fit.compressed
-        stated = programs.semidefinite(len(T), cone.nonnegative, cone.sizes)
+        stated = programs.semidefinite(len(T), self.cone)
         data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
         moved = stated.solve(data, tolerance)
         return None if moved is None else near + unit * moved
@@ -226,14 +231,13 @@ class NormSum:
     A: FloatArray  #: (K, 3, p)
     d: FloatArray  #: (K, 3) with ``Σ ‖d_i‖ = 1``
     cone: Cone  #: cone of the parameters
-    penalised: BoolArray  #: (nonnegative,) which of the scalars have a penalty
 
     @cached_property
     def program(self) -> Program:
         """Return the program for all penalties and thresholds."""
         from jointstiff.solver.convex import programs  # takes a second to import
 
-        return programs.sum_of_norms(self.A, self.d, self.cone.nonnegative, self.cone.sizes)
+        return programs.sum_of_norms(self.A, self.d, self.cone)
 
     def residuals(self, x: FloatArray) -> FloatArray:
         """(K, 3) ``A x − d``."""
@@ -245,13 +249,13 @@ class RobustProgram:
     """A program with a robust loss as data."""
 
     loss: NormSum  #: loss of the targets
-    weight: float  #: λ > 0 of the penalty on traces and penalised scalars
+    weight: float  #: λ > 0 of the penalty
     threshold: float  #: h ≥ 0, in the unit of d
 
     @cached_property
     def penalty(self) -> FloatArray:
-        """P (p,): λ for the penalised scalars and on the diagonals of the blocks."""
-        return self.loss.cone.penalty(self.loss.penalised, self.weight)
+        """P (p,)."""
+        return self.loss.cone.penalty(self.weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,18 +350,10 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     """
     fit = program.fit
     residual = fit.R @ x - fit.z
-    nu, outside, pull = _feasible_dual(program, fit.R, 2.0 * residual)
-    shrink = program.weight / (program.weight + outside)
-    nu = shrink * nu
-    slack = program.penalty + shrink * pull
-    excess = _complementarity(slack, x, program.penalised, _SLACK_ROUNDING)
-    return Certificate(
-        primal=max(0.0, -program.cone.least(x)),
-        dual=float(outside / program.weight),
-        gap=float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess)),
-        multipliers=nu,
-        solved_by="clarabel",
-    )
+    nu, outside, slack = _feasible_dual(program.cone, program.weight, fit.R, 2.0 * residual)
+    excess = _complementarity(slack, x, program.cone, _SLACK_ROUNDING)
+    gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
+    return Certificate(max(0.0, -program.cone.least(x)), outside, gap, nu, "clarabel")
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
@@ -374,12 +370,7 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     """
     loss, h = program.loss, program.threshold
     rows = loss.A.reshape(-1, len(x))
-    nu, outside, pull = _feasible_dual(program, rows, dual.ravel())
-    nu = nu.reshape(-1, 3)
-    longest = float(np.linalg.norm(nu, axis=1).max(initial=0.0))
-    shrink = min(program.weight / (program.weight + outside), 1.0 / max(longest, 1.0))
-    nu = shrink * nu
-    slack = program.penalty + shrink * pull
+    nu, outside, slack = _feasible_dual(loss.cone, program.weight, rows, dual)
     # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
     r = loss.residuals(x)
     u = np.linalg.norm(r, axis=1)
@@ -388,48 +379,46 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     along = np.maximum(0.0, 1.0 - (nu * direction).sum(axis=1))
     outer = 0.5 * h * np.square(nu - direction).sum(axis=1) + (u - h) * along
     inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
-    excess = _complementarity(slack, x, loss.penalised, _NORMS_SLACK_ROUNDING)
-    return Certificate(
-        primal=max(0.0, -loss.cone.least(x)),
-        dual=float(outside / program.weight),
-        gap=float(np.where(beyond, outer, inner).sum() + excess),
-        multipliers=nu,
-        solved_by="clarabel",
-    )
+    excess = _complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
+    gap = float(np.where(beyond, outer, inner).sum() + excess)
+    return Certificate(max(0.0, -loss.cone.least(x)), outside, gap, nu, "clarabel")
 
 
 def _feasible_dual(
-    program: SemidefiniteProgram | RobustProgram, rows: FloatArray, dual: FloatArray
+    cone: Cone, weight: float, rows: FloatArray, dual: FloatArray
 ) -> tuple[FloatArray, float, FloatArray]:
-    """Move multipliers ν of the residuals so that the slack ``p + Aᵀν`` is near the dual cone.
+    """Move multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
 
-    The free scalars' slacks are not negative then; shrunk by ``λ / (λ + outside)`` those of the blocks are
-    not either, which a penalty λ > 0 allows.
+    Least squares make the slacks of scalars without a penalty feasible, shrinking by ``λ / (λ + outside)``
+    those of the blocks, which a penalty λ > 0 allows.
 
     Args:
-        program: with the penalty p; scalars without one are free.
+        cone: of the parameters.
+        weight: λ of the penalty p.
         rows: A (m, p).
-        dual: (m,) ν, near a feasible one.
+        dual: ν (m,), or (K, 3) of norms, which are one at most; near a feasible one.
 
     Returns:
-        ν (m,), how far the least penalised slack is outside, below zero, and ``Aᵀν`` (p,).
+        ν of the same shape, how far the least penalised slack was outside over λ, and s (p,).
     """
-    shape = program if isinstance(program, SemidefiniteProgram) else program.loss
-    cone, penalised = shape.cone, shape.penalised
-    free = rows[:, np.flatnonzero(~penalised)].T
-    short = np.maximum(-(free @ dual), 0.0)
+    penalty, moved = cone.penalty(weight), dual.ravel()
+    free = rows[:, : cone.free].T
+    short = np.maximum(-(free @ moved), 0.0)
     if short.any():
-        dual = dual + np.linalg.lstsq(free, short, rcond=None)[0]
-    pull = rows.T @ dual
-    slack = pull + program.penalty
+        moved = moved + np.linalg.lstsq(free, short, rcond=None)[0]
+    pull = rows.T @ moved
+    slack = pull + penalty
     least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
-    least += slack[: cone.nonnegative][penalised].tolist()
-    return dual, max(0.0, -min(least, default=0.0)), pull
+    outside = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
+    nu, shrink = moved.reshape(dual.shape), weight / (weight + outside)
+    if nu.ndim > 1:
+        shrink = min(shrink, 1.0 / max(float(np.linalg.norm(nu, axis=1).max(initial=0.0)), 1.0))
+    return shrink * nu, outside / weight, penalty + shrink * pull
 
 
-def _complementarity(slack: FloatArray, x: FloatArray, penalised: BoolArray, rounding: float) -> float:
-    """Return ``sᵀx``; inf if a free scalar's slack is negative beyond rounding."""
-    free = np.flatnonzero(~penalised)
+def _complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
+    """Return ``sᵀx``; inf if the slack of a scalar without a penalty is negative beyond rounding."""
+    free = slice(cone.free)
     if not (slack[free] >= -rounding).all():
         return float("inf")
     slack[free] = np.abs(slack[free])  # rounding, whose share is its product with the scalar
@@ -456,17 +445,13 @@ def penalised_range(
 
     T, z = program.fit.compressed
     limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
-    cone = program.cone
-    stated = programs.penalised_end(T, z, program.penalty, limit, cone.nonnegative, cone.sizes)
+    stated = programs.penalised_end(T, z, program.penalty, limit, program.cone)
     ends = np.full((len(functions), 2), np.nan)
-    for number, a in enumerate(functions):
-        size = float(np.linalg.norm(a))
-        for side, sign in enumerate((1.0, -1.0)):
-            for tolerance in _END_LADDER if size > 0.0 else ():
-                point = stated.solve({"a": sign * a / size}, tolerance)
-                if point is not None:
-                    ends[number, side] = a @ point
-                    break
+    for number, side in np.ndindex(ends.shape):
+        a = functions[number]
+        if size := float(np.linalg.norm(a)):
+            point = stated.solve({"a": (1.0, -1.0)[side] * a / size}, *_END_LADDER)
+            ends[number, side] = np.nan if point is None else a @ point
     return ends
 
 
@@ -739,11 +724,9 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     for j, side in np.ndindex(bounds.shape):
         a = np.zeros(len(optimum.x))
         a[cones.first[j]] = (1.0, -1.0)[side]
-        for tolerance in _WEIGHED_LADDER:
-            solution = program.solve_with_duals({"a": a, **data}, tolerance)
-            if solution is not None:
-                duals[j, side] = a, solution[1][1 : 1 + len(b)]
-                break
+        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_LADDER)
+        if solution is not None:
+            duals[j, side] = a, solution[1][1 : 1 + len(b)]
     cap = cones.cap
     for _ in range(2):
         for (j, side), (a, u) in duals.items():

@@ -2,7 +2,6 @@
 
     least_squares    minimise ‖A x − b‖²                             identification (§5)
     huber            minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²    identification with Huber's loss (§5)
-    interval_end     minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of a profile-likelihood interval (§6)
     semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
     sum_of_norms     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx             elastic links, robust losses (§7)
     penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
@@ -11,12 +10,11 @@
     worst_direction  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0             E-optimal design (§10)
     worst_place      minimise t subject to tr(B_rᵀ M(w)⁻¹ B_r) ≤ t for all r     G-optimal design (§10)
 
-The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
+The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
 with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last two to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and 0 ≤ w ≤ limit. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
-data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.intervals`; tests
-hold them to the program that is stated here.
+data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.intervals`.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
 from the data. cvxpy takes a second to import: this module is imported where a program is needed first.
@@ -38,15 +36,13 @@ from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver
 from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.conic import Block, to_matrix
-from jointstiff.solver.convex.problem import Scaled
+from jointstiff.solver.convex.conic import Block, Cone, to_matrix
+from jointstiff.solver.convex.problem import IdentificationProblem, Scaled
 from jointstiff.solver.errors import SolverError
 
 TOLERANCE: Final = 1e-10
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
 
-_CONE_TOLERANCE: Final = 1e-8
-"""Near the tip of a second-order cone Clarabel does not always reach more."""
 _DESIGN_TOLERANCES: Final = (1e-9, 1e-7)
 """Tolerances for designs, tried in this order."""
 
@@ -96,30 +92,31 @@ class Program:
         start = compiled.var_id_to_col[x.id]
         self._x = slice(start, start + x.size)
 
-    def solve(self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE) -> FloatArray | None:
-        """Solve by Clarabel.
-
-        Returns:
-            The point, or None for any status but `Solved`, whatever values it left behind.
-        """
-        answer = self.solve_with_duals(data, tolerance)
+    def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
+        """Return the point that `solve_with_duals` finds, or None."""
+        answer = self.solve_with_duals(data, *tolerances)
         return None if answer is None else answer[0]
 
     def solve_with_duals(
-        self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE
+        self, data: Mapping[str, FloatArray], *tolerances: float
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Solve by Clarabel; the point, and the multipliers of the second-order cones, or None."""
+        """Solve by Clarabel to the first of some tolerances that it reaches.
+
+        Returns:
+            The point, and the multipliers of the second-order cones; None for any status but `Solved`,
+            whatever values it left behind.
+        """
         settings = clarabel.DefaultSettings()
         for name, value in SETTINGS.items():
             setattr(settings, name, value)
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         q, A, b = self._at(data)
-        answer = clarabel.DefaultSolver(self._P, q, A, b, self._cones, settings).solve()
-        x = np.asarray(answer.x[self._x], dtype=np.float64)
-        solved = answer.status == clarabel.SolverStatus.Solved
-        if not (solved and np.isfinite(x).all()):
-            return None
-        return x, np.asarray(answer.z[self._norms], dtype=np.float64)
+        for tolerance in tolerances:
+            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+            answer = clarabel.DefaultSolver(self._P, q, A, b, self._cones, settings).solve()
+            x = np.asarray(answer.x[self._x], dtype=np.float64)
+            if answer.status == clarabel.SolverStatus.Solved and np.isfinite(x).all():
+                return x, np.asarray(answer.z[self._norms], dtype=np.float64)
+        return None
 
     def _at(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
         """Return q, A and b for values of the parameters."""
@@ -141,7 +138,7 @@ class Program:
 def least_squares(scaled: Scaled) -> FloatArray | None:
     """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d``; (n,) x, or None."""
     program = _least_squares(*_shape(scaled))
-    return program.solve({"A": scaled.A, "b": scaled.b, **_constraint_data(scaled)})
+    return program.solve({"A": scaled.A, "b": scaled.b, **_constraint_data(scaled)}, TOLERANCE)
 
 
 @lru_cache(maxsize=128)
@@ -153,50 +150,38 @@ def _least_squares(rows: int, columns: int, below: _Places, above: _Places, ineq
         return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
 
 
-def huber(A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, scaled: Scaled) -> FloatArray | None:
-    """Solve ``minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²`` under the constraints.
+def huber(
+    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
+) -> FloatArray | None:
+    """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
 
     ρ(u) is u²/2 up to 1, and u − ½ beyond (Huber 1964, on norms, so that no frame is preferred).
 
     Args:
-        A: (K, 3, n) of K targets.
+        A: (K, 3, n) rows of K targets, in units of the threshold.
         d: (K, 3).
         S: (q, n) rows whose loss stays squared.
         t: (q,).
-        scaled: bounds and inequalities on x; its A and b are not used.
+        squared: the same problem with the squared loss; its constraints hold, its columns scale.
 
     Returns:
-        (n,) x, or None.
+        (n,) compliances [rad/(N·m)] to Clarabel's tolerance, or None.
     """
+    scaled = Scaled.of(squared)
+    n = len(scaled.unit)
     with COMPILING:
-        x = cp.Variable(A.shape[2])
-        residuals = d.ravel() - A.reshape(-1, A.shape[2]) @ x
+        x = cp.Variable(n)
+        residuals = d.ravel() - (A * scaled.unit).reshape(-1, n) @ x
         norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
-        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares(S @ x - t)
+        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
         _, _, below, above, inequalities = _shape(scaled)
         program = Program(cp.Minimize(loss), _constraints(x, below, above, inequalities), x)
-    return program.solve(_constraint_data(scaled))
-
-
-def interval_end(objective: FloatArray, ball: Scaled) -> FloatArray | None:
-    """Solve ``minimise aᵀx subject to ‖A x − b‖ ≤ 1, lower ≤ x ≤ upper, B x ≥ d``; (n,) x, or None."""
-    program = _interval_end(*_shape(ball))
-    return program.solve(
-        {"a": objective, "A": ball.A, "b": ball.b, **_constraint_data(ball)}, _CONE_TOLERANCE
-    )
-
-
-@lru_cache(maxsize=128)
-def _interval_end(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
-    with COMPILING:
-        x, a = cp.Variable(columns), cp.Parameter(columns, name="a")
-        A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
-        constraints = [cp.norm(A @ x - b) <= 1, *_constraints(x, below, above, inequalities)]
-        return Program(cp.Minimize(a @ x), constraints, x)
+    point = program.solve(_constraint_data(scaled), TOLERANCE)
+    return None if point is None else scaled.bounds.snap(point) * scaled.unit
 
 
 @lru_cache(maxsize=8)  # one of 264 parameters takes 15 MB
-def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
+def semidefinite(rows: int, cone: Cone) -> Program:
     """State ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
 
     With the residual as a variable of its own the Gram matrix, whose condition is the square of the
@@ -204,22 +189,21 @@ def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
 
     Args:
         rows: of T.
-        scalars: how many of the first parameters are zero or positive.
-        sizes: of the blocks that follow, each a symmetric matrix as in `to_vector`.
+        cone: of near + y, m parameters.
 
     Returns:
         The program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
     """
     with COMPILING:
-        dimension = scalars + sum(size * (size + 1) // 2 for size in sizes)
-        y, r = cp.Variable(dimension), cp.Variable(rows)
-        T, z = cp.Parameter((rows, dimension), name="T"), cp.Parameter(rows, name="z")
-        p, near = cp.Parameter(dimension, name="p"), cp.Parameter(dimension, name="near")
-        constraints = [r == T @ y - z, *_semidefinite(near + y, scalars, sizes)]
+        m = cone.dimension
+        y, r = cp.Variable(m), cp.Variable(rows)
+        T, z = cp.Parameter((rows, m), name="T"), cp.Parameter(rows, name="z")
+        p, near = cp.Parameter(m, name="p"), cp.Parameter(m, name="near")
+        constraints = [r == T @ y - z, *_semidefinite(near + y, cone)]
         return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
 
 
-def sum_of_norms(A: FloatArray, d: FloatArray, scalars: int, sizes: tuple[int, ...]) -> Program:
+def sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone) -> Program:
     """State ``minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx subject to x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
@@ -228,8 +212,7 @@ def sum_of_norms(A: FloatArray, d: FloatArray, scalars: int, sizes: tuple[int, .
     Args:
         A: (K, 3, m) of K targets.
         d: (K, 3).
-        scalars: how many of the first parameters are zero or positive.
-        sizes: of the blocks that follow.
+        cone: of x.
 
     Returns:
         The program; its parameters are p (m,) and root (1,), the square root of h.
@@ -241,12 +224,10 @@ def sum_of_norms(A: FloatArray, d: FloatArray, scalars: int, sizes: tuple[int, .
         residual = A.reshape(-1, m) @ x - d.ravel() - root[0] * s
         norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
         loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
-        return Program(cp.Minimize(loss + p @ x), [norms, *_semidefinite(x, scalars, sizes)], x)
+        return Program(cp.Minimize(loss + p @ x), [norms, *_semidefinite(x, cone)], x)
 
 
-def penalised_end(
-    T: FloatArray, z: FloatArray, p: FloatArray, limit: float, scalars: int, sizes: tuple[int, ...]
-) -> Program:
+def penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
     """State ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     Args:
@@ -254,8 +235,7 @@ def penalised_end(
         z: (k,).
         p: (m,).
         limit: J > 0.
-        scalars: how many of the first parameters are zero or positive.
-        sizes: of the blocks that follow.
+        cone: of x.
 
     Returns:
         The program; its parameter is a (m,).
@@ -265,7 +245,7 @@ def penalised_end(
         left = 1.0 - (p / limit) @ x  # ‖u‖² ≤ v as ‖(2u, 1 − v)‖ ≤ 1 + v
         norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - left, (1,), order="C")])
         near = cp.SOC(1.0 + left, norm)
-        return Program(cp.Minimize(a @ x), [near, *_semidefinite(x, scalars, sizes)], x)
+        return Program(cp.Minimize(a @ x), [near, *_semidefinite(x, cone)], x)
 
 
 @lru_cache(maxsize=32)
@@ -314,15 +294,14 @@ def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constr
     return constraints
 
 
-def _semidefinite(x: cp.Expression, scalars: int, sizes: tuple[int, ...]) -> list[cp.Constraint]:
+def _semidefinite(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
     """Return x_j ≥ 0 for the first parameters, and Mat(x_b) ⪰ 0 for the blocks behind them."""
-    constraints, start = [x[:scalars] >= 0] if scalars else [], scalars
-    for size in sizes:
-        stop = start + size * (size + 1) // 2
-        basis = to_matrix(np.eye(stop - start), size).reshape(stop - start, -1).T
-        block = cp.reshape(basis @ x[start:stop], (size, size), order="C")
-        constraints.append(x[start:stop] >= 0 if size == 1 else block >> 0)
-        start = stop
+    constraints = [x[: cone.nonnegative] >= 0] if cone.nonnegative else []
+    for size, place in cone.blocks():
+        entries = place.stop - place.start
+        basis = to_matrix(np.eye(entries), size).reshape(entries, -1).T
+        block = cp.reshape(basis @ x[place], (size, size), order="C")
+        constraints.append(x[place] >= 0 if size == 1 else block >> 0)
     return constraints
 
 

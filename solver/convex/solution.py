@@ -185,30 +185,10 @@ def solve_step(problem: IdentificationProblem) -> Solution:
     scaled = Scaled.of(problem)
     if len(scaled.d):
         return _first_certified(problem, scaled, chain(_by_least_distance(scaled), _by_clarabel(scaled)))
-    proposals = chain(_by_pivoting(scaled), _by_clarabel(scaled), _by_active_set(scaled))
-    return _first_certified(problem, scaled, proposals)
-
-
-def huber_point(
-    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
-) -> FloatArray | None:
-    """Solve Huber's problem by Clarabel, to its tolerance.
-
-    Args:
-        A: (K, 3, n) rows of K targets, in units of the threshold.
-        d: (K, 3).
-        S: (q, n) rows whose loss stays squared.
-        t: (q,).
-        squared: the same problem with the squared loss; its constraints hold, its columns scale.
-
-    Returns:
-        (n,) compliances [rad/(N·m)]; None if Clarabel fails.
-    """
-    from jointstiff.solver.convex import programs  # takes a second to import
-
-    scaled = Scaled.of(squared)
-    x = programs.huber(A * scaled.unit, d, S * scaled.unit, t, scaled)
-    return None if x is None else scaled.bounds.snap(x) * scaled.unit
+    x = scaled.pivoted(np.zeros(len(scaled.unit), dtype=np.int8))
+    inside = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
+    pivoted: _Proposal = x, "least_squares" if inside else "pivoting"
+    return _first_certified(problem, scaled, chain([pivoted], _by_clarabel(scaled), _by_active_set(scaled)))
 
 
 def _first_certified(
@@ -249,12 +229,6 @@ def _by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
     yield scaled.pivoted(active), "clarabel"
     # Where the optimum is not unique, the shortest point may violate a bound that Clarabel's point keeps.
     yield scaled.polished(active, near), "clarabel"
-
-
-def _by_pivoting(scaled: Scaled) -> Iterator[_Proposal]:
-    x = scaled.pivoted(np.zeros(len(scaled.unit), dtype=np.int8))
-    inside = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
-    yield x, "least_squares" if inside else "pivoting"
 
 
 def _by_active_set(scaled: Scaled) -> Iterator[_Proposal]:

@@ -24,7 +24,7 @@ from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
-from jointstiff.solver.convex.solution import Certificate, Proposer, certify, huber_point, solve_step
+from jointstiff.solver.convex.solution import Certificate, Proposer, certify, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.fitting.settings import Prior
@@ -278,8 +278,10 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """
     stated = None
     if len(problem.d) <= MOST_STATED:
+        from jointstiff.solver.convex import programs  # takes a second to import
+
         S, t = problem.squared[:, :-1], problem.squared[:, -1]
-        stated = huber_point(problem.A, problem.d, S, t, problem.least_squares())
+        stated = programs.huber(problem.A, problem.d, S, t, problem.least_squares())
     compliance = solve_step(problem.least_squares()).compliance if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)

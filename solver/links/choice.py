@@ -191,7 +191,7 @@ def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[flo
     """
     problem = folds.problem(model, fold)
     cone = problem.formulation.cone
-    if problem.formulation.penalised.any() or cone.sizes:
+    if cone.penalised or cone.sizes:
         parameters = np.array([_parameters(problem, weight) for weight in weights])
     else:
         alone = problem.joints_only() if model.loss == "squared" else _parameters(problem, 1.0)

@@ -294,11 +294,11 @@ def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> 
     The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
     needed more exactly than that.
     """
-    fit, joints = formulation.fit, formulation.joints
-    R = fit.R[:, joints]
+    fit, joints = formulation.fit, formulation.cone.free
+    R = fit.R[:, :joints]
     alone = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
     least = float(np.linalg.norm(fit.R @ fit.near - fit.z))
-    stated = sigma or max(alone, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - len(joints)))
+    stated = sigma or max(alone, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - joints))
     return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
 
 

@@ -68,7 +68,7 @@ class TargetFits:
         self.rows, d = rows, rows.of_targets[..., -1]
         self.total = float(np.linalg.norm(d, axis=1).sum())  #: sum of the lengths of the readings [m]
         A = rows.of_targets[..., formulation.columns] * (formulation.unit / self.total)
-        self._norms = NormSum(A, d / self.total, formulation.cone, formulation.penalised)
+        self._norms = NormSum(A, d / self.total, formulation.cone)
         self._absolute: dict[tuple[float, float, float | None], ConeSolution] = {}
 
     def program(self, weight: float, threshold: float) -> RobustProgram:

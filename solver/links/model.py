@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
@@ -217,7 +216,6 @@ class Formulation:
 
     fit: LeastSquares  #: quadratic part, in the program's parameters
     cone: Cone  #: cone of the parameters
-    penalised: BoolArray  #: (nonnegative,) which scalars are
     columns: IndexArray  #: (p,) column of each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     width: int  #: P, number of columns
@@ -225,12 +223,7 @@ class Formulation:
 
     def program(self, weight: float) -> SemidefiniteProgram:
         """The program for a weight λ of the penalty."""
-        return SemidefiniteProgram(self.fit, self.cone, weight, self.penalised)
-
-    @cached_property
-    def joints(self) -> IndexArray:
-        """Parameters that are joint compliances: the scalars without a penalty."""
-        return np.flatnonzero(~self.penalised)
+        return SemidefiniteProgram(self.fit, self.cone, weight)
 
     def compliances(self, x: FloatArray) -> FloatArray:
         """(..., P) compliances of parameters (..., p); zero where no parameter is."""
@@ -275,8 +268,7 @@ def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> For
     count = sum(len(columns) for columns, _ in scalars)
     return Formulation(
         fit=LeastSquares((triangle / size)[:, of_parameters] * unit, z / size),
-        cone=Cone(count, tuple(sizes)),
-        penalised=np.arange(count) >= len(joints),
+        cone=Cone(count, tuple(sizes), penalised=count - len(joints)),
         columns=of_parameters,
         unit=unit,
         width=triangle.shape[1],

@@ -448,11 +448,11 @@ class ElasticPredictor(ForwardModel):
         entries, root = elastic.entries[form.columns], None
         if companion.sigma is not None:
             x = entries / form.unit
-            penalised = x[: form.cone.nonnegative][form.penalised].reshape(-1, 6).sum(axis=1)
+            penalised = x[form.cone.free : form.cone.nonnegative].reshape(-1, 6).sum(axis=1)
             traces = [*penalised, *(x[place][diagonal(size)].sum() for size, place in form.cone.blocks())]
             deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
             prior = np.full(len(x), deviation)
-            prior[form.joints] = _JOINT_PRIOR
+            prior[: form.cone.free] = _JOINT_PRIOR
             scaled = form.fit.R * (prior * form.size / float(companion.sigma or 1.0))
             factor = np.linalg.cholesky(scaled.T @ scaled + np.eye(len(x)))
             inverse = solve_triangular(factor, np.eye(len(x)), lower=True)

@@ -48,7 +48,7 @@ def random_program(seed, *, cone=None, weight=None, rows=40):
     z = rng.standard_normal(rows)
     weight = weight or 10.0 ** rng.uniform(-4.0, 0.0)
     fit = LeastSquares(R, z / np.linalg.norm(z))
-    return SemidefiniteProgram(fit, cone, weight, np.zeros(cone.nonnegative, dtype=bool))
+    return SemidefiniteProgram(fit, cone, weight)
 
 
 def objective(program, x):
@@ -97,9 +97,7 @@ def test_a_single_matrix_has_the_known_optimum():
     z = to_vector((vectors * values) @ vectors.T)
     size = float(np.linalg.norm(z))
     weight = 0.2 / size
-    program = SemidefiniteProgram(
-        LeastSquares(np.eye(15), z / size), Cone(0, (5,)), weight, np.zeros(0, dtype=bool)
-    )
+    program = SemidefiniteProgram(LeastSquares(np.eye(15), z / size), Cone(0, (5,)), weight)
     found = solve_cone(program, gap=1e-7).x * size
     expected = (vectors * np.maximum(values - 0.1, 0.0)) @ vectors.T
     np.testing.assert_allclose(to_matrix(found, 5), expected, atol=1e-6)
@@ -181,10 +179,10 @@ def test_the_penalty_is_on_traces():
 
 def robust_program(seed, threshold):
     rng = np.random.default_rng([seed, 51])
-    cone = Cone(2, (3, 2))
+    cone = Cone(2, (3, 2), penalised=1)
     A, d = rng.standard_normal((15, 3, cone.dimension)), rng.standard_normal((15, 3))
     total = np.linalg.norm(d, axis=1).sum()
-    loss = NormSum(A / total, d / total, cone, np.array([False, True]))
+    loss = NormSum(A / total, d / total, cone)
     return RobustProgram(loss, 10.0 ** rng.uniform(-3.0, -1.0), threshold)
 
 
@@ -247,12 +245,12 @@ def test_a_robust_certificate_bounds_any_point_by_any_dual():
 def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
     """Closed form: the objective is quadratic, its least where the gradient of the penalty is balanced."""
     rng = np.random.default_rng(3)
-    cone = Cone(3, (2,))
+    cone = Cone(3, (2,), penalised=1)
     truth = np.array([3.0, 4.0, 5.0, 6.0, 0.1, 7.0])
     R = rng.standard_normal((30, 6))
     size = np.linalg.norm(R @ truth)
     fit = LeastSquares(R, R @ truth / size)
-    program = SemidefiniteProgram(fit, cone, 1e-4, np.array([False, False, True]))
+    program = SemidefiniteProgram(fit, cone, 1e-4)
     x = np.linalg.lstsq(R, fit.z, rcond=None)[0] - 0.5 * np.linalg.solve(R.T @ R, program.penalty)
     rise, functions = 1e-6, rng.standard_normal((4, 6))
     half = np.sqrt(rise * np.einsum("ki,ij,kj->k", functions, np.linalg.inv(R.T @ R), functions))
@@ -335,7 +333,7 @@ def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
     ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
     for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
         a = (1.0 - 2.0 * side) * np.eye(SIZE)[CONES.first[j]]
-        c = radius * (near + program.solve({"a": a, **ball}))[CONES.first[j]]
+        c = radius * (near + program.solve({"a": a, **ball}, programs.TOLERANCE))[CONES.first[j]]
         assert abs(max(c, 0.0) - end) <= 1e-6 * np.ptp(found[j])
     for start in inside(rng, 200):  # towards each point, as far as the level set allows
         step = start - optimum.x
@@ -360,8 +358,8 @@ def test_a_multiplier_that_is_wrong_only_widens_an_end(monkeypatch):
     right = weighed_ends(A, b, optimum, 0.5, CONES)
     solve = programs.Program.solve_with_duals
 
-    def wrong(self, data, tolerance=programs.TOLERANCE):
-        x, dual = solve(self, data, tolerance)
+    def wrong(self, data, *tolerances):
+        x, dual = solve(self, data, *tolerances)
         return x, dual * 1.05
 
     monkeypatch.setattr(programs.Program, "solve_with_duals", wrong)
