@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
@@ -267,6 +267,9 @@ class ConeSolution:
     tolerance: float  #: tolerance of Clarabel, that sufficed
 
 
+_Proven = TypeVar("_Proven", bound=ConeSolution)
+
+
 def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
     """Solve a program along a ladder of tolerances, polish its answer by Newton's method and prove it.
 
@@ -320,9 +323,9 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     return _first_proven(solutions(), gap, accepted)
 
 
-def _first_proven(solutions: Iterable[ConeSolution], gap: float, accepted: float | None) -> ConeSolution:
+def _first_proven(solutions: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
     """Return the first feasible solution that a gap proves, or else the best one if it is accepted."""
-    best: ConeSolution | None = None
+    best: _Proven | None = None
     for solution in solutions:
         better = best is None or solution.certificate.gap < best.certificate.gap
         if better and solution.certificate.primal == 0.0:
@@ -335,10 +338,7 @@ def _first_proven(solutions: Iterable[ConeSolution], gap: float, accepted: float
     reason = "the solver did not converge"
     if best is not None:
         reason = f"its gap is {best.certificate.gap:.1e}, above {limit:.1e}"
-    raise SolverError(
-        f"the semidefinite program is not solved: {reason}",
-        remedy="give a larger penalty, choose fewer links, or report this with the data",
-    )
+    raise SolverError(f"the optimum over cones could not be certified: {reason}")
 
 
 def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
@@ -650,14 +650,10 @@ class Cones:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
-    """The optimum of `solve_weighed`, with its evidence."""
+class Weighed(ConeSolution):
+    """The optimum of `solve_weighed`, whose gap is the greatest excess of the loss, with ‖b‖ = 1."""
 
-    x: FloatArray  #: (p,) in the set
     loss: float  #: ‖A x − b‖²
-    #: its gap is the greatest excess of the loss over the optimum, with ‖b‖ = 1; its multipliers (rows,) are
-    #: those of the equations that define the residuals
-    certificate: Certificate
 
 
 def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
@@ -678,25 +674,20 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
 
     size = float(np.linalg.norm(b)) or 1.0
     program = programs.weighed(len(b), cones.blocks)
-    best: Weighed | None = None
-    for tolerance in _WEIGHED_LADDER:
-        point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
-        if point is None:
-            continue
-        x = cones.projected(size * point)
-        residual = A @ x - b
-        gradient = A.T @ residual
-        outside = -2.0 * cones.least(gradient) / size**2
-        gap = outside + 2.0 * float(gradient @ x) / size**2
-        if best is None or gap < best.certificate.gap:
-            evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
-            best = Weighed(x, float(residual @ residual), evidence)
-        if best.certificate.is_optimal(GAP):
-            return best
-    raise SolverError(
-        "the fit of compliances and weights could not be certified"
-        + ("" if best is None else f": its gap is {best.certificate.gap:.1g}")
-    )
+
+    def solutions() -> Iterator[Weighed]:
+        for tolerance in _WEIGHED_LADDER:
+            point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
+            if point is not None:
+                x = cones.projected(size * point)
+                residual = A @ x - b
+                gradient = A.T @ residual
+                outside = -2.0 * cones.least(gradient) / size**2
+                gap = outside + 2.0 * float(gradient @ x) / size**2
+                evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
+                yield Weighed(x, evidence, tolerance, float(residual @ residual))
+
+    return _first_proven(solutions(), GAP, None)
 
 
 def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, cones: Cones) -> FloatArray:

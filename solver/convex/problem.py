@@ -104,19 +104,10 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class Inequalities:
-    """Linear inequalities ``matrix @ c ≥ least`` besides the bounds.
-
-    Raises:
-        SolverError: if a number is not finite, or a row is zero.
-    """
+    """Linear inequalities ``matrix @ c ≥ least`` besides the bounds."""
 
     matrix: FloatArray  #: (k, n), no row of zeros
     least: FloatArray  #: (k,)
-
-    def __post_init__(self) -> None:
-        rows_hold = np.isfinite(self.matrix).all() and np.isfinite(self.least).all()
-        if not rows_hold or not self.matrix.any(axis=1).all():
-            raise SolverError("an inequality constraint has only zero coefficients")
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,15 +119,14 @@ class Program:
         return None
 
     def _at(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
-        """Return q, A and b for values of the parameters."""
+        """Return q, A and b for values of the parameters; whatever else the data hold is left."""
         if self._maps is None:
             return self._q, self._A, self._b
         to_q, to_Ab, (indices, indptr, (m, columns)) = self._maps
         values = np.zeros(to_Ab.shape[1])
         values[-1] = 1.0  # the constant part
-        for name, value in data.items():
-            column = self._columns[name]
-            values[column : column + value.size] = value.ravel(order="F")
+        for name, column in self._columns.items():
+            values[column : column + data[name].size] = data[name].ravel(order="F")
         entries, last = to_Ab @ values, indptr[-2]  # column by column, those of b last
         A = csc_array((-entries[:last], indices[:last], indptr[:-1]), shape=(m, columns - 1))
         b = np.zeros(m)
@@ -137,8 +136,7 @@ class Program:
 
 def least_squares(scaled: Scaled) -> FloatArray | None:
     """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d``; (n,) x, or None."""
-    program = _least_squares(*_shape(scaled))
-    return program.solve({"A": scaled.A, "b": scaled.b, **_constraint_data(scaled)}, TOLERANCE)
+    return _least_squares(*_shape(scaled)).solve(_data(scaled), TOLERANCE)
 
 
 @lru_cache(maxsize=128)
@@ -176,7 +174,7 @@ def huber(
         loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
         _, _, below, above, inequalities = _shape(scaled)
         program = Program(cp.Minimize(loss), _constraints(x, below, above, inequalities), x)
-    point = program.solve(_constraint_data(scaled), TOLERANCE)
+    point = program.solve(_data(scaled), TOLERANCE)
     return None if point is None else scaled.bounds.snap(point) * scaled.unit
 
 
@@ -328,10 +326,9 @@ def _constraints(x: cp.Variable, below: _Places, above: _Places, inequalities: i
     return constraints
 
 
-def _constraint_data(scaled: Scaled) -> dict[str, FloatArray]:
+def _data(scaled: Scaled) -> dict[str, FloatArray]:
     lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.bounds.lower, scaled.bounds.upper))
-    data = {"lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
-    return {name: value for name, value in data.items() if value.size}
+    return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
 
 
 def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tuple[FloatArray, FloatArray]:

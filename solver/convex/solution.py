@@ -149,11 +149,6 @@ class Solution:
     #: (k,) inequalities that hold with equality up to rounding; None where the problem has none
     tight: BoolArray | None = None
 
-    @property
-    def constrained(self) -> bool:
-        """Return whether a constraint holds with equality."""
-        return bool(self.active.any()) or (self.tight is not None and bool(self.tight.any()))
-
 
 _Proposal = tuple[FloatArray, Proposer]
 """A point (n,) in equilibrated variables, and the algorithm that found its support."""

@@ -217,7 +217,8 @@ def fit_method(
                 remedy="use method partial_pose, or add postures and load directions",
             )
         compliance[joints] = free[joints] = fitted.solution.compliance
-        if fitted.solution.constrained or (free[known] != compliance[known]).any():
+        held = fitted.solution.active.any() or fitted.tied.any()
+        if held or (free[known] != compliance[known]).any():
             free[joints] = fitted.unconstrained(z - by_known @ free[known])
         fits[number] = fitted
     return _combined(triangles, fits, compliance, free)
