@@ -20,7 +20,7 @@ from jointstiff.solver.links.choice import (
     fit_fold,
     refined,
 )
-from jointstiff.solver.links.fit import ElasticEstimate, effective_intervals, first_certified
+from jointstiff.solver.links.fit import ElasticEstimate, effective_compliances, first_certified
 from jointstiff.solver.links.model import LOSSES, ElasticColumns, ElasticModel, Loss
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.model_error import leave_folds_out
@@ -144,8 +144,7 @@ class _Campaign:
         self.chosen = dict[str, ElasticEstimate]()
         for name, losses in compared.items():
             _, estimate = min((found[loss] for loss in losses), key=lambda each: each[0])
-            intervals = effective_intervals(self.robot, estimate, 0.95)
-            ends = np.full((6, 2), np.nan) if intervals is None else intervals.ends
+            ends = effective_compliances(self.robot, estimate, 0.95).ends
             self.held[name] = (ends[:, 0] <= truth) & (truth <= ends[:, 1])
             self.width[name] = 0.5 * np.ptp(ends, axis=1) / truth
             self.chosen[name] = estimate

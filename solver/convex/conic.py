@@ -264,7 +264,6 @@ class ConeSolution:
 
     x: FloatArray  #: the optimum
     certificate: Certificate  #: at x
-    tolerance: float  #: tolerance of Clarabel, that sufficed
 
 
 _Proven = TypeVar("_Proven", bound=ConeSolution)
@@ -293,7 +292,7 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
                     if proposed is None:
                         break
                     x = program.cone.project(proposed)
-                    yield ConeSolution(x, certify_cone(program, x), tolerance)
+                    yield ConeSolution(x, certify_cone(program, x))
                     proposed = Face(program, x).step()
 
     return _first_proven(solutions(), gap, accepted)
@@ -318,7 +317,7 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
             if solution is not None:
                 x = program.loss.cone.project(solution[0])
                 dual = -solution[1].reshape(-1, 4)[:, 1:]  # each cone's multipliers are (weight, −ν)
-                yield ConeSolution(x, certify_robust(program, x, dual), tolerance)
+                yield ConeSolution(x, certify_robust(program, x, dual))
 
     return _first_proven(solutions(), gap, accepted)
 
@@ -685,7 +684,7 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
                 outside = -2.0 * cones.least(gradient) / size**2
                 gap = outside + 2.0 * float(gradient @ x) / size**2
                 evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
-                yield Weighed(x, evidence, tolerance, float(residual @ residual))
+                yield Weighed(x, evidence, float(residual @ residual))
 
     return _first_proven(solutions(), GAP, None)
 

@@ -17,7 +17,6 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.causes import CLEAR_GAIN, HeldOutGain
-from jointstiff.solver.links.losses import LossProblem, TargetFits
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
@@ -27,6 +26,7 @@ from jointstiff.solver.links.model import (
     ElasticRows,
     Formulation,
     Loss,
+    LossProblem,
     ModelName,
     elastic_blocks,
     elastic_rows,
@@ -123,11 +123,8 @@ class Folds:
         self.held_out = plan.assigned(measurements.joints)
         self.per_draw = len(self.held_out) // plan.draws
         """How many folds share out the configurations once."""
-        self.sigma = measurements.sigma
-        self.few = int(measurements.present.sum()) <= MOST_TARGETS
-        """Return whether there are few enough targets for robust losses."""
+        self._training: dict[int | None, ElasticRows] = {}
         self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
-        self._fits: dict[tuple[int | None, ModelName], TargetFits] = {}
 
     def __len__(self) -> int:
         return len(self.held_out)
@@ -139,21 +136,13 @@ class Folds:
             elastic_rows(self._robot, self._measurements[indices], self.columns) for indices in self.held_out
         )
 
-    @cached_property
-    def all_rows(self) -> ElasticRows:
-        """Return the compressed rows of the whole set."""
-        return ElasticRows.merged(list(self.rows[: self.per_draw]))
-
     def training(self, fold: int | None) -> ElasticRows:
-        """Return the compressed rows of all folds of a draw but one."""
-        if fold is None:
-            return self.all_rows
-        return ElasticRows.merged([self.rows[other] for other in self._others(fold)])
-
-    def _others(self, fold: int | None) -> list[int]:
-        """Return the other folds of the same draw; all of the first one for None."""
-        start = 0 if fold is None else fold // self.per_draw * self.per_draw
-        return [number for number in range(start, start + self.per_draw) if number != fold]
+        """Return the compressed rows of all folds of a draw but one; of the whole set for None."""
+        if fold not in self._training:
+            start = 0 if fold is None else fold // self.per_draw * self.per_draw
+            draw = range(start, start + self.per_draw)
+            self._training[fold] = ElasticRows.merged([self.rows[each] for each in draw if each != fold])
+        return self._training[fold]
 
     def problem(self, model: ElasticModel, fold: int | None = None) -> LossProblem:
         """Return a model on all folds but one, or on the whole set, ready to be fitted.
@@ -164,15 +153,12 @@ class Folds:
         key = fold, model.name
         if key not in self._formulations:
             self._formulations[key] = formulate(self.training(fold), model, self.visible)
-        formulation = self._formulations[key]
-        if model.loss != "squared" and key not in self._fits:
-            self._fits[key] = TargetFits(formulation, self.training(fold))
-        return LossProblem(model, formulation, self._fits.get(key), self.sigma)
+        return LossProblem(model, self._formulations[key], self._measurements.sigma)
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
         """(W,) prediction errors [m] of compliances (W, P) in a fold; see `FoldFit`."""
         rows = self.rows[fold]
-        if self.few:
+        if int(self._measurements.present.sum()) <= MOST_TARGETS:
             return np.array([rows.lengths(each).mean() for each in compliances])
         residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
@@ -235,7 +221,7 @@ def _further(weights: FloatArray, errors: FloatArray) -> list[float]:
 
 def _parameters(problem: LossProblem, weight: float) -> FloatArray:
     try:
-        return problem.fit(weight, gap=_GAP).solution.x
+        return problem.fit(weight, gap=_GAP)[0].x
     except SolverError:
         return np.full(problem.formulation.cone.dimension, np.nan)
 
@@ -278,11 +264,25 @@ class HeldOut:
     loss: Loss  #: which
     error: float  #: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
-    compensation: float  #: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
-    standard_error: float  #: standard error of that mean for one draw, from the spread of the folds
-    by_fold: FloatArray  #: (K,) compensation of each fold
+    by_fold: FloatArray  #: (K,) compensation of each fold, ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
     #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
     by_posture: FloatArray
+    per_draw: int  #: how many folds share out the postures once
+
+    @property
+    def compensation(self) -> float:
+        """Return the mean compensation over the folds."""
+        return float(self.by_fold.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Return the standard error of that mean for one draw, from the spread of the folds."""
+        return float(self.by_fold.std(ddof=1) / np.sqrt(self.per_draw))
+
+    def behind(self, other: HeldOut) -> tuple[float, float]:
+        """Return by how much it predicts worse, the mean over the postures, and its standard error [m]."""
+        worse = self.by_posture - other.by_posture
+        return float(worse.mean()), float(worse.std(ddof=1)) / np.sqrt(len(worse))
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,13 +354,14 @@ def select_model(
     of_posture = posture.reshape(-1)[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
     models = tuple(
-        _held_out(
-            key,
-            float(errors[key][:, place].mean()),
-            plan.weights[place],
-            compensation[number],
-            by_posture[number],
-            folds.per_draw,
+        HeldOut(
+            model=key[0],
+            loss=key[1],
+            error=float(errors[key][:, place].mean()),
+            penalty=None if key[0] == "joints" else plan.weights[place],
+            by_fold=compensation[number],
+            by_posture=by_posture[number],
+            per_draw=folds.per_draw,
         )
         for number, (key, place) in enumerate(zip(keys, places, strict=True))
     )
@@ -376,18 +377,10 @@ def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) ->
     besides them bends: without it nearly every other rigid campaign would get a model with more.
     """
     of_joints = 1.0 if screened else CLEAR_GAIN
+    behind = [(each.model, *each.behind(best)) for each in by_name]
     return next(
-        each.model
-        for each in by_name
-        if _behind(each, best) <= (of_joints if each.model == "joints" else 1.0)
+        model for model, worse, error in behind if worse <= error * (of_joints if model == "joints" else 1.0)
     )
-
-
-def _behind(one: HeldOut, best: HeldOut) -> float:
-    """Return by how many paired standard errors a model predicts worse than the best."""
-    worse = one.by_posture - best.by_posture
-    spread = float(worse.std(ddof=1)) / np.sqrt(len(worse))
-    return float(worse.mean()) / spread if spread > 0.0 else 0.0
 
 
 def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
@@ -396,34 +389,8 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     if joints is None or not others:
         return None
     best = min(others, key=lambda each: float(each.by_posture.mean()))
-    better = joints.by_posture - best.by_posture
-    return HeldOutGain(
-        best.model,
-        float(best.by_posture.mean()),
-        float(joints.by_posture.mean()),
-        float(better.std(ddof=1)) / np.sqrt(len(better)),
-    )
-
-
-def _held_out(
-    key: tuple[ModelName, Loss],
-    error: float,
-    weight: float,
-    by_fold: FloatArray,
-    by_posture: FloatArray,
-    per_draw: int,
-) -> HeldOut:
-    """Return mean and spread over the folds, of which a draw has so many."""
-    return HeldOut(
-        model=key[0],
-        loss=key[1],
-        error=error,
-        penalty=None if key[0] == "joints" else weight,
-        compensation=float(by_fold.mean()),
-        standard_error=float(by_fold.std(ddof=1) / np.sqrt(per_draw)),
-        by_fold=by_fold,
-        by_posture=by_posture,
-    )
+    error, error_of_joints = (float(each.by_posture.mean()) for each in (best, joints))
+    return HeldOutGain(best.model, error, error_of_joints, joints.behind(best)[1])
 
 
 def _compensation(

@@ -34,12 +34,11 @@ from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.links.choice import Folds
-from jointstiff.solver.links.losses import LossProblem
 from jointstiff.solver.links.model import (
     ElasticColumns,
     ElasticModel,
-    ElasticRows,
     Formulation,
+    LossProblem,
     elastic_blocks,
 )
 from jointstiff.solver.readings.measurements import Measurements
@@ -59,7 +58,6 @@ class LinkCertificate:
     #: mean norm of a target's residual.
     gap: float
     scale: float  #: sigma where it is given, else the residual scale of joints alone [m]
-    tolerance: float  #: tolerance of Clarabel, that sufficed
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +106,6 @@ class Companion:
     #: without degrees of freedom
     sigma: float | None
     degrees_of_freedom: float | None  #: of a sigma that comes from residuals; None for one that was given
-
-    def quantile(self, confidence: float) -> float:
-        """Return half the width of a two-sided interval in standard uncertainties."""
-        return student_quantile(0.5 * (1.0 + confidence), self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,23 +197,21 @@ def estimate_elastic(
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    rows, problem = folds.all_rows, folds.problem(model)
+    problem = folds.problem(model)
     formulation = problem.formulation
-    scale = _scale(formulation, rows, measurements.sigma)
+    scale = _scale(formulation, measurements.sigma)
     unit = scale / problem.size
     try:  # as exactly as rounding allows, and certified in any case
-        fitted = problem.fit(weight, gap=_DESIRED_GAP * unit, accepted=_SOLVED_GAP * unit)
+        solution, threshold = problem.fit(weight, gap=_DESIRED_GAP * unit, accepted=_SOLVED_GAP * unit)
     except SolverError as error:
         raise _uncertified(weight) from error
-    solution, columns = fitted.solution, model.columns
+    columns = model.columns
     compliances, least = _returned(formulation.compliances(solution.x), model)
-    gap = problem.gap_at(compliances, weight, fitted) / unit
+    gap = problem.gap_at(compliances, weight, solution, threshold) / unit
     if not gap <= CERTIFIED_GAP:
         raise _uncertified(weight)
-    weighted, shared, shared_weight = problem.companion(rows, compliances, weight, fitted.threshold)
-    freedom, left, sigma, chi_square = _residuals(
-        weighted, shared, shared_weight, compliances, measurements.sigma
-    )
+    squares, weight_of_squares = problem.companion(compliances, weight, threshold)
+    freedom, left, sigma, chi_square = _residuals(squares, weight_of_squares, compliances, measurements.sigma)
     elements, prediction = _explained(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
@@ -237,17 +229,15 @@ def estimate_elastic(
         degrees_of_freedom=left,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
-        certificate=LinkCertificate(least, solution.certificate.dual, gap, float(scale), solution.tolerance),
-        companion=_companion(problem, rows, compliances, weight, measurements.sigma),
+        certificate=LinkCertificate(least, solution.certificate.dual, gap, float(scale)),
+        companion=_companion(problem, compliances, weight),
     )
 
 
-def _companion(
-    problem: LossProblem, rows: ElasticRows, compliances: FloatArray, weight: float, stated: float | None
-) -> Companion:
+def _companion(problem: LossProblem, compliances: FloatArray, weight: float) -> Companion:
     """Return the plain squares beside a fit, their sigma raised where the residuals exceed what is stated."""
-    weight = problem.weight_of_squares(compliances, weight)
-    _, left, sigma, chi_square = _residuals(rows, problem.formulation, weight, compliances, stated)
+    weight, stated = problem.weight_of_squares(compliances, weight), problem.sigma
+    _, left, sigma, chi_square = _residuals(problem.formulation, weight, compliances, stated)
     if stated is None or sigma is None:
         return Companion(problem.formulation, weight, sigma, left)
     excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
@@ -271,13 +261,13 @@ def first_certified(
 
 
 def _residuals(
-    rows: ElasticRows, squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
+    squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
 ) -> tuple[FloatArray, float, float | None, float]:
     """Return the freedom (P,) of each column, what is left, sigma [m] and chi-square under it.
 
     Sigma is of the residuals if it is not given.
     """
-    x = compliances[squares.columns] / squares.unit
+    x, rows = compliances[squares.columns] / squares.unit, squares.rows
     freedom = np.zeros(squares.width)
     freedom[squares.columns] = effective_freedom(squares.program(weight), x)
     left = max(0.0, rows.readings - float(freedom.sum()))
@@ -287,14 +277,14 @@ def _residuals(
     return freedom, left, sigma, total / sigma**2 if sigma else 0.0
 
 
-def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> float:
+def _scale(formulation: Formulation, sigma: float | None) -> float:
     """Return the unit of gaps [m]: sigma, or the residuals where they are greater.
 
     The residual scale of joints alone, with its model error as noise, replaces an unknown sigma.
     The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
     needed more exactly than that.
     """
-    fit, joints = formulation.fit, formulation.cone.free
+    fit, rows, joints = formulation.fit, formulation.rows, formulation.cone.free
     R = fit.R[:, :joints]
     alone = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
     least = float(np.linalg.norm(fit.R @ fit.near - fit.z))
@@ -322,32 +312,6 @@ def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray,
     return out, min(least)
 
 
-def effective_compliances(robot: Robot, elastic: ElasticEstimate) -> FloatArray:
-    """(n,) of the joints with their links' rotations about their axes [rad/(N·m)]; NaN of joints not seen."""
-    effective = effective_rows(robot, elastic.model.columns) @ elastic.entries
-    return np.where(np.isnan(elastic.compliance), np.nan, effective)
-
-
-def effective_intervals(
-    robot: Robot, elastic: ElasticEstimate, confidence: float
-) -> EffectiveIntervals | None:
-    """Return the intervals of the effective compliances; None where no uncertainty is known."""
-    companion = elastic.companion
-    if companion.sigma is None:
-        return None
-    rows = effective_rows(robot, elastic.model.columns)
-    with suppress(SolverError):
-        return EffectiveIntervals.of(
-            companion.formulation,
-            companion.weight,
-            rows,
-            rows @ elastic.entries,
-            sigma=companion.sigma,
-            quantile=companion.quantile(confidence),
-        )
-    return None
-
-
 def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) -> Iterator[LinkCompliance]:
     if model.name in {"joints", "coupled_joints"}:
         return
@@ -368,7 +332,15 @@ def _explained(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
 ) -> tuple[tuple[Element, ...], Prediction]:
     """Return what each element explains of the measured deflections, and all of them together."""
-    places = list(_places(model))
+    columns = model.columns
+    coupled = columns.coupling[diagonal(columns.n)]
+    places: list[tuple[ElementKind, int | None, IndexArray]] = [
+        ("joint", joint, np.array([columns.joints[joint], coupled[joint]])) for joint in range(columns.n)
+    ]
+    if model.name == "coupled_joints":
+        places.append(("coupling", None, np.setdiff1d(columns.coupling, coupled)))
+    elif model.name != "joints":
+        places += [("link", joint, columns.link(joint)) for joint in columns.links]
     predicted, along = [], []
     for block, rows in elastic_blocks(robot, measurements, model.columns):
         # Whatever was not read is zero, in the rows as in the deflections.
@@ -383,19 +355,6 @@ def _explained(
         for number, (kind, joint, _) in enumerate(places)
     )
     return elements, Prediction.of(measurements, np.concatenate(predicted))
-
-
-def _places(model: ElasticModel) -> Iterator[tuple[ElementKind, int | None, IndexArray]]:
-    """Kind, joint and columns of each element."""
-    columns = model.columns
-    own = columns.coupling[diagonal(columns.n)]
-    for joint in range(columns.n):
-        yield "joint", joint, np.array([columns.joints[joint], own[joint]])
-    if model.name == "coupled_joints":
-        yield "coupling", None, np.setdiff1d(columns.coupling, own)
-    elif model.name != "joints":
-        for joint in columns.links:
-            yield "link", joint, columns.link(joint)
 
 
 _LIGHTER: Final = 0.3
@@ -420,48 +379,43 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class EffectiveIntervals:
-    """Intervals of the n effective compliances."""
+class EffectiveCompliances:
+    """The n effective compliances with their intervals; NaN where something is not known."""
 
-    ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]; NaN where an end was not found
+    compliance: FloatArray  #: (n,) of the joints with their links' rotations about their axes [rad/(N·m)]
+    ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]
     uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
 
-    @classmethod
-    def of(
-        cls,
-        formulation: Formulation,
-        weight: float,
-        rows: FloatArray,
-        effective: FloatArray,
-        *,
-        sigma: float,
-        quantile: float,
-    ) -> EffectiveIntervals:
-        """Find the range of each where the objective is near its least, under a lighter penalty.
 
-        Args:
-            formulation: of the whole set, under squares.
-            weight: λ that predicts best.
-            rows: (n, P) that take the compliances to the effective ones.
-            effective: (n,) estimated, which the intervals contain in any case.
-            sigma: of one coordinate of one reading [m].
-            quantile: of the interval.
+def effective_compliances(
+    robot: Robot, elastic: ElasticEstimate, confidence: float, *, with_ends: bool = True
+) -> EffectiveCompliances:
+    """Find the range of each where the objective is near its least, under a lighter penalty.
 
-        Raises:
-            SolverError: the program with the lighter penalty has no certified answer.
-        """
-        program = formulation.program(_LIGHTER * weight)
-        x = solve_cone(program, gap=_GAP).x
-        functions = rows[:, formulation.columns] * formulation.unit
-        ends = penalised_range(program, x, (quantile * sigma / formulation.size) ** 2, functions)
-        ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
-        ends[:, 1] = np.maximum(ends[:, 1], effective)
-        ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
-        return cls(ends, 0.5 * (ends[:, 1] - ends[:, 0]) / quantile)
-
-    def without_ends(self) -> EffectiveIntervals:
-        """Return the uncertainties alone, for a penalty that was given, not chosen by prediction."""
-        return EffectiveIntervals(np.full_like(self.ends, np.nan), self.uncertainty)
+    Args:
+        robot: n joints.
+        elastic: with links; the intervals contain its effective compliances in any case.
+        confidence: of the intervals.
+        with_ends: whether prediction chose the penalty; of one that was given no ends are quoted.
+    """
+    companion, rows = elastic.companion, effective_rows(robot, elastic.model.columns)
+    effective, ends = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
+    quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
+    if companion.sigma is not None:
+        form = companion.formulation
+        program = form.program(_LIGHTER * companion.weight)
+        with suppress(SolverError):
+            x = solve_cone(program, gap=_GAP).x
+            rise = (quantile * companion.sigma / form.size) ** 2
+            ends = penalised_range(program, x, rise, rows[:, form.columns] * form.unit)
+    ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
+    ends[:, 1] = np.maximum(ends[:, 1], effective)
+    ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
+    return EffectiveCompliances(
+        compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
+        ends=ends if with_ends else np.full_like(ends, np.nan),
+        uncertainty=0.5 * (ends[:, 1] - ends[:, 0]) / quantile,
+    )
 
 
 LARGEST_UNCERTAINTY: Final = 0.5
@@ -475,29 +429,15 @@ _TOGETHER: Final = (
 )
 
 
-def with_links(
-    estimate: Estimate, elastic: ElasticEstimate, effective: FloatArray, intervals: EffectiveIntervals | None
-) -> Estimate:
+def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: EffectiveCompliances) -> Estimate:
     """Return the estimate of the effective compliances about the joints' axes.
 
     Args:
         estimate: of joints alone.
         elastic: with links.
-        effective: (n,) effective compliances; NaN of joints that are not seen.
-        intervals: of them; None where nothing is known of their uncertainty.
+        effective: of the same joints.
     """
     bends = {link.joint for link in elastic.links}
-    unknown = np.full(2, np.nan)
-    joints = tuple(
-        _joint(
-            joint,
-            float(effective[j]),
-            np.nan if intervals is None else float(intervals.uncertainty[j]),
-            unknown if intervals is None else intervals.ends[j],
-            with_link=j in bends,
-        )
-        for j, joint in enumerate(estimate.joints)
-    )
     certificate = elastic.certificate
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
@@ -508,8 +448,10 @@ def with_links(
     )
     return replace(
         estimate,
-        joints=joints,
-        compliance=np.nan_to_num(effective),
+        joints=tuple(
+            _joint(joint, effective, j, with_link=j in bends) for j, joint in enumerate(estimate.joints)
+        ),
+        compliance=np.nan_to_num(effective.compliance),
         covariance=None,
         sigma=elastic.sigma,
         chi_square=elastic.chi_square,
@@ -520,33 +462,29 @@ def with_links(
 
 
 def _joint(
-    joint: JointCompliance, compliance: float, uncertainty: float, ends: FloatArray, *, with_link: bool
+    joint: JointCompliance, effective: EffectiveCompliances, j: int, *, with_link: bool
 ) -> JointCompliance:
-    """Return the result about a joint's axis; a joint that is not observable stays so."""
+    """Return the result about the axis of joint j; a joint that is not observable stays so."""
+    compliance, uncertainty = float(effective.compliance[j]), float(effective.uncertainty[j])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
+    low, high = effective.ends[j].tolist()
     rigid = compliance < RIGID
-    known = bool(np.isfinite(ends).all())
-    return JointCompliance(
-        name=joint.name,
-        status="at_bound" if rigid else "identified" if uncertainty < compliance else "uncertain",
-        compliance=0.0 if rigid else compliance,
-        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
-        compliance_interval=(float(ends[0]), float(ends[1])) if known else None,
-        reason=_remarks(compliance, uncertainty, rigid=rigid, with_link=with_link),
-    )
-
-
-def _remarks(compliance: float, uncertainty: float, *, rigid: bool, with_link: bool) -> str | None:
-    """Return what there is to say about the number."""
-    if rigid:
-        return "the links explain the readings without it"
     remarks = [_TOGETHER] if with_link else []
-    if not np.isfinite(uncertainty):
+    if rigid:
+        remarks = ["the links explain the readings without it"]
+    elif not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:
         remarks.append(
             f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): links can "
             "replace it"
         )
-    return "; ".join(remarks) or None
+    return JointCompliance(
+        name=joint.name,
+        status="at_bound" if rigid else "identified" if uncertainty < compliance else "uncertain",
+        compliance=0.0 if rigid else compliance,
+        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
+        compliance_interval=(low, high) if np.isfinite([low, high]).all() else None,
+        reason="; ".join(remarks) or None,
+    )

@@ -1,4 +1,8 @@
-"""Models of what bends, from simple to rich: their rows, and the program that fits each (method.md §7).
+"""Models of what bends, from simple to rich: rows, penalty, losses, and their optima (method.md §7).
+
+    squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
+    absolute   Σ ‖r_i‖ / Σ ‖d_i‖ + λ tr              one second-order cone a target
+    huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up to h, ‖r‖ − h/2 beyond
 
 The penalty has no length that anyone chose. It is the work that a unit force at the load point does on an
 element: averaged over the force's direction and, as the fitted postures are few, over all directions of the
@@ -12,14 +16,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.conic import Cone, LeastSquares, SemidefiniteProgram, diagonal, entries
+from jointstiff.solver.convex.conic import (
+    Cone,
+    ConeSolution,
+    LeastSquares,
+    NormSum,
+    RobustProgram,
+    SemidefiniteProgram,
+    certify_cone,
+    certify_robust,
+    diagonal,
+    entries,
+    solve_cone,
+    solve_robust,
+)
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
+from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD, MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
@@ -95,34 +115,27 @@ class ElasticRows:
     lever: FloatArray  #: (n,) sum of the squared distances of the load point from the frames' origins [m²]
     deflection: float  #: sum of ‖δp‖² [m²]
 
-    #: (K, 3, P + 1) rows of each target, which a robust loss needs; None of more than `MOST_TARGETS`
-    each: FloatArray | None
+    #: (K, 3, P + 1) rows of each target, which a robust loss needs; none of more than `MOST_TARGETS`
+    each: FloatArray
 
     @classmethod
     def merged(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
         """Return the rows of all observations of the parts; nothing is subtracted, so nothing cancels."""
         summed = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
         sums = {name: sum(getattr(part, name) for part in parts) for name in summed}
-        each = [part.each for part in parts if part.each is not None]
-        few = len(each) == len(parts) and sums["targets"] <= MOST_TARGETS
+        each = np.concatenate([part.each for part in parts])
+        each = each if sums["targets"] <= MOST_TARGETS else each[:0]
         triangle = triangle_of(np.concatenate([part.triangle for part in parts]))
-        return cls(triangle=triangle, each=np.concatenate(each) if few else None, **sums)
-
-    @property
-    def of_targets(self) -> FloatArray:
-        """(K, 3, P + 1) rows of each target."""
-        if self.each is None:
-            raise ValueError("a robust loss needs the rows of all targets")
-        return self.each
+        return cls(triangle=triangle, each=each, **sums)
 
     def lengths(self, compliances: FloatArray) -> FloatArray:
         """Return the lengths (K,) of the whitened residuals of each target by compliances (P,) [m]."""
-        residuals = self.of_targets[..., :-1] @ compliances - self.of_targets[..., -1]
+        residuals = self.each[..., :-1] @ compliances - self.each[..., -1]
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
     def weighted(self, weight: FloatArray) -> ElasticRows:
         """Return the compressed rows, each target weighted (K,)."""
-        rows = np.sqrt(weight)[:, None, None] * self.of_targets
+        rows = np.sqrt(weight)[:, None, None] * self.each
         return replace(self, triangle=triangle_of(rows.reshape(-1, rows.shape[-1])))
 
 
@@ -149,7 +162,7 @@ def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColum
         moment=float(np.square(measurements.moment).sum()),
         lever=lever,
         deflection=float(np.square(measurements.deflection).sum()),
-        each=np.concatenate(each) if few else None,
+        each=np.concatenate(each),
     )
 
 
@@ -172,6 +185,10 @@ Loss = Literal["squared", "huber", "absolute"]
 LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
 """Losses of the norm of each target's residual."""
 
+_LEAST_SCALE: Final = 1e-6
+"""Least robust scale relative to the mean deflection: exact readings have none."""
+_LEAST_WEIGHT: Final = 1e-9
+"""Least weight of the penalty beside squares."""
 _SHORTEST_LEVER: Final = 1e-2
 """Least lever relative to the longest: a shorter one, through the load point, would leave rotations
 unpenalised."""
@@ -197,17 +214,22 @@ class ElasticModel:
         """Return what tells it from the other models of a run."""
         return self.name, self.loss
 
-    def elements(self, visible: BoolArray) -> Iterator[tuple[IndexArray, IndexArray | None, bool]]:
-        """Columns of each penalised element, the joints or None for a link, and whether it is full."""
+    def elements(self, seen: BoolArray, lever: FloatArray) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
+        """Yield columns of each penalised element, the diagonal of its K, and whether its matrix is full.
+
+        Args:
+            seen: (n,) joints that have a number.
+            lever: (n,) ρ [m].
+        """
+        turning = np.sqrt(2.0 / 3.0) * lever
         if self.name == "coupled_joints":
-            seen = np.flatnonzero(visible)
             rows, columns = entries(self.columns.n)
-            yield self.columns.coupling[visible[rows] & visible[columns]], seen, True
+            yield self.columns.coupling[seen[rows] & seen[columns]], turning[seen], True
         elif self.name != "joints":
             for joint in self.columns.links:
                 full = self.name == "joints_and_links"
                 own = self.columns.link(joint)
-                yield (own if full else own[diagonal(6)]), None, full
+                yield own if full else own[diagonal(6)], np.repeat([1.0, turning[joint]], 3), full
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +240,18 @@ class Formulation:
     cone: Cone  #: cone of the parameters
     columns: IndexArray  #: (p,) column of each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
-    width: int  #: P, number of columns
+    rows: ElasticRows  #: rows of the observations
     size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
+
+    @property
+    def width(self) -> int:
+        """P, number of columns."""
+        return len(self.rows.triangle[0]) - 1
+
+    @cached_property
+    def targets(self) -> TargetFits:
+        """The same model on each target, for robust losses."""
+        return TargetFits(self)
 
     def program(self, weight: float) -> SemidefiniteProgram:
         """The program for a weight λ of the penalty."""
@@ -246,17 +278,11 @@ def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> For
     triangle, z = rows.triangle[:, :-1], rows.triangle[:, -1]
     size = float(np.linalg.norm(z))
     norms = np.linalg.norm(triangle[:, model.columns.joints], axis=0)
-    joints = np.flatnonzero(visible & (norms > _NO_COLUMN * norms.max()))
+    seen = visible & (norms > _NO_COLUMN * norms.max())
+    joints = np.flatnonzero(seen)
     scale, lever = _scale(rows, size)
-    scalars, blocks = [(joints, size / norms[joints])], []
-    sizes = []
-    seen = np.isin(np.arange(len(visible)), joints)
-    for columns, coupled, full in model.elements(seen):
-        if coupled is not None:
-            root = np.sqrt(2.0 / 3.0) * lever[coupled]
-        else:
-            joint = next(each for each in model.columns.links if columns[0] in model.columns.link(each))
-            root = np.repeat([1.0, np.sqrt(2.0 / 3.0) * float(lever[joint])], 3)
+    scalars, blocks, sizes = [(joints, size / norms[joints])], [], []
+    for columns, root, full in model.elements(seen, lever):
         if full:
             i, j = entries(len(root))
             blocks.append((columns, scale / (root[i] * root[j])))
@@ -271,7 +297,7 @@ def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> For
         cone=Cone(count, tuple(sizes), penalised=count - len(joints)),
         columns=of_parameters,
         unit=unit,
-        width=triangle.shape[1],
+        rows=rows,
         size=size,
     )
 
@@ -283,17 +309,166 @@ def _scale(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
     """
     lever = np.sqrt(rows.lever / rows.configurations)
     lever = np.maximum(lever, _SHORTEST_LEVER * lever.max())
-    if size == 0.0 or not lever.all():
-        raise _no_scale()
-    force = rows.force + rows.moment * float(np.mean(1.5 / lever**2))
-    if force == 0.0:
-        raise _no_scale()
+    force = rows.force + rows.moment * float(np.mean(1.5 / lever**2)) if lever.all() else 0.0
+    if size == 0.0 or force == 0.0:
+        raise UnsupportedMethodError(
+            "nothing moved, or no load has a lever arm, so the penalty on link compliance has no scale",
+            where="elasticity",
+            remedy="use elasticity joints",
+        )
     return float(np.sqrt(rows.deflection / rows.targets / (force / rows.configurations))), lever
 
 
-def _no_scale() -> UnsupportedMethodError:
-    return UnsupportedMethodError(
-        "nothing moved, or no load has a lever arm, so the penalty on link compliance has no scale",
-        where="elasticity",
-        remedy="use elasticity joints",
+def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
+    """Return those of some losses that a set supports: squares alone where it has many targets.
+
+    Raises:
+        UnsupportedMethodError: it does not support the only one.
+    """
+    targets = int(measurements.present.sum())
+    if targets <= MOST_TARGETS:
+        return losses
+    if "squared" in losses:
+        return ("squared",)
+    raise UnsupportedMethodError(
+        f"{targets} targets were read, and loss {losses[0]} of elastic links supports at most {MOST_TARGETS}",
+        where="loss",
+        remedy="use loss squared, or leave observations out",
     )
+
+
+class TargetFits:
+    """A formulation on each target: one program for all robust losses and penalties."""
+
+    def __init__(self, formulation: Formulation) -> None:
+        """Take what was formulated."""
+        of_targets = formulation.rows.each
+        d = of_targets[..., -1]
+        self.total = float(np.linalg.norm(d, axis=1).sum())  #: sum of the lengths of the readings [m]
+        A = of_targets[..., formulation.columns] * (formulation.unit / self.total)
+        self._norms = NormSum(A, d / self.total, formulation.cone)
+        self._absolute: dict[tuple[float, float, float | None], ConeSolution] = {}
+
+    def program(self, weight: float, threshold: float) -> RobustProgram:
+        """Return the program for a weight λ and a threshold h [m]."""
+        return RobustProgram(self._norms, weight, threshold / self.total)
+
+    def absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
+        """Return the fit of absolute residuals, which Huber's scale takes as well; see `LossProblem.fit`."""
+        key = weight, gap, accepted
+        if key not in self._absolute:
+            self._absolute[key] = solve_robust(self.program(weight, 0.0), gap=gap, accepted=accepted)
+        return self._absolute[key]
+
+    def lengths(self, x: FloatArray) -> FloatArray:
+        """(K,) lengths of the residuals [m] of parameters (p,)."""
+        lengths: FloatArray = np.linalg.norm(self._norms.residuals(x), axis=1) * self.total
+        return lengths
+
+
+@dataclass(frozen=True, eq=False)
+class LossProblem:
+    """A model on some observations, ready to be fitted with its loss for any weight of the penalty."""
+
+    model: ElasticModel  #: what bends, and the loss
+    formulation: Formulation  #: formulation of the model
+    sigma: float | None  #: sigma of one coordinate of one reading, if it is stated [m]
+
+    @property
+    def size(self) -> float:
+        """Return the unit of certificates' gaps [m]: of fitted readings all together, or of mean residuals.
+
+        A gap of squares is ‖R (x − x̂)‖ / ‖z‖. One of the others is the excess of the objective, and times
+        this size the excess of the mean norm of a residual.
+        """
+        if self.model.loss == "squared":
+            return self.formulation.size
+        return self.formulation.targets.total / self.formulation.rows.targets
+
+    def fit(self, weight: float, *, gap: float, accepted: float | None = None) -> tuple[ConeSolution, float]:
+        """Fit, Huber's loss with h in units of sigma, or of the robust scale of the absolute residuals.
+
+        Args:
+            weight: λ > 0.
+            gap: of a certificate, in units of `size`, that ends the search.
+            accepted: greatest that is accepted; the same if None.
+
+        Returns:
+            Parameters (p,) of the formulation with their evidence, and the threshold h [m] of Huber's loss;
+            0 of absolute residuals, inf of squares.
+
+        Raises:
+            SolverError: no answer has such a certificate.
+        """
+        if self.model.loss == "squared":
+            program = self.formulation.program(weight)
+            return solve_cone(program, gap=gap, accepted=accepted), float("inf")
+        targets = self.formulation.targets
+        if self.model.loss == "absolute":
+            return targets.absolute(weight, gap, accepted), 0.0
+        scale = self.sigma
+        if scale is None:
+            scale = self._robust_scale(targets.lengths(targets.absolute(weight, gap).x))
+        threshold = self.model.threshold * scale
+        return solve_robust(targets.program(weight, threshold), gap=gap, accepted=accepted), threshold
+
+    def gap_at(
+        self, compliances: FloatArray, weight: float, solution: ConeSolution, threshold: float
+    ) -> float:
+        """Return the gap of compliances (P,) near a fit, in units of `size`."""
+        x = compliances[self.formulation.columns] / self.formulation.unit
+        if self.model.loss == "squared":
+            return certify_cone(self.formulation.program(weight), x).gap
+        program = self.formulation.targets.program(weight, threshold)
+        return certify_robust(program, x, solution.certificate.multipliers).gap
+
+    def joints_only(self) -> FloatArray:
+        """(p,) parameters of a model without penalised elements under squares, exactly."""
+        fit = self.formulation.fit
+        problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
+        return solve_step(problem).compliance
+
+    def _robust_scale(self, norms: FloatArray) -> float:
+        """Return the robust scale [m] of residuals with these norms (K,)."""
+        least = _LEAST_SCALE * self.formulation.targets.total / max(1, len(norms))
+        return max(float(np.median(norms)) / MEDIAN_NORM, least)
+
+    def companion(
+        self, compliances: FloatArray, weight: float, threshold: float
+    ) -> tuple[Formulation, float]:
+        """Return the weighted squares that share the optimum, and the weight of their penalty.
+
+        A target beyond the threshold h counts h/‖r‖: the stationarity of Huber's loss is that of these
+        squares. For absolute residuals h is the threshold times their robust scale, and the optimum
+        is shared about.
+
+        Args:
+            compliances: (P,) of the fit.
+            weight: λ of the fit.
+            threshold: h of the fit [m].
+        """
+        if self.model.loss == "squared":
+            return self.formulation, weight
+        rows = self.formulation.rows
+        norms = rows.lengths(compliances)
+        if threshold == 0.0:
+            threshold = self.model.threshold * max(self._robust_scale(norms), self.sigma or 0.0)
+        weighted = rows.weighted(threshold / np.maximum(norms, threshold))
+        seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
+        squares = formulate(weighted, self.model, seen)
+        return squares, 2.0 * self.formulation.targets.total * threshold * weight / squares.size**2
+
+    def weight_of_squares(self, compliances: FloatArray, weight: float) -> float:
+        """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
+
+        A residual counts by its direction under the absolute loss, and by its length under squares.
+
+        Args:
+            compliances: (P,) of the fit.
+            weight: λ of the fit.
+        """
+        if self.model.loss == "squared":
+            return weight
+        length = float(self.formulation.rows.lengths(compliances).mean())
+        total = self.formulation.targets.total
+        return max(2.0 * total * length * weight / self.formulation.size**2, _LEAST_WEIGHT)

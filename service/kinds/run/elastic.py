@@ -42,13 +42,11 @@ from jointstiff.solver.links.choice import (
 from jointstiff.solver.links.fit import (
     ElasticEstimate,
     effective_compliances,
-    effective_intervals,
     first_certified,
     refuse_unsupported_elastic,
     with_links,
 )
-from jointstiff.solver.links.losses import compared_losses
-from jointstiff.solver.links.model import MODELS, ElasticModel, Loss
+from jointstiff.solver.links.model import MODELS, ElasticModel, Loss, compared_losses
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out
 from jointstiff.solver.predict.models import ElasticPredictor
 
@@ -241,10 +239,10 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         elastic = first_certified(
             robot, prepared.measurements, self._folds, model, grid[grid.index(weight) :]
         )
-        intervals = effective_intervals(robot, elastic, self._settings.confidence)
-        if intervals is not None and options.link_penalty is not None:
-            intervals = intervals.without_ends()
-        estimate = with_links(self._joints, elastic, effective_compliances(robot, elastic), intervals)
+        effective = effective_compliances(
+            robot, elastic, self._settings.confidence, with_ends=options.link_penalty is None
+        )
+        estimate = with_links(self._joints, elastic, effective)
         # No advice: what a further reading would bring is known for a model of joints alone.
         assessment = prepared.assess(self._settings, estimate, elastic.prediction, screening)
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)

@@ -33,19 +33,18 @@ from jointstiff.solver.links.choice import (
 )
 from jointstiff.solver.links.fit import (
     effective_compliances,
-    effective_intervals,
     effective_rows,
     estimate_elastic,
     first_certified,
     refuse_unsupported_elastic,
 )
-from jointstiff.solver.links.losses import compared_losses
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
     ElasticColumns,
     ElasticModel,
     ElasticRows,
+    compared_losses,
     elastic_blocks,
     elastic_rows,
     formulate,
@@ -106,7 +105,7 @@ def test_a_stated_sigma_is_that_of_the_uncertainties(elastic):
     assert found[0].chi_square / found[1].chi_square == pytest.approx(16.0, rel=1e-3)
     companions = [each.companion.sigma for each in found[1:]]
     assert companions == pytest.approx(sigmas[1:])  # the residuals do not exceed these
-    widths = [np.ptp(effective_intervals(robot, each, 0.95).ends, axis=1) for each in found[1:]]
+    widths = [np.ptp(effective_compliances(robot, each, 0.95).ends, axis=1) for each in found[1:]]
     assert np.all(widths[1] > 1.3 * widths[0])
     by_residuals = estimate(robot, replace(measurements, sigma=None))
     excess = np.sqrt(found[0].chi_square / found[0].degrees_of_freedom)
@@ -343,11 +342,11 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     found = select_model(robot, measurements, folds, fits, plan).of(model.name)
     estimated = estimate_elastic(robot, measurements, folds, model, found.penalty)
     assert np.all(np.abs(rows @ estimated.entries / truth - 1.0) < 0.25)
-    np.testing.assert_array_equal(effective_compliances(robot, estimated), rows @ estimated.entries)
-    intervals = effective_intervals(robot, estimated, 0.95)
+    intervals = effective_compliances(robot, estimated, 0.95)
+    np.testing.assert_array_equal(intervals.compliance, rows @ estimated.entries)
     assert np.all((intervals.ends[:, 0] <= truth) & (truth <= intervals.ends[:, 1]))
     assert np.median((intervals.ends[:, 1] - intervals.ends[:, 0]) / truth) < 1.0
-    wider = effective_intervals(robot, estimated, 0.99)
+    wider = effective_compliances(robot, estimated, 0.99)
     assert np.all(wider.uncertainty * 2.5758 > intervals.uncertainty * 1.96)
     assert np.abs(estimated.compliance / arm.arm.compliances - 1.0).max() > 0.25
 
@@ -603,9 +602,8 @@ def test_joints_have_less_benefit_of_the_doubt_where_a_test_has_spoken(screened,
             loss="squared",
             error=5e-5,
             penalty=None if name == "joints" else 0.1,
-            compensation=0.98,
-            standard_error=0.01,
             by_fold=np.full(5, 0.98),
+            per_draw=5,
             by_posture=best if size is None else best + size + spread,
         )
         for name, size in behind.items()
