@@ -12,9 +12,8 @@ from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.kinematics import Kinematics, Posture
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import Body, JointMap, Robot
 
 

@@ -27,8 +27,7 @@ from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
-from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.dh import Convention, DhRow
+from jointstiff.solver.robot.chain import ChainJoint, Convention, DhRow, KinematicChain
 
 LinkQuantity = Literal["a", "alpha", "beta", "d", "theta"]
 
@@ -334,7 +333,7 @@ class ParallelPair:
 class DhTable:
     """A table and what it leaves over.
 
-    flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.dh.dh_chain`.
+    flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.chain.dh_chain`.
     """
 
     convention: Convention  #: convention of the rows

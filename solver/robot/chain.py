@@ -1,14 +1,18 @@
 """Hold the kinematics of a serial robot as plain data: joints from the base link to the flange link.
 
-Both readers, `solver.robot.urdf` and `solver.robot.dh`, end here, so everything behind them meets one kind of
-robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
+URDFs, read by `solver.robot.urdf`, and Denavit-Hartenberg tables end here, so everything behind them meets
+one kind of robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
 moving joints. Lengths are in m, angles in rad.
+
+Both conventions of tables put one revolute joint into each row; the flange frame is the last frame of the
+table. Rx, Rz are rotations about, Tx, Tz translations along the axes of the moved frame.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,6 +33,17 @@ MAX_NAME_LENGTH = 200
 
 UNLIMITED_ANGLE = 1e6
 """Smallest limit [rad] that means no limit, in documents written and read."""
+
+Convention = Literal["standard", "modified"]
+
+LARGEST_LENGTH = 100.0
+"""Largest a or d of a Denavit-Hartenberg table [m]."""
+
+LARGEST_ANGLE = 1e3
+"""Largest joint limit of a table [rad]."""
+
+LARGEST_TWIST = 2 * math.pi
+"""Largest alpha or theta of a table [rad]; a larger one is in degrees."""
 
 _WORLD = "universe"
 _UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
@@ -57,22 +72,19 @@ class ChainJoint:
         check_name(self.name, "a joint")
         place = f"joint '{self.name}'"
         check_name(self.child, f"{place} child")
-        for field, shape in (("rotation", (3, 3)), ("translation", (3,)), ("axis", (3,))):
+        for field in ("rotation", "translation", "axis"):
             array = np.array(getattr(self, field), dtype=np.float64)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise RobotError(
-                    f"needs finite numbers of shape {shape}, but has shape {array.shape}",
-                    remedy="give exactly these numbers",
-                    where=f"{place} {field}",
-                )
             array.flags.writeable = False
             object.__setattr__(self, field, array)
         skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
-        if skewness > _UNIT_TOLERANCE or np.linalg.det(self.rotation) < 0.0:
-            remedy = "give an orthonormal matrix with determinant 1"
-            raise RobotError("the matrix is not a rotation", remedy=remedy, where=f"{place} rotation")
-        if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
-            raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
+        off = max(skewness, abs(np.linalg.norm(self.axis) - 1.0))
+        sound = off <= _UNIT_TOLERANCE and np.linalg.det(self.rotation) > 0.0
+        if not sound or not np.isfinite(self.translation).all():
+            raise RobotError(
+                "the joint's frame is not a rotation, a finite translation and a unit axis",
+                remedy="give an orthonormal matrix with determinant 1, and normalise the axis",
+                where=place,
+            )
         if self.is_moving and self.name == _WORLD:
             reason = "this name is reserved for the world frame"
             raise RobotError(reason, remedy="rename the joint", where=place)
@@ -102,8 +114,7 @@ class KinematicChain:
     """The joints from the base link to the flange link, in order, each carrying the next link.
 
     Raises:
-        RobotError: an empty chain, one without moving joints, too many joints, duplicate or empty
-            names.
+        RobotError: a chain without moving joints, too many joints, duplicate or empty names.
     """
 
     name: str  #: name of the robot
@@ -114,8 +125,6 @@ class KinematicChain:
     def __post_init__(self) -> None:
         check_name(self.name, "the robot")
         check_name(self.base, "the base link")
-        if not self.joints:
-            raise RobotError("the chain has no joint", remedy="add joints to the chain", where="chain")
         moving = len(self.revolute)
         if moving == 0:
             raise RobotError(
@@ -139,12 +148,6 @@ class KinematicChain:
             if count > 1:
                 reason, remedy = f"{count} {what}s are named '{name}'", f"give each {what} a unique name"
                 raise RobotError(reason, remedy=remedy, where=f"{what} '{name}'")
-        if links[-1] != self.flange:
-            raise RobotError(
-                f"the last joint carries '{links[-1]}', not the flange '{self.flange}'",
-                remedy="end the chain at the flange",
-                where="flange",
-            )
 
     @property
     def revolute(self) -> tuple[ChainJoint, ...]:
@@ -175,3 +178,88 @@ def check_name(name: str, where: str) -> None:
             remedy="use printable characters and no space at either end",
             where=where,
         )
+
+
+@dataclass(frozen=True)
+class DhRow:
+    """One row of a table."""
+
+    a: float  #: link length [m]
+    alpha: float  #: link twist [rad]
+    d: float  #: link offset [m]
+    theta: float  #: constant added to the joint angle [rad]
+    lower: float | None = None  #: least joint angle, `theta` not included [rad]; None without a limit
+    upper: float | None = None  #: greatest joint angle, `theta` not included [rad]; None without a limit
+
+
+def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
+    """Build the chain of a table.
+
+    With joint angle q_i and the constants of row i, frame i stands in frame i-1 at
+
+    * standard: T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i),
+    * modified (Craig): T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i).
+
+    Joints are named joint_1, joint_2, …; links base (frame 0, R0), link_1, …, flange (frame n). The
+    links between have the origin and z of the joint that carries them: frame i in the modified,
+    frame i-1 in the standard convention, turned by the joint's angle.
+
+    Args:
+        rows: 1 to `MAX_MOVING_JOINTS` rows, base first.
+        convention: of the table.
+        name: name of the robot.
+
+    Returns:
+        The chain: the rows' joints, and a fixed one to the flange.
+
+    Raises:
+        RobotError: too few or too many rows, or a number that is not finite or absurdly large.
+    """
+    if not 1 <= len(rows) <= MAX_MOVING_JOINTS:
+        remedy = f"give 1 to {MAX_MOVING_JOINTS} rows, one per joint"
+        raise RobotError(f"{len(rows)} rows", remedy=remedy, where="model.rows")
+    joints, z = [], np.array([0.0, 0.0, 1.0])
+    before = pin.SE3.Identity()  # what of the rows so far comes before the next joint
+    for index, row in enumerate(rows):
+        limits = _checked_limits(row, f"model.rows[{index}]")
+        # Rx(alpha) Tx(a), which commute, as the other two do
+        about_x = pin.SE3(pin.utils.rotate("x", row.alpha), np.array([row.a, 0.0, 0.0]))
+        if convention == "modified":
+            place = about_x * _about_z(row.theta, row.d)
+        else:  # the joint turns about z of frame i-1: what follows its own joint in row i-1 comes before it
+            place = before * _about_z(row.theta, 0.0)
+            before = _about_z(0.0, row.d) * about_x
+        own, link = f"joint_{index + 1}", f"link_{index + 1}"
+        joints.append(ChainJoint(own, "revolute", place.rotation, place.translation, z, limits, link))
+    joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
+    return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
+
+
+def _about_z(angle: float, length: float) -> pin.SE3:
+    """Return Rz(angle) Tz(length)."""
+    return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
+
+
+def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
+    """Return the limits of a row's joint [rad], unless a number of the row makes no sense."""
+    for field, largest, unit in (
+        ("a", LARGEST_LENGTH, "m"),
+        ("alpha", LARGEST_TWIST, "rad"),
+        ("d", LARGEST_LENGTH, "m"),
+        ("theta", LARGEST_TWIST, "rad"),
+        ("lower", LARGEST_ANGLE, "rad"),
+        ("upper", LARGEST_ANGLE, "rad"),
+    ):
+        value = getattr(row, field)
+        if value is not None and not (math.isfinite(value) and abs(value) <= largest):
+            raise RobotError(
+                f"{value:g} {unit} is not a finite number within ±{largest:g} {unit}",
+                remedy="check the number; lengths are in m, angles in rad, not in degrees",
+                where=f"{where}.{field}",
+            )
+    if row.lower is None and row.upper is None:
+        return None
+    return (
+        -UNLIMITED_ANGLE if row.lower is None else row.lower,
+        UNLIMITED_ANGLE if row.upper is None else row.upper,
+    )

@@ -10,7 +10,6 @@ that does are where Newton's method begins.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
@@ -261,14 +260,6 @@ class Unreached(IntEnum):
     NOT_FOLLOWED = 5
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenPostures:
-    """Postures along a path of m poses."""
-
-    joints: FloatArray  #: (m, n) angles as the controller shows them [rad]
-    unreached: IndexArray  #: (m,) values of `Unreached`
-
-
 def choose_postures(
     inverse: InverseKinematics,
     poses: FloatArray,
@@ -276,7 +267,7 @@ def choose_postures(
     stated: FloatArray,
     tested: BoolArray,
     start: FloatArray | None = None,
-) -> ChosenPostures:
+) -> tuple[FloatArray, IndexArray]:
     """Return a posture for each pose of a path.
 
     A joint target is its own posture. A pose that is tested takes the solution whose angles are in the stated
@@ -289,6 +280,9 @@ def choose_postures(
         stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
         tested: (m,) whether what is stated decides; where no posture came before, it does in any case.
         start: (6,) controller's angles near the first pose [rad].
+
+    Returns:
+        (m, 6) angles as the controller shows them [rad], and (m,) values of `Unreached`.
 
     Raises:
         RobotError: the joint map lets a controller's angle depend on those of joints further out.
@@ -311,7 +305,7 @@ def choose_postures(
     low, high = robot.limits.T
     outside = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
     unreached[known & outside & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
-    return ChosenPostures(joints, unreached)
+    return joints, unreached
 
 
 class _Choice:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import MAX_MOVING_JOINTS, UNLIMITED_ANGLE, ChainJoint, KinematicChain
 
 LARGEST_MAP_ENTRY: Final = 1e3
@@ -106,11 +106,7 @@ class JointMap:
 
 @dataclass(frozen=True)
 class Body:
-    """A body of a robot, as people state it or a URDF has it, and how well it is known.
-
-    Raises:
-        RequestError: a number is not finite or negative, or the bounds do not enclose the mass.
-    """
+    """A body of a robot, as people state it or a URDF has it, and how well it is known."""
 
     name: str  #: for messages
     joint: int  #: index of the joint that carries it
@@ -119,18 +115,6 @@ class Body:
     most: float  #: bound of the mass from above [kg]
     centre: tuple[float, float, float]  #: centre of mass s in the frame that moves with the joint [m]
     radius: float = 0.0  #: R, how far from it the centre of mass may lie [m]
-
-    def __post_init__(self) -> None:
-        reason = ""
-        if not 0.0 <= self.least <= self.mass <= self.most or self.mass == 0.0:
-            reason = "the bounds do not enclose a positive mass"
-        if not np.isfinite((self.mass, self.least, self.most, *self.centre, self.radius)).all():
-            reason = "a number is not finite"
-        if self.radius < 0.0:
-            reason = "the radius is negative"
-        if reason:
-            remedy = "give masses in kg, centres and radii in m"
-            raise RequestError(reason, where=f"body '{self.name}'", remedy=remedy)
 
     @classmethod
     def within(
@@ -231,7 +215,7 @@ def displaced_axis(robot: Robot, joint: int, translation: FloatArray, turn: Floa
     rotation: FloatArray = Rotation.from_rotvec(turn).as_matrix()
     moved = replace(
         own,
-        rotation=_orthonormal(own.rotation @ rotation),
+        rotation=own.rotation @ rotation,
         translation=own.translation + own.rotation @ translation,
     )
     # A fixed joint that carries the flange of a chain that ends with a moving joint
@@ -242,15 +226,9 @@ def displaced_axis(robot: Robot, joint: int, translation: FloatArray, turn: Floa
         moved = replace(moved, child=_NAME)
     back = replace(
         behind[0],
-        rotation=_orthonormal(rotation.T @ behind[0].rotation),
+        rotation=rotation.T @ behind[0].rotation,
         translation=rotation.T @ (behind[0].translation - translation),
     )
     return Robot(
         replace(robot.chain, joints=(*robot.chain.joints[:place], moved, back, *behind[1:])), robot.joint_map
     )
-
-
-def _orthonormal(rotation: FloatArray) -> FloatArray:
-    """Return the nearest rotation: products of rotations keep within rounding of one."""
-    left, _, right = np.linalg.svd(rotation)
-    return np.asarray(left @ right)

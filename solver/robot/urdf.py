@@ -23,7 +23,7 @@ from xml.parsers import expat
 import numpy as np
 import pinocchio as pin
 
-from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, ChainJoint, KinematicChain, check_name
 from jointstiff.solver.robot.model import Body
 
@@ -42,7 +42,7 @@ MAX_DOCUMENT_JOINTS: Final = 1_000
 AXIS_TOLERANCE: Final = 1e-3
 """Largest deviation from 1 of the norm of an <axis>; within it, the axis is normalised."""
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+_UNFIT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _SPACE = re.compile(r"[ \t\r\n]+")
 _TYPES = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar")
@@ -138,9 +138,11 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
             xyz = "0 0 0" if origin is None else origin.attributes.get("xyz", "0 0 0")
             (value,) = read_numbers(mass.attributes.get("value", ""), 1, _LARGEST_MASS, joint.child)
             centre = placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], joint.child))
+            if value < 0.0:
+                return ()
             if value:
                 bodies.append(Body.within(joint.child, moving, value, tuple(centre.tolist())))
-    except (RobotError, RequestError):
+    except RobotError:
         return ()
     return tuple(bodies)
 
@@ -219,6 +221,14 @@ class UrdfJoint:
                 "position, or choose another base or flange",
                 where=place,
             )
+        if self.kind == "revolute" and not self.limit.keys() & {"lower", "upper"}:
+            raise RobotError(
+                "a revolute joint needs <limit> with lower and upper",
+                remedy="give the limits in rad, or make the joint continuous",
+                where=f"{place} <limit>",
+            )
+        lower, upper = self.limit.get("lower", 0.0), self.limit.get("upper", 0.0)
+        unlimited = lower <= -UNLIMITED_ANGLE and upper >= UNLIMITED_ANGLE
         moves = self.kind != "fixed"
         axis = np.array(self.axis if moves else _DEFAULT_AXIS)
         norm = float(np.linalg.norm(axis))
@@ -234,30 +244,9 @@ class UrdfJoint:
             rotation=pin.rpy.rpyToMatrix(*self.rpy),
             translation=np.array(self.xyz),
             axis=axis / norm,
-            limits=self.limits(f"{place} <limit>") if self.kind == "revolute" else None,
+            limits=None if unlimited or self.kind != "revolute" else (lower, upper),
             child=self.child,
         )
-
-    def limits(self, place: str) -> tuple[float, float] | None:
-        """Return the limits of a revolute joint [rad], None if they are beyond `UNLIMITED_ANGLE`.
-
-        Raises:
-            RobotError: there are none, or they leave no range.
-        """
-        if not self.limit.keys() & {"lower", "upper"}:
-            raise RobotError(
-                "a revolute joint needs <limit> with lower and upper",
-                remedy="give the limits in rad, or make the joint continuous",
-                where=place,
-            )
-        lower, upper = self.limit.get("lower", 0.0), self.limit.get("upper", 0.0)
-        if lower > upper:
-            raise RobotError(
-                f"the lower limit {lower:g} is above the upper limit {upper:g}",
-                remedy="exchange the limits, or correct a sign; an absent limit counts as 0",
-                where=place,
-            )
-        return None if lower <= -UNLIMITED_ANGLE and upper >= UNLIMITED_ANGLE else (lower, upper)
 
 
 def _check_robot(robot: XmlElement) -> None:
@@ -435,7 +424,19 @@ def parse_xml(text: str) -> XmlElement:
     if beginning and not beginning.startswith("<"):
         reason = f"this is not XML: it begins with {text[:40]!r}"
         raise RobotError(reason, remedy="send the document itself, not its file name", where="document")
-    data = _encode(text)
+    data = text.encode("utf-8", "surrogatepass")
+    if len(data) > MAX_BYTES:
+        raise RobotError(
+            f"the document has {len(data)} bytes",
+            remedy=f"send at most {MAX_BYTES} bytes; only links and joints are needed",
+            where="document",
+        )
+    if unfit := _UNFIT.search(text):
+        raise RobotError(
+            f"it has a control character or half of a surrogate pair, {unfit.group()!a}",
+            remedy="send plain text in UTF-8 without it",
+            where=f"line {text.count(chr(10), 0, unfit.start()) + 1}",
+        )
     builder = _Builder()
     try:
         builder.parser.Parse(data, True)
@@ -447,27 +448,6 @@ def parse_xml(text: str) -> XmlElement:
             remedy = "send one robot per document"
         raise RobotError(reason, remedy=remedy, where=f"line {error.lineno}") from None
     return builder.document.children[0]
-
-
-def _encode(text: str) -> bytes:
-    """Encode a document, unless it is too large or not text."""
-    reason, position = "", 0
-    if len(text) <= MAX_BYTES and (control := _CONTROL.search(text)):
-        reason, position = f"it has a control character, {control.group()!a}", control.start()
-    try:
-        data = text.encode("utf-8") if len(text) <= MAX_BYTES else b""
-    except UnicodeEncodeError as error:
-        reason, position = "it has half of a surrogate pair, which is no character", error.start
-    if reason:
-        line = text.count("\n", 0, position) + 1
-        raise RobotError(reason, remedy="send plain text in UTF-8 without it", where=f"line {line}")
-    if (size := max(len(text), len(data))) > MAX_BYTES:
-        raise RobotError(
-            f"the document has {size} bytes or more",
-            remedy=f"send at most {MAX_BYTES} bytes; only links and joints are needed",
-            where="document",
-        )
-    return data
 
 
 class _Builder:

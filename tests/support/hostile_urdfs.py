@@ -11,7 +11,7 @@ BILLION_LAUGHS = (
     + "".join(f'<!ENTITY lol{i} "' + f"&lol{i - 1};" * 10 + '">' for i in range(1, 10))
     + ']><robot name="&lol9;"/>'
 )
-BYTES = "bytes or more"
+BYTES = " bytes"
 HOSTILE = {
     # the document
     "empty": ("", "line 1", "no element found"),
@@ -128,7 +128,7 @@ HOSTILE = {
     "two axes": (changed("<axis", '<axis xyz="0 1 0"/><axis'), "joint 'j1' <axis>", "2 times"),
     "no limit": (changed('<limit lower="-1" upper="1"/>', ""), "joint 'j1' <limit>", "needs <limit>"),
     "empty limit": (changed(' lower="-1" upper="1"', ""), "joint 'j1' <limit>", "needs <limit>"),
-    "limits exchanged": (changed('lower="-1"', 'lower="2"'), "joint 'j1' <limit>", "above"),
+    "limits exchanged": (changed('lower="-1"', 'lower="2"'), "joint 'j1' limits", "no range"),
     "no parent": (changed('<parent link="a"/>', ""), "joint 'j1' <parent>", "missing or empty"),
     "no child": (changed('<child link="b"/>', "<child/>"), "joint 'j1' <child>", "missing or empty"),
     # the tree

@@ -180,7 +180,7 @@ def _postures(
     ranges = stated.ranges(visits)
     says = np.isfinite(ranges).any(axis=(1, 2))
     with as_request_errors("robot"):
-        choice = choose_postures(
+        joints, unreached = choose_postures(
             inverse,
             poses,
             given,
@@ -189,12 +189,12 @@ def _postures(
             _start(options, robot),
         )
     faults = [
-        _fault(program, int(visits[row]), *_REASONS[Unreached(choice.unreached[row])])
-        for row in np.flatnonzero(choice.unreached)
+        _fault(program, int(visits[row]), *_REASONS[Unreached(unreached[row])])
+        for row in np.flatnonzero(unreached)
     ]
     if faults:
         raise ProgramError(faults)
-    return choice.joints
+    return joints
 
 
 def _start(options: ProgramOptions, robot: Robot) -> FloatArray | None:

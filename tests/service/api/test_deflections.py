@@ -19,7 +19,7 @@ from jointstiff.service.kinds.deflection.tables import read_load_cases
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()

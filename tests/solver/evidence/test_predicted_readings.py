@@ -9,7 +9,7 @@ from support.campaigns import estimate, prepare
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot
 
 LEVERS = Robot(dh_chain([DhRow(1.0, 0.0, 0.0, 0.0)] * 2, "standard", "levers"))

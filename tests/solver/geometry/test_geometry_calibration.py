@@ -30,8 +30,7 @@ from jointstiff.solver.geometry.frames import find_base_frame
 from jointstiff.solver.geometry.identification import Conventions, identify_from_poses
 from jointstiff.solver.geometry.model import FlangeConvention, identify_model, link_table
 from jointstiff.solver.geometry.poses import Motion, Poses, PoseState, calibrate
-from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain
 from jointstiff.solver.robot.model import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
 

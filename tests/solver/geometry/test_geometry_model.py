@@ -36,9 +36,8 @@ from jointstiff.solver.geometry.model import (
 )
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
 from jointstiff.solver.geometry.sweeps import identify_axes
-from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.chain import KinematicChain, dh_chain
 from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.dh import dh_chain
 from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 

@@ -21,8 +21,8 @@ from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
+from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.configuration import joint_frames
-from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()

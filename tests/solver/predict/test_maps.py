@@ -20,7 +20,7 @@ from jointstiff.solver.predict.maps import (
     tool_rotations,
 )
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
 

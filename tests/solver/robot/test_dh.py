@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from support.shared_data import shared
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.chain import UNLIMITED_ANGLE
+from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, DhRow, dh_chain
 from jointstiff.solver.robot.configuration import joint_frames
-from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import flange_poses
 from jointstiff.solver.robot.model import Robot
 
@@ -123,7 +122,7 @@ def row(**changes: float) -> DhRow:
         ([row(theta=-90_000.0)], "model.rows[0].theta"),
         ([row(lower=math.nan)], "model.rows[0].lower"),
         ([row(upper=1e300)], "model.rows[0].upper"),
-        ([row(lower=1.0, upper=-1.0)], "model.rows[0].lower"),
+        ([row(lower=1.0, upper=-1.0)], "joint 'joint_1' limits"),
     ],
 )
 @pytest.mark.parametrize("convention", ["standard", "modified"])

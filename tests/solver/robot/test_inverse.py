@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures, flange_poses
 from jointstiff.solver.robot.model import Robot
 
@@ -61,16 +61,16 @@ def chosen(robot, poses, start):
 def test_the_nearest_solution_has_full_turns_added():
     robot = arm("r2000ic")
     q = np.array([[0.3, -0.2, 0.4, 5.0, 1.1, -6.0]])
-    found = chosen(robot, flange_poses(robot, q), q[0] + 0.1)
-    assert found.unreached.tolist() == [Unreached.NO]
-    np.testing.assert_allclose(found.joints, q, atol=1e-9)
+    joints, unreached = chosen(robot, flange_poses(robot, q), q[0] + 0.1)
+    assert unreached.tolist() == [Unreached.NO]
+    np.testing.assert_allclose(joints, q, atol=1e-9)
 
 
 def test_what_is_out_of_reach_is_said():
     robot = arm("ur5")
     pose = np.eye(4)[None].copy()
     pose[0, 0, 3] = 5.0
-    assert chosen(robot, pose, np.zeros(6)).unreached.tolist() == [Unreached.OUT_OF_REACH]
+    assert chosen(robot, pose, np.zeros(6))[1].tolist() == [Unreached.OUT_OF_REACH]
 
 
 def test_a_pose_half_a_turn_away_is_not_reached_where_the_flange_stands():
@@ -119,11 +119,11 @@ def paths(count, seed=7):
 def test_paths_stay_on_their_branch_or_are_refused(name, count):
     robot, refused = arm(name, 1e-3), 0
     for q in paths(count):
-        found = chosen(robot, flange_poses(robot, q), robot.joint_map.controller_angles(q[:1])[0])
-        if found.unreached.any():
+        joints, unreached = chosen(robot, flange_poses(robot, q), robot.joint_map.controller_angles(q[:1])[0])
+        if unreached.any():
             refused += 1
         else:
-            assert off(robot.joint_map.model_angles(found.joints), q).max() < 1e-6
+            assert off(robot.joint_map.model_angles(joints), q).max() < 1e-6
     assert refused < 0.2 * count
 
 
@@ -132,7 +132,7 @@ def test_a_path_through_a_singularity_is_refused_where_it_is():
     q = np.tile([0.3, -0.2, 0.4, 0.2, 0.0, 0.5], (41, 1))
     q[:, 4] = np.linspace(-0.1, 0.1, 41)
     q[:, 3] += np.linspace(0.0, 0.05, 41)
-    found = chosen(robot, flange_poses(robot, q), robot.joint_map.controller_angles(q[:1])[0])
-    refused = np.flatnonzero(found.unreached == Unreached.NOT_FOLLOWED)
+    _, unreached = chosen(robot, flange_poses(robot, q), robot.joint_map.controller_angles(q[:1])[0])
+    refused = np.flatnonzero(unreached == Unreached.NOT_FOLLOWED)
     assert len(refused)
     assert (np.abs(q[refused, 4]) < 0.06).all()

@@ -20,10 +20,11 @@ from jointstiff.solver.robot.chain import (
     MAX_NAME_LENGTH,
     UNLIMITED_ANGLE,
     ChainJoint,
+    DhRow,
     KinematicChain,
+    dh_chain,
 )
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
-from jointstiff.solver.robot.dh import DhRow, dh_chain
 from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
@@ -79,7 +80,7 @@ def test_the_largest_chains_are_accepted() -> None:
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (lambda: KinematicChain("r", "base", "base", ()), "no joint"),
+        (lambda: KinematicChain("r", "base", "base", ()), "fixed-only chain"),
         (lambda: chain_of(3, "fixed"), "fixed-only chain"),
         (lambda: chain_of(33), "33 moving joints"),
         (lambda: chain_of(65, "fixed"), "fixed-only chain"),
@@ -92,7 +93,6 @@ def test_the_largest_chains_are_accepted() -> None:
             "2 joints are named 'a'",
         ),
         (lambda: KinematicChain("r", "b", "b", (joint("a", "b"),)), "2 links are named 'b'"),
-        (lambda: KinematicChain("r", "b", "x", (joint("a", "l"),)), "not the flange 'x'"),
         (lambda: KinematicChain("", "b", "l", (joint("a", "l"),)), "missing or empty"),
         (lambda: KinematicChain("r", "", "l", (joint("a", "l"),)), "missing or empty"),
         (lambda: joint("", "l"), "missing or empty"),
@@ -102,12 +102,11 @@ def test_the_largest_chains_are_accepted() -> None:
         (lambda: joint("a\u202eb", "l"), "invisible"),
         (lambda: joint("a\ud800", "l"), "invisible"),
         (lambda: joint(" a", "l"), "spaces"),
-        (lambda: joint("a", "l", axis=2.0 * Z), "not a unit vector"),
-        (lambda: joint("a", "l", axis=np.zeros(3)), "not a unit vector"),
+        (lambda: joint("a", "l", axis=2.0 * Z), "a unit axis"),
+        (lambda: joint("a", "l", axis=np.zeros(3)), "a unit axis"),
         (lambda: joint("a", "l", rotation=2.0 * np.eye(3)), "not a rotation"),
         (lambda: joint("a", "l", rotation=-np.eye(3)), "not a rotation"),
         (lambda: joint("a", "l", translation=np.array([0.0, np.nan, 0.0])), "finite"),
-        (lambda: joint("a", "l", translation=np.zeros(2)), "shape"),
         (lambda: joint("a", "l", limits=(1.0, -1.0)), "no range"),
         (lambda: joint("a", "l", limits=(-math.inf, 1.0)), "no range"),
         (lambda: joint("a", "l", limits=(2e6, 3e6)), "no range"),
