@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -51,10 +52,41 @@ def random_program(seed, *, cone=None, weight=None, rows=40):
     return SemidefiniteProgram(fit, cone, weight)
 
 
+def robust_program(seed, threshold):
+    rng = np.random.default_rng([seed, 51])
+    cone = Cone(2, (3, 2), penalised=1)
+    A, d = rng.standard_normal((15, 3, cone.dimension)), rng.standard_normal((15, 3))
+    total = np.linalg.norm(d, axis=1).sum()
+    return RobustProgram(NormSum(A / total, d / total, cone), 10.0 ** rng.uniform(-3.0, -1.0), threshold)
+
+
+ROBUST = [partial(robust_program, seed, threshold) for seed in range(3) for threshold in (0.0, 0.03, 10.0)]
+SQUARED = [partial(random_program, seed) for seed in range(25)]
+
+
+def cone_of(program):
+    return program.cone if isinstance(program, SemidefiniteProgram) else program.loss.cone
+
+
+def solved(program):
+    """The solution, and by how much its certificate lets the objective exceed the optimum."""
+    if isinstance(program, SemidefiniteProgram):
+        solution = solve_cone(program, gap=GAP)
+        return solution, solution.certificate.gap**2
+    solution = solve_robust(program, gap=1e-7)
+    return solution, solution.certificate.gap
+
+
 def objective(program, x):
-    """From the matrices themselves."""
-    traces = sum(np.trace(to_matrix(x[place], size)) for size, place in program.cone.blocks())
-    return float(np.square(program.fit.R @ x - program.fit.z).sum() + program.weight * traces)
+    """From residuals and matrices themselves."""
+    cone = cone_of(program)
+    if isinstance(program, SemidefiniteProgram):
+        loss = np.square(program.fit.R @ x - program.fit.z).sum()
+    else:
+        h, norms = program.threshold, np.linalg.norm(program.loss.A @ x - program.loss.d, axis=1)
+        loss = np.where(norms > h, norms - 0.5 * h, np.square(norms) / (2.0 * h or 1.0)).sum()
+    traces = sum(np.trace(to_matrix(x[place], size)) for size, place in cone.blocks())
+    return float(loss + program.weight * (traces + x[cone.free : cone.nonnegative].sum()))
 
 
 @examples(30)
@@ -75,18 +107,33 @@ def test_a_raised_block_has_no_computed_eigenvalue_below_zero(seed, size, decade
     np.testing.assert_allclose(lifted, block, atol=1e-13 * np.abs(block).max())
 
 
-@pytest.mark.parametrize("seed", range(25))
-def test_no_feasible_point_is_better_than_the_certificate_allows(seed):
+@pytest.mark.parametrize("program", SQUARED + ROBUST)
+def test_no_feasible_point_is_better_than_the_certificate_allows(program):
     """Truth from outside: the objective itself, at points on the way to anywhere else in the cone."""
-    program = random_program(seed)
-    solution = solve_cone(program, gap=GAP)
+    program, rng = program(), np.random.default_rng(0)
+    (solution, gap), cone = solved(program), cone_of(program)
     assert solution.certificate.primal == 0.0
-    assert program.cone.least(solution.x) >= 0.0
-    best, rng = objective(program, solution.x), np.random.default_rng(seed)
-    for step in (1e-6, 1e-4, 1e-2, 1.0):
-        for _ in range(20):
-            other = program.cone.project(solution.x + step * rng.standard_normal(len(solution.x)))
-            assert objective(program, other) >= best - solution.certificate.gap**2
+    assert cone.least(solution.x) >= 0.0
+    best = objective(program, solution.x)
+    for step in np.repeat([1e-6, 1e-4, 1e-2, 1.0], 20):
+        other = cone.project(solution.x + step * rng.standard_normal(len(solution.x)))
+        assert objective(program, other) >= best - gap - 1e-15
+
+
+@pytest.mark.parametrize("program", SQUARED[:5] + ROBUST)
+def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
+    """The dual problem, written down anew, each ν_i of a robust loss in the unit ball."""
+    program = program()
+    solution, gap = solved(program)
+    nu = solution.certificate.multipliers
+    if isinstance(program, SemidefiniteProgram):
+        pull, proven = program.fit.R.T @ nu, -nu @ nu / 4.0 - nu @ program.fit.z
+    else:
+        assert np.linalg.norm(nu, axis=1).max() <= 1.0 + 1e-14
+        pull = np.einsum("kip,ki->p", program.loss.A, nu)
+        proven = -(nu * program.loss.d).sum() - 0.5 * program.threshold * np.square(nu).sum()
+    assert cone_of(program).least(program.penalty + pull) >= -1e-12
+    assert abs(objective(program, solution.x) - proven) <= gap + 1e-14
 
 
 def test_a_single_matrix_has_the_known_optimum():
@@ -177,69 +224,14 @@ def test_the_penalty_is_on_traces():
     np.testing.assert_array_equal(program.penalty, expected)
 
 
-def robust_program(seed, threshold):
-    rng = np.random.default_rng([seed, 51])
-    cone = Cone(2, (3, 2), penalised=1)
-    A, d = rng.standard_normal((15, 3, cone.dimension)), rng.standard_normal((15, 3))
-    total = np.linalg.norm(d, axis=1).sum()
-    loss = NormSum(A / total, d / total, cone)
-    return RobustProgram(loss, 10.0 ** rng.uniform(-3.0, -1.0), threshold)
-
-
-def robust_objective(program, x):
-    """From residuals and matrices themselves."""
-    h, cone = program.threshold, program.loss.cone
-    norms = np.linalg.norm(program.loss.A @ x - program.loss.d, axis=1)
-    losses = np.where(norms > h, norms - 0.5 * h, np.square(norms) / (2.0 * h or 1.0))
-    traces = sum(np.trace(to_matrix(x[place], size)) for size, place in cone.blocks())
-    return float(losses.sum() + program.weight * (traces + x[1]))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(seed):
-    """The dual problem, written down anew: ``−‖ν‖²/4 − νᵀz`` where ``p + Rᵀν`` is in the cone."""
-    program = random_program(seed)
-    solution = solve_cone(program, gap=GAP)
-    nu, fit = solution.certificate.multipliers, program.fit
-    assert program.cone.least(program.penalty + fit.R.T @ nu) >= -1e-12
-    proven = -nu @ nu / 4.0 - nu @ fit.z
-    assert abs(objective(program, solution.x) - proven) <= solution.certificate.gap**2 + 1e-14
-
-
-@pytest.mark.parametrize("threshold", [0.0, 0.03, 10.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_multipliers_of_a_robust_loss_prove_a_bound_by_themselves(seed, threshold):
-    """The dual problem, written down anew: ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)``, each ν_i in the unit ball."""
-    program = robust_program(seed, threshold)
-    solution = solve_robust(program, gap=1e-7)
-    nu, loss = solution.certificate.multipliers, program.loss
-    assert np.linalg.norm(nu, axis=1).max() <= 1.0 + 1e-14
-    assert loss.cone.least(program.penalty + np.einsum("kip,ki->p", loss.A, nu)) >= -1e-12
-    proven = -(nu * loss.d).sum() - 0.5 * threshold * np.square(nu).sum()
-    assert abs(robust_objective(program, solution.x) - proven) <= solution.certificate.gap + 1e-14
-
-
-@pytest.mark.parametrize("threshold", [0.0, 0.03, 10.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_no_feasible_point_is_better_than_a_robust_certificate_allows(seed, threshold):
-    program = robust_program(seed, threshold)
-    solution = solve_robust(program, gap=1e-7)
-    cone, best, rng = program.loss.cone, robust_objective(program, solution.x), np.random.default_rng(seed)
-    assert cone.least(solution.x) >= 0.0
-    for step in (1e-6, 1e-4, 1e-2, 1.0):
-        for _ in range(20):
-            other = cone.project(solution.x + step * rng.standard_normal(len(solution.x)))
-            assert robust_objective(program, other) >= best - solution.certificate.gap - 1e-15
-
-
 def test_a_robust_certificate_bounds_any_point_by_any_dual():
     """Truth from outside: the excess of a point's objective, whatever multipliers are proposed."""
     program, rng = robust_program(7, 0.02), np.random.default_rng(7)
-    best = robust_objective(program, solve_robust(program, gap=1e-8).x)
+    best = objective(program, solve_robust(program, gap=1e-8).x)
     for _ in range(20):
         x = program.loss.cone.project(rng.standard_normal(program.loss.cone.dimension))
         gap = certify_robust(program, x, 3.0 * rng.standard_normal((15, 3))).gap
-        assert gap >= robust_objective(program, x) - best - 1e-8
+        assert gap >= objective(program, x) - best - 1e-8
 
 
 def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
