@@ -262,7 +262,7 @@ def _section(
         ),
         notes=(
             f"damaged URDFs: {taken}; `alone`: Pinocchio's reader refuses it, so it is compared with nothing",
-            "hostile URDFs one by one: tests/solver/robot/test_urdf_hostile.py",
+            "hostile URDFs one by one: tests/solver/robot/test_urdf.py",
             "uploads that are misread: the benchmark `importing`",
             *raised[:5],
         ),

@@ -13,7 +13,7 @@ from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, beam_compliance, elastic_campaign
-from jointstiff.solver.convex.conic import entries, solve_cone, to_vector
+from jointstiff.solver.convex.conic import to_vector
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
@@ -75,6 +75,10 @@ def estimate(
 ):
     folds = Folds(robot, measurements, columns, VISIBLE, Plan())
     return estimate_elastic(robot, measurements, folds, ElasticModel(name, columns, loss, threshold), weight)
+
+
+def fold_fits(folds, model, plan):
+    return [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))]
 
 
 @pytest.fixture(scope="module")
@@ -215,27 +219,6 @@ def scaled(document, length):
     return document
 
 
-@pytest.mark.parametrize("name", MODELS[1:])
-@pytest.mark.parametrize("length", [1e-3, 1e3])
-def test_the_fit_does_not_depend_on_the_unit_of_length(fanuc, name, length):
-    """Beyond the size of robots that are taken: the rows in another unit, column by column."""
-    rows = elastic_rows(*fanuc, COLUMNS)
-    unit = np.full(COLUMNS.width + 1, length**2)
-    unit[-1] = length
-    powers = np.add.outer(np.repeat([0, 1], 3), np.repeat([0, 1], 3))
-    for joint in COLUMNS.links:
-        unit[COLUMNS.link(joint)] = length ** powers[entries(6)]
-    other = replace(
-        rows,
-        triangle=rows.triangle * unit,
-        lever=rows.lever * length**2,
-        deflection=rows.deflection * length**2,
-    )
-    fits = [formulate(each, ElasticModel(name, COLUMNS), VISIBLE) for each in (rows, other)]
-    predicted = [fit.fit.R @ solve_cone(fit.program(1e-2), gap=1e-6).x for fit in fits]
-    np.testing.assert_allclose(*predicted, atol=1e-6)
-
-
 def test_the_prediction_does_not_depend_on_the_base_frame(elastic):
     """The whole experiment carried elsewhere: axes, forces, readings."""
     turn = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))[0]
@@ -272,8 +255,8 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     plan = Plan(folds=3, weights=(1e-6, 1e-5))
     folds = Folds(robot, fitted, COLUMNS, VISIBLE, plan)
     model = ElasticModel("joints_and_links", COLUMNS)
-    errors = [fit_fold(folds, model, k, plan.weights).error for k in range(len(folds))]
-    weight = plan.weights[chosen_weight(np.array(errors), "best")]
+    errors = np.array([fit.error for fit in fold_fits(folds, model, plan)])
+    weight = plan.weights[chosen_weight(errors, "best")]
     found = estimate_elastic(robot, fitted, folds, model, weight)
     rows = rows_of(robot, held_out)
     left = np.sqrt(np.square(held_out.deflection - rows @ found.entries).mean() / 2.0) / 2e-5
@@ -294,7 +277,7 @@ def test_the_penalty_is_refined_to_a_quarter_of_a_decade_and_beyond_an_end():
         robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
         plan, model = Plan(folds=3, draws=1), ElasticModel(name, COLUMNS)
         folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
-        fits = [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))]
+        fits = fold_fits(folds, model, plan)
         finer, fits = refined(folds, model, fits, plan)
         errors = np.array([fit.error for fit in fits])
         mean, best = errors.mean(axis=0), chosen_weight(errors, "best")
@@ -307,19 +290,14 @@ def test_the_penalty_is_refined_to_a_quarter_of_a_decade_and_beyond_an_end():
 def selected(robot, measurements, plan, names=MODELS):
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
     models = [ElasticModel(name, COLUMNS) for name in names]
-    fits = {
-        model.key: [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))] for model in models
-    }
+    fits = {model.key: fold_fits(folds, model, plan) for model in models}
     return select_model(robot, measurements, folds, fits, plan)
 
 
 def test_selection_names_joints_where_links_are_rigid_and_links_where_they_bend(elastic):
     weights = (1e-4, 1e-2)
     for seed in range(2):
-        rigid = selected(
-            *rigid_pulled(15, seed),
-            Plan(seed=seed, weights=weights),
-        )
+        rigid = selected(*rigid_pulled(15, seed), Plan(seed=seed, weights=weights))
         assert rigid.simplest == "joints"
     bending = selected(*elastic, Plan(weights=weights))
     assert bending.simplest != "joints"
@@ -338,7 +316,7 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     plan = Plan(draws=1, weights=tuple(np.logspace(-7.0, -2.0, 6)))
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
     model = ElasticModel("joints_and_links", COLUMNS)
-    fits = {model.key: [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))]}
+    fits = {model.key: fold_fits(folds, model, plan)}
     found = select_model(robot, measurements, folds, fits, plan).of(model.name)
     estimated = estimate_elastic(robot, measurements, folds, model, found.penalty)
     assert np.all(np.abs(rows @ estimated.entries / truth - 1.0) < 0.25)
@@ -485,10 +463,7 @@ def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     robot, measurements = elastic
     plan = Plan(folds=2, draws=1, weights=(1e-2,))
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
-    fits = {
-        (name, "squared"): [fit_fold(folds, ElasticModel(name, COLUMNS), k, plan.weights) for k in range(2)]
-        for name in MODELS
-    }
+    fits = {(name, "squared"): fold_fits(folds, ElasticModel(name, COLUMNS), plan) for name in MODELS}
     coupled = ("coupled_joints", "squared")
     fits[coupled] = [replace(fit, error=fit.error * np.nan) for fit in fits[coupled]]
     found = select_model(robot, measurements, folds, fits, plan, "joints_and_links")

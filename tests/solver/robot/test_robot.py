@@ -84,14 +84,8 @@ def test_the_largest_chains_are_accepted() -> None:
         (lambda: chain_of(3, "fixed"), "fixed-only chain"),
         (lambda: chain_of(33), "33 moving joints"),
         (lambda: chain_of(65, "fixed"), "fixed-only chain"),
-        (
-            lambda: KinematicChain("r", "b", "l", (*fixed_joints(64), joint("j", "l"))),
-            "65 joints",
-        ),
-        (
-            lambda: KinematicChain("r", "b", "m", (joint("a", "l"), joint("a", "m"))),
-            "2 joints are named 'a'",
-        ),
+        (lambda: KinematicChain("r", "b", "l", (*fixed_joints(64), joint("j", "l"))), "65 joints"),
+        (lambda: KinematicChain("r", "b", "m", (joint("a", "l"), joint("a", "m"))), "2 joints are named 'a'"),
         (lambda: KinematicChain("r", "b", "b", (joint("a", "b"),)), "2 links are named 'b'"),
         (lambda: KinematicChain("", "b", "l", (joint("a", "l"),)), "missing or empty"),
         (lambda: KinematicChain("r", "", "l", (joint("a", "l"),)), "missing or empty"),
@@ -328,12 +322,9 @@ def test_model_angles_of_coupled_axes() -> None:
     np.testing.assert_allclose(angles, [[0.1, 0.7, -0.5], [1.0, 2.5, -5.0]], atol=1e-15)
 
 
-def test_identity_leaves_angles_as_they_are() -> None:
+def test_identity_leaves_angles_as_they_are_and_is_read_only() -> None:
     angles = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 6))
     np.testing.assert_array_equal(JointMap.identity(6).model_angles(angles), angles)
-
-
-def test_joint_map_is_read_only() -> None:
     with pytest.raises(ValueError, match="read-only"):
         JointMap.identity(2).matrix[0, 0] = 2.0
 
