@@ -307,7 +307,7 @@ def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
 
 def wrist_findings(wrist: WristCentre) -> Iterator[Finding]:
     """Report ways to the wrist centre that contradict each other beyond noise."""
-    for pair in wrist.disagreements:
+    for pair in wrist.distances:
         if pair.probability < CENTRES_DISAGREE:
             yield _finding(
                 "wrist_centres_disagree",

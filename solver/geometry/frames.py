@@ -41,7 +41,9 @@ import numpy.typing as npt
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.schemas.fields import Square3
+from jointstiff.schemas.geometry.result import AxisPlace, IdentifiedAxis, WristDistance
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform, minimise
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
@@ -150,42 +152,7 @@ def find_base_frame(
     return BaseFrame(convention, replace(transform, covariance=covariance), J)
 
 
-@dataclass(frozen=True, eq=False)
-class AxisPlace:
-    """An axis in one frame, at model angle zero."""
-
-    point: FloatArray  #: (3,) a point on it [m]
-    direction: FloatArray  #: (3,) unit vector, positive rotation by the right hand
-    point_covariance: FloatArray  #: (3, 3) of where the axis passes at `point` [m²]; NaN where not determined
-    direction_covariance: FloatArray  #: (3, 3) of the unit vector [rad²]; NaN where not determined
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedAxis:
-    """One axis of the model, by the name of its joint."""
-
-    name: str
-    tracker: AxisPlace  #: in the tracker's frame
-    base: AxisPlace  #: in R0, the uncertainty of R0 included
-
-    @property
-    def position_uncertainty(self) -> float:
-        """Greatest standard uncertainty at the point, tracker's frame [m]; NaN where not determined."""
-        return _greatest(self.tracker.point_covariance)
-
-    @property
-    def direction_uncertainty(self) -> float:
-        """Greatest standard uncertainty of the direction, tracker's frame [rad]; NaN likewise."""
-        return _greatest(self.tracker.direction_covariance)
-
-
-def _greatest(covariance: FloatArray) -> float:
-    if np.isnan(covariance).any():
-        return float("nan")
-    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
-
-
-def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]) -> tuple[PlacedAxis, ...]:
+def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]) -> list[IdentifiedAxis]:
     """Place the axes in both frames.
 
     Args:
@@ -206,16 +173,34 @@ def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]
             return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
         J = identified.jacobian_of(passing)
-        hidden = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1)
+        lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1).tolist()
         blocks = J.reshape(2 * identified.n, 3, -1)
         covariances = blocks @ identified.covariance @ blocks.transpose(0, 2, 1)
-        covariances[hidden] = np.nan
+        stated = [None if none else matrix for matrix, none in zip(covariances.tolist(), lost, strict=True)]
         return [
-            AxisPlace(axis.point, axis.direction, covariances[2 * i], covariances[2 * i + 1])
+            AxisPlace(
+                point=axis.point.tolist(),
+                direction=axis.direction.tolist(),
+                point_covariance=stated[2 * i],
+                direction_covariance=stated[2 * i + 1],
+            )
             for i, axis in enumerate(reference)
         ]
 
-    return tuple(map(PlacedAxis, names, places(in_base=False), places(in_base=True)))
+    def greatest(covariance: Square3 | None) -> float | None:
+        """Greatest standard uncertainty in any direction."""
+        return None if covariance is None else np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))
+
+    return [
+        IdentifiedAxis(
+            name=name,
+            tracker=tracker,
+            base=in_base,
+            position_uncertainty=greatest(tracker.point_covariance),
+            direction_uncertainty=greatest(tracker.direction_covariance),
+        )
+        for name, tracker, in_base in zip(names, places(in_base=False), places(in_base=True), strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,23 +304,13 @@ class CentreEstimate:
         return float(np.trace(self.weight) / 3.0)
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """Two estimates side by side."""
-
-    first: CentreWay  #: one way
-    second: CentreWay  #: the other
-    distance: float  #: between their centres [m]
-    probability: float  #: probability that noise alone does this
-
-
 @dataclass(frozen=True, eq=False)
 class WristCentre:
     """The wrist centre of the sweeps."""
 
     estimates: tuple[CentreEstimate, ...]  #: estimates by each way that was possible
     combined: CentreEstimate  #: their weighted mean
-    disagreements: tuple[Disagreement, ...]  #: disagreements of each two of them
+    distances: tuple[WristDistance, ...]  #: distances of each two of them
     posture: FloatArray  #: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad]
     miss_distance: float  #: greatest distance of one of the last axes from the point nearest to them [m]
     #: of that [m]; where the distance is not beyond it, it says how large the miss may be
@@ -379,10 +354,9 @@ def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
     by_axes, *miss = _nearest_to_axes(identified, posture)
     ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
-    sphere = fit_spheres(identified, posture[:-WRIST_JOINTS]) if isinstance(identified, SweptAxes) else None
-    if sphere is not None:
-        ways.append(("sphere", sphere.centre, sphere.influence[:3]))
-        trilaterated = _by_trilateration(identified, sphere, by_axes[0])
+    if isinstance(identified, SweptAxes) and (sphere := fit_spheres(identified, posture[:-WRIST_JOINTS])):
+        ways.append(("sphere", sphere[0], sphere[2][:3]))
+        trilaterated = _by_trilateration(identified, *sphere[1:], near=by_axes[0])
         if trilaterated is not None:
             ways.append(("trilateration", *trilaterated))
     covariances = [identified.sigma**2 * influence @ influence.T for _, _, influence in ways]
@@ -398,7 +372,7 @@ def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
     influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
     covariance = identified.sigma**2 * influence @ influence.T
     combined = CentreEstimate("combined", centre, covariance, influence, np.eye(3))
-    disagreements = []
+    distances = []
     for first, second in combinations(estimates, 2):
         gap = first.centre - second.centre
         difference = identified.sigma * (first.influence - second.influence)
@@ -406,8 +380,11 @@ def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
         seen = singular > 1e-6 * max(singular[0], 1e-300)
         statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
         probability = float(special.chdtrc(int(seen.sum()), statistic))
-        disagreements.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
-    return WristCentre(estimates, combined, tuple(disagreements), posture, *miss)
+        distance = float(np.linalg.norm(gap))
+        distances.append(
+            WristDistance(first=first.way, second=second.way, distance=distance, probability=probability)
+        )
+    return WristCentre(estimates, combined, tuple(distances), posture, *miss)
 
 
 def _nearest_to_axes(
@@ -464,20 +441,9 @@ def _nearest(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(system, N.T @ weight @ points))
 
 
-@dataclass(frozen=True, eq=False)
-class SphereFit:
-    """Common centre of one sphere for each target, by N readings of T targets with the arm at rest."""
-
-    centre: FloatArray  #: (3,) tracker's frame [m]
-    radii: FloatArray  #: (T,) [m]; of no meaning for a target without reading
-    influence: FloatArray  #: (3 + T, m) derivative of both by all whitened readings, in units of sigma
-    points: FloatArray  #: (N, T, 3) all readings [m]
-    factors: FloatArray  #: (N, T, 3, 3) derivative of a reading by its whitened one; zero where not fitted
-    present: BoolArray  #: (N, T) readings that were fitted
-    columns: IndexArray  #: (N, T, 3) index of each coordinate among all whitened readings
-
-
-def fit_spheres(identified: SweptAxes, arm: FloatArray) -> SphereFit | None:
+def fit_spheres(
+    identified: SweptAxes, arm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray] | None:
     """Fit the spheres by maximum likelihood: with the arm at rest, targets keep their distances from a point.
 
     Args:
@@ -485,7 +451,10 @@ def fit_spheres(identified: SweptAxes, arm: FloatArray) -> SphereFit | None:
         arm: model angles (n - 3,) [rad]; the sweeps that leave it there are fitted.
 
     Returns:
-        The fit, or None if the readings do not determine a centre: a single sweep shows only a circle.
+        The common centre (3,) in the tracker's frame and the radii (T,) [m], of no meaning for a target
+        without reading; the derivative (3 + T, m) of both by all whitened readings, in units of sigma; and
+        the readings (N, T) that were fitted. None if they do not determine a centre: a single sweep shows
+        only a circle.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
     at_rest = []
@@ -497,8 +466,7 @@ def fit_spheres(identified: SweptAxes, arm: FloatArray) -> SphereFit | None:
     present = sweeps.present & np.concatenate(at_rest)[:, None]
     k, t = np.nonzero(present)
     points, member = readings.points[k, t], np.eye(present.shape[1])[t]
-    factors = np.zeros_like(readings.weight)
-    factors[k, t] = np.linalg.inv(readings.weight[k, t])
+    factors = np.linalg.inv(readings.weight[k, t])  # derivative of a reading by its whitened one
 
     def along(state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances (m,) from the centre, and unit vectors (m, 3) from it."""
@@ -513,7 +481,7 @@ def fit_spheres(identified: SweptAxes, arm: FloatArray) -> SphereFit | None:
     radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
     first = np.concatenate([solution[:3] + mean, radii])
     # Weights are those of the start values: they hardly change, and the fit stays an ordinary one.
-    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors[k, t], along(first)[1]), axis=1)
+    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors, along(first)[1]), axis=1)
     try:
         state, linear = minimise(
             first,
@@ -526,36 +494,39 @@ def fit_spheres(identified: SweptAxes, arm: FloatArray) -> SphereFit | None:
         return None
     if not linear.determines(slice(0, 3)):
         return None
-    by_reading = np.einsum("mji,mj->mi", factors[k, t], along(state)[1]) / spread[:, None]
+    by_reading = np.einsum("mji,mj->mi", factors, along(state)[1]) / spread[:, None]
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     influence = np.zeros((len(state), identified.influence.shape[1]))
     by_all = linear.pseudo_inverse[:, :, None] * by_reading
     influence[:, columns[k, t].ravel()] = by_all.reshape(len(state), -1)
-    return SphereFit(state[:3], state[3:], influence, readings.points, factors, present, columns)
+    return state[:3], state[3:], influence, present
 
 
 def _by_trilateration(
-    identified: IdentifiedAxes, sphere: SphereFit, near: FloatArray
+    identified: SweptAxes, radii: FloatArray, by_sphere: FloatArray, present: BoolArray, near: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Weighted mean over all positions with the three targets, and its influence."""
-    read = np.flatnonzero(sphere.present.any(axis=0)).tolist()
+    """Weighted mean over all positions with the three targets, and its influence; see `fit_spheres`."""
+    readings = identified.sweeps.whitened
+    columns = np.arange(readings.points.size).reshape(readings.points.shape)
+    read = np.flatnonzero(present.any(axis=0)).tolist()
     triples = [list(three) for three in combinations(read, 3)]
     sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
     areas = [float(np.linalg.norm(np.cross(first, second))) for first, second in sides]
     if not max(areas, default=0.0) > 0.0:
         return None
     chosen = triples[int(np.argmax(areas))]  # they span the largest triangle
-    by_radius = sphere.influence[[3 + t for t in chosen]]
-    total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere.influence[:3])
-    for k in np.flatnonzero(sphere.present[:, chosen].all(axis=1)):
+    by_radius = by_sphere[[3 + t for t in chosen]]
+    total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(by_sphere[:3])
+    for k in np.flatnonzero(present[:, chosen].all(axis=1)):
         try:
-            point, by_distance, by_target = trilaterate(sphere.points[k, chosen], sphere.radii[chosen], near)
+            point, by_distance, by_target = trilaterate(readings.points[k, chosen], radii[chosen], near)
         except MeasurementError:
             continue
-        by_reading = np.einsum("itj,tjk->itk", by_target, sphere.factors[k, chosen]).reshape(3, -1)
+        factors = np.linalg.inv(readings.weight[k, chosen])
+        by_reading = np.einsum("itj,tjk->itk", by_target, factors).reshape(3, -1)
         row = by_distance @ by_radius
         weight = np.linalg.inv(by_reading @ by_reading.T + row @ row.T)
-        row[:, sphere.columns[k, chosen].ravel()] += by_reading
+        row[:, columns[k, chosen].ravel()] += by_reading
         total += weight
         centre += weight @ point
         influence += weight @ row

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.geometry.result import IdentifiedAxis, SweepEvidence
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.findings import (
@@ -27,7 +28,6 @@ from jointstiff.solver.geometry.frames import (
     BaseDrift,
     BaseFrame,
     BaseTargets,
-    PlacedAxis,
     WristCentre,
     find_base_frame,
     find_wrist_centre,
@@ -49,7 +49,6 @@ from jointstiff.solver.geometry.sweeps import (
     AngleUse,
     SweepSet,
     SweptAxes,
-    SweptTarget,
     angle_probability,
     identify_axes,
     refine_axes,
@@ -72,21 +71,6 @@ class Conventions:
     flange: Literal["nominal", "axes", "targets"]  #: see `FlangeConvention`
     height: float = 0.0  #: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m]
     flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for `targets`, indices of the three
-
-
-@dataclass(frozen=True)
-class SweepEvidence:
-    """One sweep, fitted by itself."""
-
-    joint: str  #: joint of the controller, by name
-    turned: tuple[str, ...]  #: names of the model's joints that turn
-    positions: int  #: how many
-    arc: float  #: angle that the readings cover [rad]
-    targets: tuple[SweptTarget, ...]  #: evidence by target
-    angle_scale: float  #: angle by the readings over that of the controller, dimensionless
-    #: root mean square of their difference [rad]; None if the controller's are taken
-    angle_deviation: float | None
-    variance_factor: float  #: χ²/dof, 1 on average if sigma is right
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,20 +97,20 @@ class IdentifiedGeometry:
     agreement_probability: float | None = None
 
     @cached_property
-    def axes(self) -> tuple[PlacedAxis, ...]:
+    def axes(self) -> list[IdentifiedAxis]:
         """The axes in the tracker's frame and in R0."""
         return place_axes(self.identified, self.base, self.model.chain.joint_names)
 
     @property
-    def sweeps(self) -> tuple[SweepEvidence, ...]:
+    def sweeps(self) -> list[SweepEvidence]:
         """Evidence of each sweep by itself; empty for poses."""
         swept, joints = self.one_by_one, self.model.chain.joint_names
         if swept is None:
-            return ()
-        return tuple(
+            return []
+        return [
             SweepEvidence(
                 joint=fit.sweep.name,
-                turned=tuple(joints[index] for index in swept.sweeps.turning(fit.sweep)),
+                turned=[joints[index] for index in swept.sweeps.turning(fit.sweep)],
                 positions=len(fit.sweep),
                 arc=fit.arc,
                 targets=fit.targets(swept.names),
@@ -137,7 +121,7 @@ class IdentifiedGeometry:
                 variance_factor=fit.variance_factor,
             )
             for fit in swept.fits
-        )
+        ]
 
     @property
     def base_covariance(self) -> FloatArray | None:

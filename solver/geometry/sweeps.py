@@ -39,6 +39,7 @@ import numpy as np
 from scipy import special
 from scipy.linalg import helmert
 
+from jointstiff.schemas.geometry.result import SweptTarget
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit
@@ -133,8 +134,8 @@ class SweepSet:
     """Sweeps of one robot by one tracker that stood still, with the same targets.
 
     Raises:
-        MeasurementError: sweeps of different robots or targets, an arc too short, two sweeps of one joint, a
-            sigma that is not positive, or a wrong unit of length.
+        MeasurementError: an arc too short, two sweeps of one joint, a sigma that is not positive, or a wrong
+            unit of length.
     """
 
     sweeps: tuple[Sweep, ...]  #: in any order; positions in the tracker's frame
@@ -145,14 +146,6 @@ class SweepSet:
     def __post_init__(self) -> None:
         refuse_other_units(self.sigma, max(sweep.largest_motion for sweep in self.sweeps))
         for sweep in self.sweeps:
-            joints, targets = sweep.angles.shape[1], sweep.present.shape[1]
-            if joints != self.joint_map.n or targets != len(self.targets):
-                raise MeasurementError(
-                    f"the sweep has {joints} angles and {targets} targets, but the "
-                    f"robot has {self.joint_map.n} joints and the set {len(self.targets)} targets",
-                    where=sweep.where,
-                    remedy="give all joint angles and the same targets in all sweeps",
-                )
             arc = float(np.ptp(self.model_angles(sweep), axis=0).max())
             if arc < SHORTEST_ARC:
                 raise MeasurementError(
@@ -221,17 +214,6 @@ class SweepSet:
         )
 
 
-@dataclass(frozen=True)
-class SweptTarget:
-    """One target of a sweep; NaN for what it does not show."""
-
-    name: str
-    readings: int  #: how many
-    radius: float  #: distance from the axis [m]; NaN in a sweep that turns two axes
-    radial_rms: float  #: root mean square of the residuals towards the axis, across it where two turn [m]
-    axial_rms: float  #: the same along the axis [m]
-
-
 @dataclass(frozen=True, eq=False)
 class AxisFit:
     """The axis of one sweep and the evidence for it."""
@@ -261,24 +243,23 @@ class AxisFit:
         """χ²/dof: 1 on average if the stated sigma is right; exactly 1 where sigma was not stated."""
         return self.linear.rss / (self.dof * self.sigma**2)
 
-    def targets(self, names: Sequence[str]) -> tuple[SweptTarget, ...]:
+    def targets(self, names: Sequence[str]) -> list[SweptTarget]:
         """Return the evidence by target (T,), by these names."""
         residuals = self.residuals @ self.axis.frame
         arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
         targets = []
         for t, name in enumerate(names):
-            rows = self.sweep.present[:, t]
-            if not rows.any():
-                targets.append(SweptTarget(name, 0, np.nan, np.nan, np.nan))
-                continue
-            radius, across, along = np.nan, residuals[rows, t, :2], residuals[rows, t, 2]
-            if self.outer is None:
+            rows, radius = self.sweep.present[:, t], None
+            across, along = residuals[rows, t, :2], residuals[rows, t, 2]
+            if self.outer is None and rows.any():
                 lengths = np.linalg.norm(arms[rows, t, :2], axis=1)
                 across = np.sum(arms[rows, t, :2] * across, axis=1) / np.maximum(lengths, 1e-300)
                 radius = float(lengths.mean())
-            rms = (float(np.sqrt(np.mean(np.square(part)))) for part in (across, along))
-            targets.append(SweptTarget(name, int(rows.sum()), radius, *rms))
-        return tuple(targets)
+            radial, axial = (np.sqrt(np.mean(p**2)) if p.size else None for p in (across, along))
+            targets.append(
+                SweptTarget(name=name, readings=len(along), radius=radius, radial_rms=radial, axial_rms=axial)
+            )
+        return targets
 
 
 def fit_axis(

@@ -153,7 +153,6 @@ def _wrist(geometry: IdentifiedGeometry, wrist: WristCentre) -> results.WristRes
             for way in wrist.estimates
         ],
         combined=message(results.WristCentre, wrist.combined, **_centre(geometry, wrist, wrist.combined)),
-        distances=wrist.disagreements,
     )
 
 
