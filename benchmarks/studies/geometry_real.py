@@ -56,7 +56,11 @@ def _worn(seeds: range, text: str, spread: float) -> Section:
         found = identify_from_sweeps(sweeps_of(cell, rng, homes), conventions, nominal=chain)
         fits[found.fit or ""] += 1
         errors += any(finding.weight == "do_not_use" for finding in found.findings)
-        ratios += [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
+        ratios += [
+            link.difference / link.standard_uncertainty
+            for link in found.links
+            if link.unit == "m" and link.standard_uncertainty
+        ]
     share = float(np.mean(np.abs(ratios) <= WITHIN))
     return Section(
         f"Geometry: {len(seeds)} sweep sets at 15 µm, gears of 30 to 90 µrad, sag of 30 µm; {text}",

@@ -19,9 +19,10 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas.finding import Finding, FindingCode, Verdict
+from jointstiff.schemas.geometry.result import LinkComparison
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.frames import BaseDrift, WristCentre
-from jointstiff.solver.geometry.model import DhTable, LinkParameter
+from jointstiff.solver.geometry.model import DhTable
 from jointstiff.solver.geometry.poses import CalibratedAxes
 from jointstiff.solver.geometry.sweeps import DISAGREEMENT, AxisFit, SweptAxes
 from jointstiff.solver.robot.configuration import skew
@@ -204,9 +205,8 @@ class _Explained:
             return 0.0, 0.0
         gain = float(along**2 @ (1.0 / values))
         variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / left, typical)
-        probability = float(
-            special.fdtrc(rank, left, gain / rank / variance)
-        )  # stats.f takes fifty times as long
+        # stats.f takes fifty times as long
+        probability = float(special.fdtrc(rank, left, gain / rank / variance))
         return (math.log(probability) if probability > 0.0 else -math.inf), variance
 
     def displacement(self, anomaly: _Anomaly, variance: float) -> float:
@@ -295,7 +295,7 @@ def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
             "explains, are part of it; the uncertainties include the part that changes from pose to pose",
             "sweep single joints, which shows gear errors separately, or correct sigma",
         )
-    for names in calibrated.only_together:
+    for names in calibrated.evidence.only_together:
         what = "a combination of " if len(names) > 1 else ""
         yield _finding(
             "parameters_not_identified",
@@ -342,23 +342,32 @@ def drift_findings(drift: BaseDrift) -> Iterator[Finding]:
         )
 
 
-def model_findings(table: DhTable, links: Sequence[LinkParameter]) -> Iterator[Finding]:
-    """Report neighbouring axes between which a table's numbers run away, and vague link parameters."""
+def model_findings(
+    names: Sequence[str], table: DhTable, links: Sequence[LinkComparison]
+) -> Iterator[Finding]:
+    """Report neighbouring axes between which a table's numbers run away, and vague link parameters.
+
+    Args:
+        names: of the joints.
+        table: of the model.
+        links: beside those of the nominal model.
+    """
     for pair in table.parallel:
+        first = names.index(pair.joint) + 1
         if not pair.made_parallel and pair.angle < RUNAWAY_BELOW:
             yield _finding(
                 "axes_nearly_parallel",
                 f"dh.{table.convention}",
-                f"axes {pair.joint + 1} and {pair.joint + 2} are {1e3 * pair.angle:.3g} mrad from "
+                f"axes {first} and {first + 1} are {1e3 * pair.angle:.3g} mrad from "
                 "parallel: too much to neglect, and too little to determine a, d and theta separately",
                 "use the URDF, which does not need these parameters",
             )
     vague = []
     for link in links:
         spread = link.standard_uncertainty
-        if VAGUE < spread < math.inf:
+        if spread is not None and spread > VAGUE:
             shown = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
-            vague.append(f"{link.quantity} of joint {link.joint + 1} (± {shown})")
+            vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {shown})")
     if vague:
         yield _finding(
             "parameters_not_identified",

@@ -173,10 +173,12 @@ def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]
             return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
         J = identified.jacobian_of(passing)
-        lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1).tolist()
+        lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1)
         blocks = J.reshape(2 * identified.n, 3, -1)
         covariances = blocks @ identified.covariance @ blocks.transpose(0, 2, 1)
-        stated = [None if none else matrix for matrix, none in zip(covariances.tolist(), lost, strict=True)]
+        stated = covariances.tolist()
+        for i in np.flatnonzero(lost):
+            stated[i] = None
         return [
             AxisPlace(
                 point=axis.point.tolist(),
@@ -294,14 +296,9 @@ class CentreEstimate:
 
     way: CentreWay  #: which
     centre: FloatArray  #: (3,) tracker's frame, arm as in the wrist's sweeps [m]
-    covariance: FloatArray  #: (3, 3) [m²]
     influence: FloatArray  #: (3, m) derivative by the whitened readings, in units of sigma
-    weight: FloatArray  #: (3, 3) its weight in the combination; the weights add up to the unit matrix
-
-    @property
-    def share(self) -> float:
-        """Weight in the combination, mean over three directions."""
-        return float(np.trace(self.weight) / 3.0)
+    covariance: FloatArray  #: (3, 3) [m²]
+    weight: float  #: its weight in the combination, mean over three directions; the weights add up to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,17 +358,16 @@ def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
             ways.append(("trilateration", *trilaterated))
     covariances = [identified.sigma**2 * influence @ influence.T for _, _, influence in ways]
     informations = [np.linalg.inv(covariance) for covariance in covariances]
-    mean = np.linalg.inv(np.sum(informations, axis=0))
+    weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # they add up to the unit matrix
     estimates = tuple(
-        CentreEstimate(way, centre, covariance, influence, mean @ information)
-        for (way, centre, influence), covariance, information in zip(
-            ways, covariances, informations, strict=True
-        )
+        CentreEstimate(*way, covariance, float(np.trace(weight) / 3.0))
+        for way, covariance, weight in zip(ways, covariances, weights, strict=True)
     )
-    centre = np.sum([estimate.weight @ estimate.centre for estimate in estimates], axis=0)
-    influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
-    covariance = identified.sigma**2 * influence @ influence.T
-    combined = CentreEstimate("combined", centre, covariance, influence, np.eye(3))
+    centre = np.sum([W @ each.centre for W, each in zip(weights, estimates, strict=True)], axis=0)
+    influence = np.sum([W @ each.influence for W, each in zip(weights, estimates, strict=True)], axis=0)
+    combined = CentreEstimate(
+        "combined", centre, influence, identified.sigma**2 * influence @ influence.T, 1.0
+    )
     distances = []
     for first, second in combinations(estimates, 2):
         gap = first.centre - second.centre

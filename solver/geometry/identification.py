@@ -5,15 +5,14 @@ Every number comes with its uncertainty and every suspicion with its figure; not
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry.result import IdentifiedAxis, SweepEvidence
+from jointstiff.schemas.geometry.result import IdentifiedAxis, LinkComparison, SweepEvidence
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.findings import (
@@ -37,7 +36,6 @@ from jointstiff.solver.geometry.model import (
     DhTable,
     FlangeConvention,
     IdentifiedModel,
-    LinkParameter,
     dh_table,
     identify_model,
     link_table,
@@ -81,13 +79,14 @@ class IdentifiedGeometry:
     sigma_source: Literal["stated", "residuals"]  #: origin of sigma
     conventions: Conventions  #: conventions by which the frames are placed
     base: BaseFrame  #: placement of R0
+    axes: list[IdentifiedAxis]  #: axes in the tracker's frame and in R0
     model: IdentifiedModel  #: the robot
-    links: tuple[LinkParameter, ...]  #: beside those of the nominal model; empty without one
+    links: list[LinkComparison]  #: beside those of the nominal model; empty without one
     wrist: WristCentre | str  #: wrist centre, or the reason why there is none
     tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
     drift: BaseDrift | None  #: drift of the base; None if its targets were not read twice
     findings: tuple[Finding, ...]  #: findings for the user
-    one_by_one: SweptAxes | None = None  #: axes of each sweep by itself, with the fits; None for poses
+    sweeps: Sequence[SweepEvidence] = ()  #: evidence of each sweep by itself; none for poses
     #: which axes are the result's: where the sweeps disagree those one by one, whatever was asked for; None
     #: for poses
     fit: SweepFit | None = None
@@ -95,33 +94,6 @@ class IdentifiedGeometry:
     controller_probability: float | None = None
     #: p-value of one robot for all sweeps; None if that was not tested
     agreement_probability: float | None = None
-
-    @cached_property
-    def axes(self) -> list[IdentifiedAxis]:
-        """The axes in the tracker's frame and in R0."""
-        return place_axes(self.identified, self.base, self.model.chain.joint_names)
-
-    @property
-    def sweeps(self) -> list[SweepEvidence]:
-        """Evidence of each sweep by itself; empty for poses."""
-        swept, joints = self.one_by_one, self.model.chain.joint_names
-        if swept is None:
-            return []
-        return [
-            SweepEvidence(
-                joint=fit.sweep.name,
-                turned=[joints[index] for index in swept.sweeps.turning(fit.sweep)],
-                positions=len(fit.sweep),
-                arc=fit.arc,
-                targets=fit.targets(swept.names),
-                angle_scale=fit.angle_scale,
-                angle_deviation=float(np.sqrt(np.mean(fit.angle_deviation**2)))
-                if fit.angle_deviation.any()
-                else None,
-                variance_factor=fit.variance_factor,
-            )
-            for fit in swept.fits
-        ]
 
     @property
     def base_covariance(self) -> FloatArray | None:
@@ -184,14 +156,27 @@ def identify_from_sweeps(
         conventions,
         nominal,
         name,
-        wrist=_wrist(wrist_axes),
+        wrist_axes=wrist_axes,
+        sigma_source="residuals" if sweeps.sigma is None else "stated",
         findings=(*geometry_findings(alone, together), *agreement_findings(agreement)),
         base_targets=base_targets,
     )
+    evidence = [
+        SweepEvidence(
+            joint=one.sweep.name,
+            turned=[geometry.axes[index].name for index in sweeps.turning(one.sweep)],
+            positions=len(one.sweep),
+            arc=one.arc,
+            targets=one.targets(sweeps.targets),
+            angle_scale=one.angle_scale,
+            angle_deviation=np.sqrt(np.mean(one.angle_deviation**2)) if one.angle_deviation.any() else None,
+            variance_factor=one.variance_factor,
+        )
+        for one in alone.fits
+    ]
     return replace(
         geometry,
-        sigma_source="residuals" if sweeps.sigma is None else "stated",
-        one_by_one=alone,
+        sweeps=evidence,
         fit="one_by_one" if chosen is alone else "together",
         controller_probability=controller,
         agreement_probability=agreement,
@@ -214,17 +199,17 @@ def identify_from_poses(
     """
     identified = calibrate(nominal, poses)
     _refuse_exact(identified)
-    geometry = _identified_geometry(
+    stated = poses.sigma is not None and identified.exceeded_sigma is None
+    return _identified_geometry(
         identified,
         conventions,
         nominal,
         name,
-        wrist="the poses do not determine all axes" if identified.unseen.size else _wrist(identified),
+        wrist_axes=identified,
+        sigma_source="stated" if stated else "residuals",
         findings=calibration_findings(identified),
         base_targets=base_targets,
     )
-    stated = poses.sigma is not None and identified.exceeded_sigma is None
-    return replace(geometry, sigma_source="stated" if stated else "residuals")
 
 
 def _identified_geometry(
@@ -233,32 +218,37 @@ def _identified_geometry(
     nominal: KinematicChain | None,
     name: str,
     *,
-    wrist: WristCentre | str,
+    wrist_axes: IdentifiedAxes,
+    sigma_source: Literal["stated", "residuals"],
     findings: Iterable[Finding],
     base_targets: BaseTargets | None,
 ) -> IdentifiedGeometry:
     flange = FlangeConvention(conventions.flange_targets if conventions.flange == "targets" else None)
-    if "nominal" in {conventions.base, conventions.flange} and nominal is None:
-        raise MeasurementError(
-            "the base or flange frame is requested by the nominal model, but there is no nominal model",
-            where="base.by" if conventions.base == "nominal" else "flange.by",
-            remedy="give the robot's nominal model, or define the frame by `axes`",
-        )
     if conventions.flange == "nominal" and nominal is not None:
         flange = FlangeConvention.of_chain(nominal)
     placing = nominal if conventions.base == "nominal" else None
     base = find_base_frame(identified, placing, height=conventions.height)
     model = identify_model(identified, base, flange, nominal=nominal, name=name)
+    # The wrist centre, or the reason why there is none
+    wrist: WristCentre | str = "the poses do not determine all axes"
+    if not wrist_axes.unseen.size:
+        try:
+            wrist = find_wrist_centre(wrist_axes)
+        except InputError as error:
+            wrist = error.reason
+        except np.linalg.LinAlgError:
+            wrist = "its uncertainty is too large"
     drift = None
     if base_targets is not None:
         drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
     tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
-    links = () if nominal is None else link_table(identified, base, flange, nominal)
+    links = [] if nominal is None else link_table(identified, base, flange, nominal)
     return IdentifiedGeometry(
         identified=identified,
-        sigma_source="stated",
+        sigma_source=sigma_source,
         conventions=conventions,
         base=base,
+        axes=place_axes(identified, base, model.chain.joint_names),
         model=model,
         links=links,
         wrist=wrist,
@@ -268,7 +258,7 @@ def _identified_geometry(
             *findings,
             *(wrist_findings(wrist) if isinstance(wrist, WristCentre) else ()),
             *(drift_findings(drift) if drift else ()),
-            *model_findings(tables[0], links),
+            *model_findings(model.chain.joint_names, tables[0], links),
         ),
     )
 
@@ -289,13 +279,3 @@ def _refuse_exact(identified: IdentifiedAxes) -> None:
             where="noise.sigma",
             remedy="state sigma if the readings are simulated without noise",
         )
-
-
-def _wrist(identified: IdentifiedAxes) -> WristCentre | str:
-    """Return the wrist centre, or the reason why there is none."""
-    try:
-        return find_wrist_centre(identified)
-    except InputError as error:
-        return error.reason
-    except np.linalg.LinAlgError:
-        return "its uncertainty is too large"

@@ -18,18 +18,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
+from jointstiff.schemas.geometry.result import LinkComparison, NearlyParallel
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
 from jointstiff.solver.robot.chain import ChainJoint, Convention, DhRow, KinematicChain
-
-LinkQuantity = Literal["a", "alpha", "beta", "d", "theta"]
 
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""
@@ -131,23 +129,14 @@ def identify_model(
     covariance = J @ identified.covariance @ J.T
     lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1).repeat(3)
     covariance[lost] = covariance[:, lost] = np.nan
-    return IdentifiedModel(
-        chain=_chain(axes, placed, nominal, name),
-        targets_in_flange=in_flange(identified.axes, identified.targets).reshape(-1, 3),
-        targets_covariance=covariance,
-    )
-
-
-def _chain(
-    axes: Sequence[Axis], flange: RigidTransform, nominal: KinematicChain | None, name: str
-) -> KinematicChain:
+    # The chain of these axes, with the names and limits of the nominal model if there is one
     names = [f"joint_{i + 1}" for i in range(len(axes))]
     links = [f"link_{i + 1}" for i in range(len(axes))]
     limits: list[tuple[float, float] | None] = [None] * len(axes)
-    base, end = "base", "flange"
+    base_link, end = "base", "flange"
     if nominal is not None:
         names, links = list(nominal.joint_names), [joint.child for joint in nominal.revolute]
-        limits, base, end = [joint.limits for joint in nominal.revolute], nominal.base, nominal.flange
+        limits, base_link, end = [joint.limits for joint in nominal.revolute], nominal.base, nominal.flange
         links[-1] = f"{end}_mount" if links[-1] == end else links[-1]
     joints, origin = [], np.zeros(3)
     for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
@@ -155,9 +144,13 @@ def _chain(
         joints.append(ChainJoint(joint, "revolute", np.eye(3), step, axis.direction, limit, link))
         origin = axis.point
     z = np.array([0.0, 0.0, 1.0])
-    step = flange.translation - origin
-    joints.append(ChainJoint(f"{names[-1]}_flange", "fixed", flange.rotation, step, z, None, end))
-    return KinematicChain(name, base, end, tuple(joints))
+    step = placed.translation - origin
+    joints.append(ChainJoint(f"{names[-1]}_flange", "fixed", placed.rotation, step, z, None, end))
+    return IdentifiedModel(
+        chain=KinematicChain(name, base_link, end, tuple(joints)),
+        targets_in_flange=in_flange(identified.axes, identified.targets).reshape(-1, 3),
+        targets_covariance=covariance,
+    )
 
 
 def _nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], RigidTransform]:
@@ -258,28 +251,10 @@ def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
     )
 
 
-@dataclass(frozen=True)
-class LinkParameter:
-    """A length or an angle of the robot, nominal and identified."""
-
-    quantity: LinkQuantity  #: see the head of this module
-    joint: int  #: index of the axis, or of the first of the two neighbours
-    nominal: float  #: [m] or [rad]
-    identified: float  #: the same
-    standard_uncertainty: float  #: of the identified one; infinite if the readings do not determine it
-    unit: Literal["m", "rad"]  #: unit of all three
-
-    @property
-    def difference(self) -> float:
-        """Identified less nominal; angles within ±π."""
-        gap = self.identified - self.nominal
-        return gap if self.unit == "m" else float(np.arctan2(np.sin(gap), np.cos(gap)))
-
-
 def link_table(
     identified: IdentifiedAxes, base: BaseFrame, flange: FlangeConvention, nominal: KinematicChain
-) -> tuple[LinkParameter, ...]:
-    """Links of the nominal model beside the identified ones.
+) -> list[LinkComparison]:
+    """Links of the nominal model beside the identified ones; differences of angles are within ±π.
 
     Numbers that are conventions (where R0 is along and about axis 1, and the flange along and about the
     last axis) are left out: a nominal model gives them, no measurement.
@@ -307,26 +282,26 @@ def link_table(
 
     values = measured(identified.axes, identified.targets)
     spread = identified.standard_uncertainties(identified.jacobian_of(change))
-    between: list[LinkQuantity] = ["a", "alpha", "beta"]
-    at_axes: list[LinkQuantity] = ["d", "theta"]
-    labels = [(q, i) for q in between for i in range(n - 1)] + [(q, i) for q in at_axes for i in range(n)]
-    conventions = {(q, i) for q in at_axes for i in (0, n - 1)}
+    labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
+    labels += [(q, i) for q in ("d", "theta") for i in range(n)]
+    conventions = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
     conventions |= {("d" if pair else "beta", i) for i, pair in enumerate(parallel)}  # zero by definition
-    return tuple(
-        LinkParameter(q, joint, float(other), float(value), float(u), "m" if q in {"a", "d"} else "rad")
-        for (q, joint), value, other, u in zip(labels, values, expected.numbers, spread, strict=True)
+    gaps = values - expected.numbers
+    return [
+        LinkComparison(
+            quantity=q,
+            joint=nominal.joint_names[joint],
+            unit="m" if q in {"a", "d"} else "rad",
+            nominal=other,
+            identified=value,
+            difference=gap if q in {"a", "d"} else np.arctan2(np.sin(gap), np.cos(gap)),
+            standard_uncertainty=u if np.isfinite(u) else None,
+        )
+        for (q, joint), value, other, gap, u in zip(
+            labels, values, expected.numbers, gaps, spread, strict=True
+        )
         if (q, joint) not in conventions
-    )
-
-
-@dataclass(frozen=True)
-class ParallelPair:
-    """Neighbouring axes that are nearly parallel."""
-
-    joint: int  #: index of the first
-    angle: float  #: between them [rad]
-    #: whether the table takes them as parallel; if not, its a, d and theta there are ill-conditioned
-    made_parallel: bool
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +315,7 @@ class DhTable:
     rows: tuple[DhRow, ...]  #: n
     base: RigidTransform  #: from frame 0 to R0; the identity if z of R0 is axis 1
     tool: RigidTransform  #: from the flange frame to frame n; the identity if z of the flange is axis n
-    parallel: tuple[ParallelPair, ...]  #: neighbours that are nearly parallel
+    parallel: list[NearlyParallel]  #: neighbours that are nearly parallel
     #: greatest distance of the table's flange origin from the chain's, over random postures [m]; rounding
     #: only, unless axes were made parallel
     deviation: float
@@ -357,17 +332,18 @@ def dh_table(
         parallel_within: neighbours at a smaller angle [rad] are made parallel; 0 for an exact table.
     """
     axes, flange = chain_axes(chain)
-    used, pairs = [axes[0]], []
+    used, pairs, made = [axes[0]], [], []
     for i, axis in enumerate(axes[1:]):
         before = used[-1].direction
         sine = float(np.linalg.norm(np.cross(before, axis.direction)))
         replaced = sine < parallel_within or sine == 0.0
         if sine < LEAST_SINE:
-            pairs.append(ParallelPair(i, float(np.arcsin(sine)), replaced))
+            angle = np.arcsin(sine)
+            pairs.append(NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=replaced))
+        made.append(replaced)
         sense = np.sign(before @ axis.direction)
         used.append(Axis.through(axis.point, sense * before) if replaced else axis)
-    made = {pair.joint for pair in pairs if pair.made_parallel}
-    geometry = link_geometry(used, flange, [i in made for i in range(len(axes) - 1)])
+    geometry = link_geometry(used, flange, made)
     # Modified tables have a and alpha of the perpendicular before an axis, standard ones of that behind it
     padding = (1, 0) if convention == "modified" else (0, 1)
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
@@ -382,6 +358,6 @@ def dh_table(
         rows=tuple(DhRow(*row, *limit) for row, limit in zip(numbers, limits, strict=True)),
         base=geometry.base,
         tool=geometry.tool,
-        parallel=tuple(pairs),
+        parallel=pairs,
         deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),
     )

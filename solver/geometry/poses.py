@@ -22,6 +22,7 @@ import numpy as np
 from scipy import special
 from scipy.linalg import qr
 
+from jointstiff.schemas.geometry.result import PoseEvidence
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit, RigidTransform, minimise
@@ -364,32 +365,10 @@ def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], RigidTransform]
 class CalibratedAxes(IdentifiedAxes):
     """Axes from a calibration."""
 
-    residuals: FloatArray  #: (N, T, 3) reading less prediction [m]; zero where absent
-    determined: int  #: number of combinations of unknowns that the poses determine, of 4 n + 3 T
-    #: for each combination that was not, the names of the unknowns in it
-    only_together: tuple[tuple[str, ...], ...]
+    evidence: PoseEvidence  #: the unknowns that the poses determine, and the residuals
     #: standard uncertainty of a coordinate that was stated, but that the residuals exceed beyond chance [m]:
     #: `sigma` is then from them; None otherwise
     exceeded_sigma: float | None
-    #: root mean square error of a coordinate of poses that were left out of the fit, in turn [m]; None where
-    #: the others do not determine the geometry
-    held_out_rms: float | None
-
-    @property
-    def positions(self) -> int:
-        """Number of poses."""
-        return len(self.residuals)
-
-    @property
-    def unknowns(self) -> int:
-        """Number of unknowns, 4 n + 3 T."""
-        return len(self.covariance)
-
-    @property
-    def rms_residual(self) -> float:
-        """Root mean square of the residuals' coordinates [m]."""
-        read = self.residuals[self.residuals.any(axis=-1)]
-        return float(np.sqrt(np.mean(np.square(read)))) if read.size else 0.0
 
 
 def calibrate(
@@ -449,6 +428,14 @@ def calibrate(
         freedom = len(poses) - linear.rank / (linear.residual.size / len(poses))
         influence = by_pose.sum(axis=-1) * np.sqrt(len(poses) / freedom) / sigma
     unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)
+    evidence = PoseEvidence(
+        positions=len(poses),
+        unknowns=unknowns,
+        determined=linear.rank,
+        only_together=_only_together(linear, len(state.axes), poses.targets),
+        rms_residual=np.sqrt(np.mean(np.square(unwhitened[poses.present]))),
+        held_out_rms=held_out_rms,
+    )
     return CalibratedAxes(
         axes=state.axes,
         targets=state.targets,
@@ -458,11 +445,8 @@ def calibrate(
         sigma=sigma,
         rss=linear.rss,
         dof=dof,
-        residuals=unwhitened[..., 0],
-        determined=linear.rank,
-        only_together=_only_together(linear, len(state.axes), poses.targets),
+        evidence=evidence,
         exceeded_sigma=poses.sigma if exceeds else None,
-        held_out_rms=held_out_rms,
         unseen=linear.unseen / linear.scale[:, None],
     )
 
@@ -523,7 +507,7 @@ def _start(
     return RigidTransform(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
 
 
-def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:
     """Names of the unknowns in each undetermined combination, as sparse as a rotation makes them."""
     names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
@@ -531,6 +515,4 @@ def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> tuple[t
     _, order = qr(linear.unseen.T, mode="r", pivoting=True)
     reduced = linear.unseen @ np.linalg.inv(linear.unseen[np.sort(order[: linear.unseen.shape[1]])])
     shares = np.abs(reduced) / np.abs(reduced).max(axis=0)
-    return tuple(
-        tuple(name for name, part in zip(names, share, strict=True) if part > _NAMED) for share in shares.T
-    )
+    return [[name for name, part in zip(names, share, strict=True) if part > _NAMED] for share in shares.T]

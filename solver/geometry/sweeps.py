@@ -134,8 +134,8 @@ class SweepSet:
     """Sweeps of one robot by one tracker that stood still, with the same targets.
 
     Raises:
-        MeasurementError: an arc too short, two sweeps of one joint, a sigma that is not positive, or a wrong
-            unit of length.
+        MeasurementError: another number of joints, an arc too short, two sweeps of one joint, a sigma that is
+            not positive, or a wrong unit of length.
     """
 
     sweeps: tuple[Sweep, ...]  #: in any order; positions in the tracker's frame
@@ -146,6 +146,12 @@ class SweepSet:
     def __post_init__(self) -> None:
         refuse_other_units(self.sigma, max(sweep.largest_motion for sweep in self.sweeps))
         for sweep in self.sweeps:
+            if sweep.angles.shape[1] != self.joint_map.n:
+                raise MeasurementError(
+                    f"the sweep has {sweep.angles.shape[1]} angles, but the robot {self.joint_map.n} joints",
+                    where=sweep.where,
+                    remedy="give the angles of all joints in every position, and a joint map of this robot",
+                )
             arc = float(np.ptp(self.model_angles(sweep), axis=0).max())
             if arc < SHORTEST_ARC:
                 raise MeasurementError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
@@ -27,7 +27,6 @@ from jointstiff.solver.geometry.identification import (
     identify_from_poses,
     identify_from_sweeps,
 )
-from jointstiff.solver.geometry.model import DhTable
 from jointstiff.solver.geometry.poses import CalibratedAxes, Poses
 from jointstiff.solver.geometry.sweeps import SweepSet
 from jointstiff.solver.robot.model import JointMap as RobotJointMap
@@ -109,13 +108,12 @@ def to_geometry_result(
     geometry: IdentifiedGeometry, name: str, joint_map: RobotJointMap
 ) -> results.GeometryResult:
     """Return what was found."""
-    joints = geometry.model.chain.joint_names
     identified, wrist = geometry.identified, geometry.wrist
     return message(
         results.GeometryResult,
         geometry,
         assessment=to_geometry_assessment(geometry.findings),
-        poses=message(results.PoseEvidence, identified) if isinstance(identified, CalibratedAxes) else None,
+        poses=identified.evidence if isinstance(identified, CalibratedAxes) else None,
         goodness=message(
             results.GeometryGoodness,
             geometry,
@@ -138,9 +136,8 @@ def to_geometry_result(
             covariance=geometry.target_covariances,
         ),
         flange=geometry.conventions.flange,
-        links=[message(results.LinkComparison, link, joint=joints[link.joint]) for link in geometry.links],
         robot=_robot(geometry, name, joint_map),
-        dh=[_table(table, joints) for table in geometry.tables],
+        dh=[message(results.IdentifiedDh, table) for table in geometry.tables],
     )
 
 
@@ -149,8 +146,7 @@ def _wrist(geometry: IdentifiedGeometry, wrist: WristCentre) -> results.WristRes
         results.WristResult,
         wrist,
         estimates=[
-            message(results.WristEstimate, way, weight=way.share, **_centre(geometry, wrist, way))
-            for way in wrist.estimates
+            message(results.WristEstimate, way, **_centre(geometry, wrist, way)) for way in wrist.estimates
         ],
         combined=message(results.WristCentre, wrist.combined, **_centre(geometry, wrist, wrist.combined)),
     )
@@ -172,8 +168,3 @@ def _robot(geometry: IdentifiedGeometry, name: str, joint_map: RobotJointMap) ->
     matrix, offset = joint_map.matrix, joint_map.offset
     plain = np.array_equal(matrix, np.eye(joint_map.n)) and not offset.any()
     return RobotDocument(name=name, model=model, joint_map=None if plain else message(JointMap, joint_map))
-
-
-def _table(table: DhTable, joints: Sequence[str]) -> results.IdentifiedDh:
-    parallel = [message(results.NearlyParallel, pair, joint=joints[pair.joint]) for pair in table.parallel]
-    return message(results.IdentifiedDh, table, parallel=parallel)

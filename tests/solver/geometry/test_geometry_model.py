@@ -104,7 +104,7 @@ def test_dh_of_exactly_parallel_axes_is_exact_and_tidy(convention: str) -> None:
         round(abs(value), 9) for row in table.rows for value in (row.a, row.d) if abs(value) > 1e-9
     )
     assert lengths == [0.06, 0.24, 0.33, 0.78, 1.12, 1.31]
-    assert [pair.joint for pair in table.parallel] == [1]
+    assert [pair.joint for pair in table.parallel] == ["joint_2"]
     assert table.base.rotation == pytest.approx(np.eye(3))
 
 
@@ -130,7 +130,7 @@ def test_dh_of_nearly_parallel_axes_says_what_it_leaves_out(convention: str) -> 
     _, model = model_of(axes_of_noisy_sweeps(1))
     table = dh_table(model.chain, convention)  # type: ignore[arg-type]
     (pair,) = table.parallel
-    assert (pair.joint, pair.made_parallel) == (1, True)
+    assert (pair.joint, pair.made_parallel) == ("joint_2", True)
     assert 1e-6 < pair.angle < 2e-4
     gap = table_points(table, ANGLES, np.zeros((1, 3))) - flange_points(model.chain, ANGLES, np.zeros((1, 3)))
     measured = np.linalg.norm(gap, axis=-1).max()
@@ -142,10 +142,10 @@ def test_dh_of_nearly_parallel_axes_says_what_it_leaves_out(convention: str) -> 
 
 
 class TestLinkTable:
-    def table(self, arm: SpringArm) -> dict[tuple[str, int], tuple[float, float]]:
+    def table(self, arm: SpringArm) -> dict[tuple[str, str], tuple[float, float]]:
         return self.table_of(identify_axes(Cell(arm).sweeps()))
 
-    def table_of(self, found: IdentifiedAxes) -> dict[tuple[str, int], tuple[float, float]]:
+    def table_of(self, found: IdentifiedAxes) -> dict[tuple[str, str], tuple[float, float]]:
         base = find_base_frame(found, nominal())
         rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
         return {(row.quantity, row.joint): (row.difference, row.standard_uncertainty) for row in rows}
@@ -156,9 +156,9 @@ class TestLinkTable:
         points[2:, 2] += 1e-3  # upper arm
         points[4:, 0] += 2e-3  # forearm
         rows = self.table(replace(arm, axis_points=points))
-        assert rows["a", 1][0] == pytest.approx(1e-3, abs=1e-8)
-        assert rows["d", 3][0] == pytest.approx(-2e-3, abs=1e-8)  # axis 4 points backwards
-        others = [gap for key, (gap, _) in rows.items() if key not in {("a", 1), ("d", 3)}]
+        assert rows["a", "joint_2"][0] == pytest.approx(1e-3, abs=1e-8)
+        assert rows["d", "joint_4"][0] == pytest.approx(-2e-3, abs=1e-8)  # axis 4 points backwards
+        others = [gap for key, (gap, _) in rows.items() if key not in {("a", "joint_2"), ("d", "joint_4")}]
         assert np.abs(others).max() < 1e-7
 
     def test_joint_offsets_show_as_theta(self) -> None:
@@ -170,8 +170,8 @@ class TestLinkTable:
         points[3:] = points[2] + (points[3:] - points[2]) @ about_y.T
         directions[3:] = directions[3:] @ about_y.T
         rows = self.table(replace(arm, axis_points=points, axis_directions=directions))
-        assert rows["theta", 2][0] == pytest.approx(turn, abs=1e-7)
-        assert max(abs(gap) for key, (gap, _) in rows.items() if key != ("theta", 2)) < 1e-7
+        assert rows["theta", "joint_3"][0] == pytest.approx(turn, abs=1e-7)
+        assert max(abs(gap) for key, (gap, _) in rows.items() if key != ("theta", "joint_3")) < 1e-7
 
     def test_its_uncertainties_are_true(self) -> None:
         exact = self.table(default_arm())
