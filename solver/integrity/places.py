@@ -146,7 +146,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
     place = _median(seen)
     if _apart(seen, place).max() <= LARGEST_MODEL_ERROR:
-        return [*_outliers(view, rows, seen - place), *_loaded_under_other_names(view, rows, place)], good
+        return list(_single_rows(view, rows, seen, place)), good
     # Some targets are far from where the others say: find the mistake that explains it.
     place = _consensus(seen)
     agree = _apart(seen, place) <= LARGEST_MODEL_ERROR
@@ -166,7 +166,6 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
         mistake = view.finding(
             best.code,
-            None,
             f"as posted, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
             f"observations; with {best.figure}, in {count} of {len(near)}, within "
             f"{length_text(float(apart[near].max()))}",
@@ -199,12 +198,12 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
             t = int(apart.argmax())
             yield view.finding(
                 "target_off_model",
-                i,
                 f"target '{view.measurements.targets[t]}' is {length_text(apart[t])} away from its median "
                 "position on the flange",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the "
                 "joint map, and the robot's model",
                 "do_not_use",
+                row=i,
             )
     for shift, neighbour in ((-1, "before"), (1, "after")):
         moved = [i for i, j in elsewhere.items() if j == i + shift]
@@ -212,20 +211,20 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
             continue
         yield view.finding(
             "observations_out_of_order",
-            moved[0],
             f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were "
             f"taken at the angles of the row {neighbour}",
             f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
             "do_not_use",
+            row=moved[0],
         )
         elsewhere = {i: j for i, j in elsewhere.items() if i not in moved}
     for i, j in elsewhere.items():
         yield view.finding(
             "observations_out_of_order",
-            i,
             f"its readings match the angles of observations[{j}]",
             "match readings and angles again; check the order of both",
             "do_not_use",
+            row=i,
         )
 
 
@@ -246,15 +245,30 @@ def _exchanged(view: View, i: int, order: IndexArray) -> Finding:
     pairs = ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in wrong if order[t] != t)
     return view.finding(
         "targets_swapped",
-        i,
         f"the targets are at each other's positions on the flange: the target named {pairs}",
         "exchange their names in this observation",
         "do_not_use",
+        row=i,
     )
 
 
-def _loaded_under_other_names(view: View, rows: IndexArray, place: FloatArray) -> Iterator[Finding]:
-    """Name rows whose unloaded readings are right, and whose loaded ones sit where other targets do."""
+def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArray) -> Iterator[Finding]:
+    """Name rows with mistyped angles, and those whose loaded readings sit where other targets do.
+
+    Mistyped angles move all targets of a row (M, T, 3) at once, further from their place (T, 3) [m] than the
+    model's errors do elsewhere.
+    """
+    with np.errstate(invalid="ignore"):
+        nearest = np.fmin.reduce(np.linalg.norm(seen - place, axis=2), axis=1)
+    typical = median(nearest)
+    for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
+        yield view.finding(
+            "target_off_model",
+            f"all targets are at least {length_text(nearest[b])} away from their median positions on "
+            f"the flange; typical is {length_text(typical)}",
+            "check the angles of this observation for a typing error, and whether the robot stood still",
+            row=int(rows[b]),
+        )
     deflection = view.measurements.deflection
     far = rows[(np.linalg.norm(deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)]
     for i in far.tolist():
@@ -262,21 +276,6 @@ def _loaded_under_other_names(view: View, rows: IndexArray, place: FloatArray) -
         order = _true_target_of_each(view.places[i] + turned, place)
         if order is not None:
             yield _exchanged(view, i, order)
-
-
-def _outliers(view: View, rows: IndexArray, apart: FloatArray) -> Iterator[Finding]:
-    """Name mistyped angles: they move all targets at once, further than the model's errors do elsewhere."""
-    with np.errstate(invalid="ignore"):
-        nearest = np.fmin.reduce(np.linalg.norm(apart, axis=2), axis=1)
-    typical = median(nearest)
-    for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
-        yield view.finding(
-            "target_off_model",
-            int(rows[b]),
-            f"all targets are at least {length_text(nearest[b])} away from their median positions on "
-            f"the flange; typical is {length_text(typical)}",
-            "check the angles of this observation for a typing error, and whether the robot stood still",
-        )
 
 
 def _apart(seen: FloatArray, place: FloatArray) -> FloatArray:
@@ -293,12 +292,8 @@ def _consensus(seen: FloatArray) -> FloatArray:
 
 def _median(seen: FloatArray) -> FloatArray:
     """(T, 3) median place of each target; nan where it was not measured."""
-    read = ~np.isnan(seen[..., 0])
-    if read.all():
-        return np.asarray(np.median(seen, axis=0))
-    place = np.full(seen.shape[1:], np.nan)
-    for t in np.flatnonzero(read.any(axis=0)):
-        place[t] = np.median(seen[read[:, t], t], axis=0)
+    place, read = np.full(seen.shape[1:], np.nan), ~np.isnan(seen[..., 0]).all(axis=0)
+    place[read] = np.nanmedian(seen[:, read], axis=0)
     return place
 
 
@@ -328,12 +323,12 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     if step is not None:
         yield view.finding(
             "target_moved",
-            step.row,
             f"from here on, '{names[step.target]}' is displaced by {length_text(step.size)} on "
             f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
             "check that the target is attached firmly; treat it as another target from here on "
             "(another name), or repeat",
             "do_not_use",
+            row=step.row,
         )
     first, second = np.triu_indices(measured.shape[1], k=1)
     usable = (measured[:, first] & measured[:, second]).any(axis=0)
@@ -341,14 +336,22 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     if not len(first):
         return
     both = measured[:, first] & measured[:, second]
-    change = _changes_of_distance(view, first, second, both, step)
+    # (2, N, P) distance of each pair less its median [m], unloaded and loaded; those to a target that moved
+    # are compared with others of the same side of the step
+    m = view.measurements
+    states = (m.position, m.position + m.deflection)
+    lengths = np.stack([np.linalg.norm(s[:, first] - s[:, second], axis=2) for s in states])
+    change = _less_median(lengths, both)
+    if step is not None:
+        touched = (first == step.target) | (second == step.target)
+        for side in (slice(None, step.row), slice(step.row, None)):
+            change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
     scatter = median(np.abs(change[:, both])) / MEDIAN_SIZE
     sigma = np.where(both, np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second]), 0.0)
     typical = median(sigma[both])
     if typical > 0.0 and both.sum() >= _ENOUGH and scatter >= OVERSTATED * typical:
         yield view.finding(
             "sigma_suspect",
-            None,
             f"distances between targets scatter by {length_text(scatter)}, but the stated noise "
             f"gives {length_text(typical)}",
             "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the "
@@ -369,7 +372,6 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         who = " or ".join(f"'{names[t]}'" for t in suspects)
         yield view.finding(
             "targets_not_rigid",
-            i,
             f"the distance between '{names[first[p]]}' and '{names[second[p]]}' "
             f"({'loaded' if own[1, p] > own[0, p] else 'unloaded'}) differs by "
             f"{length_text(own[:, p].max())} from its median (limit {length_text(limits[i, p])}): "
@@ -377,6 +379,7 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
             f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove "
             "that reading",
             "do_not_use",
+            row=i,
         )
 
 
@@ -388,24 +391,6 @@ class Step:
     row: int  #: the first observation in which it sits elsewhere
     size: float  #: size of the displacement [m]
     ratio: float  #: ratio of the displacement to what chance allows
-
-
-def _changes_of_distance(
-    view: View, first: IndexArray, second: IndexArray, both: BoolArray, step: Step | None
-) -> FloatArray:
-    """(2, N, P) distance of each pair less its median [m], unloaded and loaded; zero where not measured.
-
-    Those to a target that moved are compared with others of the same side of the step.
-    """
-    m = view.measurements
-    states = (m.position, m.position + m.deflection)
-    lengths = np.stack([np.linalg.norm(s[:, first] - s[:, second], axis=2) for s in states])
-    change = _less_median(lengths, both)
-    if step is not None:
-        touched = (first == step.target) | (second == step.target)
-        for side in (slice(None, step.row), slice(step.row, None)):
-            change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
-    return change
 
 
 def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
@@ -514,7 +499,6 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     if chance < FALSE_ALARM and size > SMALLEST_MOTION:
         yield view.finding(
             "drift_in_time",
-            None,
             f"over the whole set, the unloaded targets drifted by {length_text(size)} relative to the "
             f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
             f"{length_text(drift[2])}; p = {chance:.1g})",

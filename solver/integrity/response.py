@@ -141,12 +141,12 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     for k in np.flatnonzero(against):
         yield view.finding(
             "deflection_against_force",
-            int(rows[k]),
             f"under {np.linalg.norm(part.force[k]):.4g} N the targets moved opposite to the prediction from "
             f"the other observations, by {length_text(predicted[k])}; with the load reversed only "
             f"{length_text(turned[k])} remain",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
+            row=int(rows[k]),
         )
     for coordinates in (1, 3):
         judged = (part.coordinates == coordinates) & ~against[:, None]
@@ -167,7 +167,6 @@ def _mistake_of_the_set(
         typical = median(np.linalg.norm(part.deflection, axis=2)[part.present])
         return view.finding(
             "deflections_unexplained",
-            None,
             f"joint compliances do not explain the deflections: of {length_text(typical)} (median), "
             f"{100.0 * springs.unexplained:.3g} % remain unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
@@ -178,7 +177,6 @@ def _mistake_of_the_set(
     moved = np.einsum("ntj,nj->n", part.deflection, part.force) < 0.0
     return view.finding(
         "force_sign_suspect",
-        None,
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(moved.sum())} of {len(moved)} observations",
         "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
@@ -198,7 +196,6 @@ def _mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Fin
         return None
     return view.finding(
         best.code,
-        None,
         f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
         f"unexplained; with {best.figure}, {100.0 * left:.3g} %",
         best.remedy,
@@ -231,11 +228,11 @@ def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: 
     first, last = rows[longest[[0, -1]]].tolist()
     return view.finding(
         "observations_out_of_order",
-        first,
         f"the deflections of {len(longest)} observations, observations[{first}] to [{last}], "
         f"match the load and posture of the row {neighbour}, not their own",
         f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
         "do_not_use",
+        row=first,
     )
 
 
@@ -267,20 +264,20 @@ def _outliers(
         if pair is not None:
             yield view.finding(
                 "targets_swapped",
-                int(rows[k]),
                 f"with the deflections of '{targets[pair[0]]}' and '{targets[pair[1]]}' exchanged, joint "
                 "compliances explain them twice as well",
                 "exchange their names in this observation",
                 "do_not_use",
+                row=int(rows[k]),
             )
             continue
         yield view.finding(
             "residual_outlier",
-            int(rows[k]),
             f"the deflection of target '{targets[t]}' differs by {length_text(norm[k, t])} from "
             f"the fit to all observations; typical is {length_text(scale)}",
             "check this reading and its load; repeat it"
             + (", or identify with loss huber" if each == 3 else ""),
+            row=int(rows[k]),
         )
 
 

@@ -70,13 +70,14 @@ class View:
     def finding(
         self,
         code: FindingCode,
-        row: int | None,
         message: str,
         remedy: str,
         weight: Verdict = "use_with_care",
         action: Action | None = None,
+        *,
+        row: int | None = None,
     ) -> Finding:
-        """Return what was found in an observation, or in the whole set (None)."""
+        """Return what was found in an observation (row), or in the whole set."""
         return Finding(
             code=code,
             weight=weight,
@@ -172,7 +173,6 @@ def angles(view: View) -> Iterator[Finding]:
     if not view.degrees and largest > _MANY_TURNS:
         yield view.finding(
             "angle_unit_suspect",
-            None,
             f"the largest joint angle is {largest:.4g} rad, more than two turns",
             DEG_AS_RAD,
             "do_not_use",
@@ -182,7 +182,6 @@ def angles(view: View) -> Iterator[Finding]:
     if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
         yield view.finding(
             "angle_unit_suspect",
-            None,
             f"no joint turns by more than {posted:.3g}° in {len(joints)} observations",
             RAD_AS_DEG,
             "do_not_use",
@@ -194,10 +193,10 @@ def angles(view: View) -> Iterator[Finding]:
     for i, j in np.argwhere(outside).tolist():
         yield view.finding(
             "joint_outside_limits",
-            i,
             f"the model angle of {view.robot.joint_names[j]} is {q[i, j]:.4g} rad, outside its limits "
             f"[{lower[j]:.4g}, {upper[j]:.4g}] rad",
             "check `units.angle`, the joint map, and the order of the angles",
+            row=i,
         )
 
 
@@ -208,11 +207,11 @@ def rare_targets(view: View) -> Iterator[Finding]:
     for t in np.flatnonzero(count < RARE_TARGET * len(present)):
         yield view.finding(
             "target_name_suspect",
-            int(present[:, t].argmax()),
             f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
             "observations",
             "check the spelling of its name",
             "use",
+            row=int(present[:, t].argmax()),
         )
 
 
@@ -222,7 +221,6 @@ def stated_noise(view: View) -> Iterator[Finding]:
     if sigma is not None and sigma > LARGEST_SIGMA:
         yield view.finding(
             "sigma_suspect",
-            None,
             f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
             "check the stated noise: it is in `units.length`",
             "do_not_use",
@@ -234,10 +232,10 @@ def loads(view: View) -> Iterator[Finding]:
     for i in np.flatnonzero(~view.loaded).tolist():
         yield view.finding(
             "zero_load",
-            i,
             "force and moment are zero, so the observation carries no information on stiffness",
             "give the load, or remove the observation",
             "use",
+            row=i,
         )
     sizes = np.linalg.norm(view.measurements.force, axis=1)
     if not sizes.any():
@@ -246,7 +244,6 @@ def loads(view: View) -> Iterator[Finding]:
     if typical > greatest or (typical < least and not view.measurements.moment.any()):
         yield view.finding(
             "force_unit_suspect",
-            None,
             f"the median force is {typical:.3g} N, outside the plausible {least:g} N to {greatest:g} N",
             "check `units.force`: kN read as N, or N as kN? (kgf read as N is not detected)",
             "do_not_use",
@@ -262,7 +259,6 @@ def flange_lengths(view: View) -> Iterator[Finding]:
     if largest > far or 0.0 < largest < near:
         yield view.finding(
             "length_unit_suspect",
-            None,
             f"the load points and targets given in the flange frame are up to {length_text(largest)} from it",
             MM_AS_M if largest > far else M_AS_MM,
             "do_not_use",
@@ -278,15 +274,14 @@ def deflections(view: View) -> Iterator[Finding]:
     for i in np.flatnonzero(largest > LARGEST_DEFLECTION).tolist():
         yield view.finding(
             "deflection_implausibly_large",
-            i,
             f"target '{m.targets[length[i].argmax()]}' moved by {length_text(largest[i])}",
             "check `units.length`, and that unloaded and loaded readings belong together",
             "do_not_use",
+            row=i,
         )
     if largest.max() < SMALLEST_DEFLECTION and view.loaded.any():
         yield view.finding(
             "deflection_implausibly_small",
-            None,
             f"no target moved by more than {length_text(float(largest.max()))}",
             "check `units.length`, and that the loaded readings were taken with the load applied",
             "do_not_use",
@@ -295,12 +290,12 @@ def deflections(view: View) -> Iterator[Finding]:
     for i in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
         yield view.finding(
             "deflection_below_noise",
-            i,
             f"no target moved by more than {length_text(largest[i])}; the noise of a deflection is "
             f"{length_text(noise)}",
             "increase the load; check that the loaded readings were taken with the load applied, and "
             "check the stated noise",
             "use",
+            row=i,
         )
 
 
@@ -314,11 +309,11 @@ def duplicates(view: View) -> Iterator[Finding]:
             continue
         yield view.finding(
             "duplicated_observation",
-            i,
             f"its {'joint angles and ' if same else ''}readings equal those of observations[{j}] to the last "
             "digit",
             "remove one of the two, or give the readings that belong to it",
             "do_not_use",
+            row=i,
         )
 
 
@@ -349,7 +344,6 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
             worse = special.chdtrc(freedom, freedom * (sigma / m.sigma) ** 2) < FALSE_ALARM
         yield view.finding(
             "repeated_readings",
-            None,
             f"{count} observations repeat the posture and load of others; their deflections give sigma "
             f"= {length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
@@ -361,7 +355,6 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     if variance:
         yield view.finding(
             "repeated_readings",
-            None,
             f"in {count} repeated postures the unloaded targets scatter by {length_text(np.sqrt(variance))} "
             f"per coordinate ({freedom} degrees of freedom): tracker and robot together",
             "compare with the stated noise: the excess is the repeatability of the robot",
