@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.design.criteria import uncertainty_of
 from jointstiff.solver.design.feasibility import targets_in_flange, within_limits
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Spectrum
@@ -36,7 +37,6 @@ LITTLE_MORE: Final = 1.1
 downwards, so a new posture; otherwise one of the set, which is known to be free of collisions."""
 EASIER: Final = 1.05
 """A force along an axis of R0, or the set's own, is easier to apply: others must be better by this factor."""
-_NO_PIVOT: Final = 1e-12
 _SHOWS: Final = 1e-6
 _LEAST_LEVER: Final = 1e-6
 """Distance [m] of a force from an axis below which it twists the joint by rounding alone."""
@@ -145,12 +145,11 @@ class Postures:
         """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (M, D, 3) [N].
 
         Returns:
-            (n, n, M, D) in units of sigma⁻².
+            (M, D, n, n) in units of sigma⁻².
         """
-        J = self.target_jacobian
-        motion = (J.transpose(0, 2, 1) @ J).transpose(1, 2, 0)[..., None]
-        torque = np.ascontiguousarray((force @ self.load_jacobian).transpose(2, 0, 1))
-        return np.asarray(motion * torque[:, None] * torque[None])
+        motion = self.target_jacobian.transpose(0, 2, 1) @ self.target_jacobian
+        torque = force @ self.load_jacobian
+        return np.asarray(motion[:, None] * torque[..., :, None] * torque[..., None, :])
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
@@ -220,33 +219,6 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
     return joints[within_limits(robot, joints)][:count]
 
 
-def precision(information: FloatArray, joint: int) -> FloatArray:
-    """Information on one parameter, the others unknown: ``min xᵀ G x`` over all x with ``x_j = 1``.
-
-    It is 1 / [G⁻¹]_jj where G has an inverse, and zero where G does not determine the parameter. Found by
-    eliminating the other parameters one by one, in all matrices at once; a pivot of zero of a semidefinite
-    matrix has a row of zeros and is passed over.
-
-    Args:
-        information: (n, n, ...) symmetric, positive semidefinite, its diagonal of the order of 1.
-        joint: the parameter j.
-
-    Returns:
-        (...).
-    """
-    n = len(information)
-    order = np.r_[np.delete(np.arange(n), joint), joint]
-    G = information[np.ix_(order, order)]
-    least = _NO_PIVOT * np.einsum("ii...->i...", G)
-    for p in range(n - 1):
-        pivot = G[p, p]
-        determined = pivot > least[p]
-        row = G[p, p + 1 :]
-        factor = np.where(determined, row, 0.0) / np.where(determined, pivot, 1.0)
-        G[p + 1 :, p + 1 :] -= row[:, None] * factor[None]
-    return np.where(G[-1, -1] > least[-1], G[-1, -1], 0.0)
-
-
 class _Search:
     """Compares candidates for one set of readings."""
 
@@ -273,18 +245,14 @@ class _Search:
         if not len(postures):
             return [None] * len(joints)
         forces = self._forces(postures, joints if all_directions else joints[:0])
-        added = postures.information(forces)
-        information = self._regressor.T @ self._regressor
-        diagonal = np.diagonal(information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
-        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        total = information[..., None, None] + added
-        total /= np.multiply.outer(scale, scale)[..., None, None]
+        total = self._regressor.T @ self._regressor + postures.information(forces)
+        deviation = uncertainty_of(total, total.shape[-1])
         easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
         easy[:, 0] = True
         best = list[Advice | None]()
         for joint in joints.tolist():
-            scores = precision(total, joint) * np.where(easy, EASIER**2, 1.0)
-            m, d = np.unravel_index(int(np.argmax(scores)), scores.shape)
+            scores = deviation[..., joint] / np.where(easy, EASIER, 1.0)
+            m, d = np.unravel_index(int(np.argmin(scores)), scores.shape)
             best.append(self._advice(joint, postures, int(m), forces[m, d]))
         return best
 

@@ -12,7 +12,7 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.design.feasibility import Cell, Equipment, Strikes, drawn_postures, feasible
+from jointstiff.solver.design.feasibility import Cell, Equipment, drawn_postures, feasible
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
@@ -123,8 +123,7 @@ class Readings:
 class Parameters:
     """Linear map from the columns of rows to the p parameters of a plan."""
 
-    interest: int  #: s, the first parameters: relative compliances of the joints to be determined
-    joints: IndexArray  #: (s,) these joints
+    joints: IndexArray  #: (s,) joints to be determined: their relative compliances are the first parameters
     nominal: FloatArray  #: (n,) compliance that a relative one refers to [rad/(N·m)]
     #: (n,) whether the nominal compliance is known; otherwise each joint is taken to move the targets alike
     known: BoolArray
@@ -191,7 +190,7 @@ def parameters_of(
         kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT * variances.sum()
         nuisance = nuisance @ (deviation[:, None] * directions[:, kept])
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(nuisance.shape[1])])
-    return Parameters(len(chosen), chosen, unit, known, np.hstack([relative, nuisance]), prior)
+    return Parameters(chosen, unit, known, np.hstack([relative, nuisance]), prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +204,7 @@ class Pool:
     #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
     places: FloatArray | None
     feasible: int  #: number of feasible readings, of which the candidates may be a selection
-    strikes: Strikes  #: infeasible readings by reason
+    struck_out: dict[str, int]  #: number of infeasible readings by reason
 
     @classmethod
     def of(cls, robot: Robot, request: PlanRequest) -> Pool:
@@ -215,7 +214,7 @@ class Pool:
             RequestError: no reading is feasible, or nothing excites a joint.
         """
         equipment, sigma = request.equipment, request.equipment.sigma
-        readings, inside, strikes = _feasible_readings(robot, request)
+        readings, inside, struck_out = _feasible_readings(robot, request)
         count = len(readings.joints)
         if request.links or request.by_weight is not None:
             # At most so many, those in the work area first, and evenly spread
@@ -234,10 +233,14 @@ class Pool:
         sample = np.linspace(0, total - 1, min(total, _SAMPLED)).astype(np.intp)
         sampled = readings[sample].rows(robot, request, equipment)
         seen = sampled.reshape(-1, sampled.shape[-1])
-        known = None if request.so_far is None else _rows_so_far(robot, request, request.so_far)
-        if known is not None:
-            seen = np.concatenate([seen, known])
-        seen = seen / sigma
+        known = seen[:0]
+        if (so_far := request.so_far) is not None:
+            if request.by_weight is None:
+                known = whitened_rows(robot, request, so_far).reshape(-1, seen.shape[1])
+            else:
+                taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
+                known = (request.by_weight(so_far.joints) * taken).reshape(-1, seen.shape[1])
+        seen = np.concatenate([seen, known]) / sigma
         parameters = parameters_of(
             seen,
             seen if predicted is None else predicted.reshape(-1, seen.shape[1]),
@@ -246,11 +249,9 @@ class Pool:
             request.nominal,
             request.link_share if request.by_weight is None else None,
         )
-        basis, s = parameters.basis, parameters.interest
-        base = parameters.prior.copy()
-        if request.so_far is not None and known is not None:
-            taken = known @ basis / (request.so_far.sigma or sigma)
-            base += taken.T @ taken
+        basis, s = parameters.basis, len(parameters.joints)
+        known = known @ basis / ((so_far and so_far.sigma) or sigma)
+        base = parameters.prior + known.T @ known
         relative = request.prior[parameters.joints] / parameters.nominal[parameters.joints]
         base[np.arange(s), np.arange(s)] += 1.0 / np.square(relative)
         parts = [
@@ -262,7 +263,7 @@ class Pool:
             A = predicted @ basis
             places = A.transpose(0, 2, 1) @ A / 3.0
         candidates = Candidates.from_rows(rows if rows.shape[1] > 1 else rows[:, 0])
-        return cls(readings, candidates, parameters, base, places, count, strikes)
+        return cls(readings, candidates, parameters, base, places, count, struck_out)
 
     def force(self, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""
@@ -270,8 +271,8 @@ class Pool:
         return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
 
 
-def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, BoolArray, Strikes]:
-    """Return the feasible readings, and which have their load point in the work area (N,).
+def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, BoolArray, dict[str, int]]:
+    """Return the feasible readings, a mask (N,) of those in the work area, and why others are out.
 
     Raises:
         RequestError: there is none, or too few are in the work area.
@@ -284,11 +285,11 @@ def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, Bo
     joints = np.repeat(postures, choices, axis=0)
     anchor = np.tile(np.arange(choices), len(postures))
     direction = equipment.direction(robot, joints, anchor)
-    kept, strikes = feasible(robot, equipment, request.cell, joints, direction)
+    kept, struck_out = feasible(robot, equipment, request.cell, joints, direction)
     if not kept.any():
-        counts = ", ".join(f"{name} {count}" for name, count in strikes.reasons.items())
+        counts = ", ".join(f"{name} {count}" for name, count in struck_out.items())
         raise RequestError(
-            f"none of {strikes.considered} readings is feasible: {counts}",
+            f"none of {len(joints)} readings is feasible: {counts}",
             where="candidates",
             remedy="relax the condition that excludes most of them, or give other postures or loads",
         )
@@ -308,17 +309,7 @@ def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, Bo
                 where="work_area",
                 remedy="give a larger work area, in R0 and in metres, or more candidates",
             )
-    return Readings(joints, anchor, forces), inside, strikes
-
-
-def _rows_so_far(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
-    """Return the rows (K, P) of readings that were taken, in units of sigma."""
-    if request.by_weight is None:
-        rows = whitened_rows(robot, request, so_far)
-    else:
-        taken = so_far.present & ~so_far.in_flange
-        rows = request.by_weight(so_far.joints) * np.repeat(taken, 3, axis=1)[..., None]
-    return rows.reshape(-1, rows.shape[-1])
+    return Readings(joints, anchor, forces), inside, struck_out
 
 
 def _predicted(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:

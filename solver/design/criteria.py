@@ -178,6 +178,26 @@ SmoothCriterion: TypeAlias = DOptimality | AOptimality
 Criterion: TypeAlias = SmoothCriterion | EOptimality | GOptimality
 
 
+def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
+    """Return the standard uncertainties of the first parameters; inf where M does not determine them.
+
+    Args:
+        M: (..., p, p) information.
+        s: how many.
+
+    Returns:
+        (..., s).
+    """
+    diagonal = np.diagonal(M, axis1=-2, axis2=-1)
+    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(M * (unit[..., :, None] * unit[..., None, :]))
+    null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
+    squares = np.square(vectors[..., :s, :])
+    free = (squares * null[..., None, :]).sum(axis=-1) > 1e-9
+    variance = (squares @ (1.0 / np.where(null, np.inf, values))[..., None])[..., 0]
+    return np.where(free, np.inf, unit[..., :s] * np.sqrt(variance))
+
+
 def _log_det(M: FloatArray) -> float:
     """Return log det M; −inf where M is not positive definite."""
     try:

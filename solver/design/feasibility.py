@@ -7,6 +7,7 @@ the load point.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Final, Literal
 
 import numpy as np
@@ -121,17 +122,9 @@ class Cell:
     acceptance: float = np.pi  #: greatest angle between that and the line of sight [rad]
 
 
-@dataclass(frozen=True)
-class Strikes:
-    """Readings that cannot be taken, and why."""
-
-    considered: int  #: how many
-    reasons: dict[str, int]  #: number struck out for each reason; the first one counts
-
-
 def feasible(
     robot: Robot, equipment: Equipment, cell: Cell, joints: FloatArray, direction: FloatArray | None
-) -> tuple[BoolArray, Strikes]:
+) -> tuple[BoolArray, dict[str, int]]:
     """Return which readings can be taken.
 
     Args:
@@ -142,7 +135,7 @@ def feasible(
         direction: (N, 3) of the force, axes of R0; None where it is free.
 
     Returns:
-        Mask (N,), and how many were struck out for which reason.
+        Mask (N,), and how many were struck out for which reason: the first one counts.
     """
     count, model = len(joints), robot.joint_map.model_angles(joints)
     now = Configurations(robot, model)
@@ -162,7 +155,13 @@ def feasible(
         torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
         struck["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
     struck["floor_or_box"] = _out_of_bounds(cell, points, targets, radius)
-    struck["self_collision"] = _self_collision(points, radius)
+    # Links that are apart along the arm, by more than twice their thickness, and touch
+    struck["self_collision"] = np.zeros(count, dtype=np.bool_)
+    lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
+    for i, j in combinations(range(len(lengths)), 2):
+        if lengths[i + 1 : j].sum() > 4.0 * radius:
+            apart = segment_distance(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
+            struck["self_collision"] |= apart < 2.0 * radius
     if equipment.instrument is not None:
         station = np.array(equipment.instrument.station)
         hidden = [_link_between(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
@@ -182,7 +181,7 @@ def feasible(
     first = np.argmax(list(struck.values()), axis=0)
     kept = ~np.any(list(struck.values()), axis=0)
     counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(struck)}
-    return kept, Strikes(count, {reason: number for reason, number in counts.items() if number})
+    return kept, {reason: number for reason, number in counts.items() if number}
 
 
 def _out_of_bounds(cell: Cell, points: FloatArray, targets: FloatArray, radius: float) -> BoolArray:
@@ -197,18 +196,6 @@ def _out_of_bounds(cell: Cell, points: FloatArray, targets: FloatArray, radius: 
         bad |= ((places < cell.inside[0]) | (places > cell.inside[1])).any(axis=(1, 2))
     for low, high in cell.obstacles:
         bad |= ((places > low - radius) & (places < high + radius)).all(axis=2).any(axis=1)
-    return bad
-
-
-def _self_collision(points: FloatArray, radius: float) -> BoolArray:
-    """Return where two links touch that are apart along the arm, by more than twice their thickness (N,)."""
-    bad = np.zeros(len(points), dtype=np.bool_)
-    lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
-    for i in range(len(lengths)):
-        for j in range(i + 2, len(lengths)):
-            if lengths[i + 1 : j].sum() > 4.0 * radius:
-                ends = points[:, i], points[:, i + 1], points[:, j], points[:, j + 1]
-                bad |= segment_distance(*ends) < 2.0 * radius
     return bad
 
 

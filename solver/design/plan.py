@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.design.candidates import CriterionName, Parameters, PlanRequest, Pool
+from jointstiff.solver.design.candidates import CriterionName, PlanRequest, Pool
 from jointstiff.solver.design.criteria import (
     AOptimality,
     Criterion,
@@ -20,8 +20,8 @@ from jointstiff.solver.design.criteria import (
     EOptimality,
     GOptimality,
     SmoothCriterion,
+    uncertainty_of,
 )
-from jointstiff.solver.design.feasibility import Strikes
 from jointstiff.solver.design.optimum import Atoms, Design, DesignProblem, optimise
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
@@ -75,7 +75,7 @@ class CampaignPlan:
     efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
     weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
     efficiencies: Mapping[CriterionName, float]  #: the same by each criterion that applies
-    parameters: Parameters  #: parameters to determine
+    pool: Pool  #: the candidates, the parameters to determine, and what cannot be read
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance after the list
     before: FloatArray  #: (s,) the same before it; inf where it is not determined
     #: standard uncertainty of the predicted deflection in the work area under the load [m]: root mean
@@ -83,8 +83,6 @@ class CampaignPlan:
     deflection: tuple[float, float] | None
     random: OtherPlan  #: mean of random plans
     one_at_a_time: OtherPlan  #: each reading the best next one
-    feasible: int  #: how many candidates there are
-    strikes: Strikes  #: infeasible readings by reason
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
@@ -95,7 +93,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             postures.
     """
     pool = Pool.of(robot, request)
-    s, p = pool.parameters.interest, len(pool.base)
+    s, p = len(pool.parameters.joints), len(pool.base)
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
     rows = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
@@ -151,14 +149,12 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         efficiency=exact.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
         efficiencies=efficiencies,
-        parameters=pool.parameters,
+        pool=pool,
         uncertainty=uncertainty_of(M, s),
         before=uncertainty_of(pool.base, s),
         deflection=deflection,
         random=random_plans(problem, M, s, request.seed),
         one_at_a_time=one_at_a_time(problem, distinct, M, s),
-        feasible=pool.feasible,
-        strikes=pool.strikes,
     )
 
 
@@ -414,16 +410,6 @@ def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: 
         free &= ~distinct.near(best.index[0], slice(None))
     efficiency = problem.criterion.information(other) / problem.criterion.information(M)
     return OtherPlan(efficiency, uncertainty_of(other / problem.squares, s))
-
-
-def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
-    """Return the standard uncertainties of the first parameters (s,); inf where M does not determine them."""
-    unit = 1.0 / np.sqrt(np.where(np.diagonal(M) > 0.0, np.diagonal(M), 1.0))
-    values, vectors = np.linalg.eigh(M * np.outer(unit, unit))
-    null = values <= 1e-12 * max(values[-1], 1e-300)
-    free = np.square(vectors[:s, null]).sum(axis=1) > 1e-9
-    variance = np.square(vectors[:s, ~null]) @ (1.0 / values[~null])
-    return np.where(free, np.inf, unit[:s] * np.sqrt(variance))
 
 
 def _drawn_directions(random: np.random.Generator, count: int) -> FloatArray:

@@ -127,9 +127,9 @@ def to_plan_result(
     assessment: Assessment | None,
 ) -> plans.PlanResult:
     """Return a plan as a message, with the names of its targets and the assessment of the campaign so far."""
-    chosen = plan.parameters.joints
-    c = plan.parameters.nominal[chosen]
-    known = plan.parameters.known[chosen]
+    parameters = plan.pool.parameters
+    chosen = parameters.joints
+    c, known = parameters.nominal[chosen], parameters.known[chosen]
     digits = len(str(len(plan.joints)))
     return plans.PlanResult(
         assessment=assessment,
@@ -160,9 +160,7 @@ def to_plan_result(
             for i, j in enumerate(chosen.tolist())
         ],
         left_out=[
-            name
-            for j, name in enumerate(robot.joint_names)
-            if request.joints is None and j not in plan.parameters.joints
+            name for j, name in enumerate(robot.joint_names) if request.joints is None and j not in chosen
         ],
         criterion=request.criterion,
         elastic_links=request.links,
@@ -173,9 +171,9 @@ def to_plan_result(
         one_at_a_time_efficiency=plan.one_at_a_time.efficiency,
         deflection_uncertainty=None if plan.deflection is None else plan.deflection[0],
         worst_deflection_uncertainty=None if plan.deflection is None else plan.deflection[1],
-        considered=plan.strikes.considered,
-        feasible=plan.feasible,
-        struck_out=plan.strikes.reasons,
+        considered=plan.pool.feasible + sum(plan.pool.struck_out.values()),
+        feasible=plan.pool.feasible,
+        struck_out=plan.pool.struck_out,
     )
 
 

@@ -18,7 +18,8 @@ from jointstiff.service.kinds.run.results import to_identifiability
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.campaign import SpringArm
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.advice import Advice, advise, new_postures, precision
+from jointstiff.solver.design.advice import Advice, advise, new_postures
+from jointstiff.solver.design.criteria import uncertainty_of
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import Configurations
@@ -32,7 +33,7 @@ def advised(document: dict, **options):
     return robot, measurements, found, advise(robot, measurements, found)
 
 
-class TestPrecision:
+class TestUncertainty:
     @examples(100)
     @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
     def test_is_that_of_the_exact_inverse(self, seed, n):
@@ -41,28 +42,21 @@ class TestPrecision:
         if G.det() == 0:
             return
         inverse = G.inv()
-        scale = 1.0 / np.sqrt(np.diag(rows.T @ rows))
-        scaled = (rows * scale).T @ (rows * scale)
-        for j in range(n):
-            expected = scale[j] ** 2 / (float(inverse[j, j].p) / float(inverse[j, j].q))
-            # The least information of such integers is 1/det; double precision finds it to what is left.
-            assert precision(scaled[..., None], j)[0] == pytest.approx(expected, rel=1e-6)
+        # The least information of such integers is 1/det; double precision finds it to what is left.
+        variance = [float(inverse[j, j].p) / float(inverse[j, j].q) for j in range(n)]
+        assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
 
-    def test_of_what_is_not_determined_is_zero(self):
+    def test_of_what_is_not_determined_is_infinite(self):
         rows = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 2.0], [2.0, 2.0, 0.0, 1.0]])
-        G = (rows.T @ rows)[..., None]
-        assert [float(precision(G, j)[0]) for j in range(3)] == [0.0, 0.0, 0.0]
         # Of joint 3 the sum of the first two takes a share: 5 − 2²/5.
-        assert precision(G, 3)[0] == pytest.approx(5 - 4 / 5, rel=1e-12)
+        expected = [np.inf, np.inf, np.inf, (5 - 4 / 5) ** -0.5]
+        assert uncertainty_of(rows.T @ rows, 4) == pytest.approx(expected, rel=1e-12)
 
-    def test_all_matrices_at_once_and_untouched(self):
+    def test_all_matrices_at_once(self):
         rows = np.random.default_rng(0).standard_normal((5, 7, 4))
-        G = np.einsum("mri,mrj->ijm", rows, rows)
-        before = G.copy()
-        found = precision(G, 1)
-        expected = [1 / np.linalg.inv(G[..., m])[1, 1] for m in range(5)]
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
-        np.testing.assert_array_equal(G, before)
+        G = rows.swapaxes(1, 2) @ rows
+        expected = np.sqrt(np.diagonal(np.linalg.inv(G), axis1=1, axis2=2))
+        np.testing.assert_allclose(uncertainty_of(G, 2), expected[:, :2], rtol=1e-9)
 
 
 class TestFollowed:

@@ -166,18 +166,18 @@ class TestFeasibility:
     )
     def test_each_reason_strikes_out_what_it_should(self, robot, reason, tools, cell, degrees, direction):
         joints = np.radians([[0.0, degrees, 0.0, 0.0, 0.0, 0.0]])
-        kept, strikes = feasible(
+        kept, struck_out = feasible(
             robot, tools, cell, joints, direction if direction is None else np.array(direction)
         )
-        assert strikes.reasons == ({} if reason is None else {reason: 1})
+        assert struck_out == ({} if reason is None else {reason: 1})
         assert kept.tolist() == [reason is None]
 
     def test_links_that_touch(self, robot):
         """Stretched out nothing touches; with the forearm folded back onto the upper arm it does."""
         postures = np.radians([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 70.0, 60.0, 0.0, 90.0, 0.0]])
-        kept, strikes = feasible(robot, equipment(), Cell(link_radius=0.1), postures, None)
+        kept, struck_out = feasible(robot, equipment(), Cell(link_radius=0.1), postures, None)
         assert kept.tolist() == [True, False]
-        assert strikes.reasons == {"self_collision": 1}
+        assert struck_out == {"self_collision": 1}
 
     def test_distance_of_segments(self):
         """Against a fine grid of points on both."""
@@ -211,7 +211,7 @@ class TestRefusals:
         with pytest.raises(RequestError, match="no candidate load twists joint_1"):
             plan_campaign(robot, request_of(equipment("dead_weight"), joints=every))
         plan = plan_campaign(robot, request_of(equipment("dead_weight")))
-        assert plan.parameters.joints.tolist() == every[1:].tolist()
+        assert plan.pool.parameters.joints.tolist() == every[1:].tolist()
 
     @pytest.mark.parametrize(
         ("options", "message"),
