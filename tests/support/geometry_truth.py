@@ -5,7 +5,7 @@ The readings are those of `jointstiff.simulator.sweeps`, which shares no code wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -39,6 +39,8 @@ __all__ = [
     "rodrigues",
     "shared_chain",
     "shared_sweeps",
+    "swept",
+    "with_sweep",
 ]
 
 SIGMA = 15e-6
@@ -63,19 +65,12 @@ class Cell(TrackedArm):
         stated: bool = True,
     ) -> SweepSet:
         """Each controller joint turned alone; exact without a generator."""
-        parts = []
-        for joint in range(len(home)):
-            angles = self.sweep(joint, np.linspace(*SWEEPS[joint], count), home)
-            points = self.readings(angles)
-            if rng is not None:
-                points = points + rng.normal(0.0, sigma, points.shape)
-            parts.append(
-                Sweep(angles, points, np.ones(points.shape[:2], dtype=bool), f"joint_{joint + 1}", joint)
-            )
-        names = tuple(f"P{10 + t}" for t in range(len(self.targets)))
-        return SweepSet(
-            tuple(parts), names, JointMap(self.matrix, np.zeros(len(home))), sigma if stated else None
+        parts = tuple(
+            swept(self, joint, self.sweep(joint, np.linspace(*SWEEPS[joint], count), home), rng, sigma)
+            for joint in range(len(home))
         )
+        names = tuple(f"P{10 + t}" for t in range(len(self.targets)))
+        return SweepSet(parts, names, JointMap(self.matrix, np.zeros(len(home))), sigma if stated else None)
 
     def axis_at(self, joint: int, controller: np.ndarray) -> Axis:
         """The true axis in the tracker's frame in a posture."""
@@ -84,6 +79,25 @@ class Cell(TrackedArm):
     @property
     def tracker_to_base(self) -> RigidTransform:
         return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation)
+
+
+def swept(
+    cell: TrackedArm,
+    joint: int,
+    angles: np.ndarray,
+    rng: np.random.Generator | None = None,
+    sigma: float = SIGMA,
+) -> Sweep:
+    """A sweep of one joint at these angles (N, n) [rad]; exact without a generator."""
+    points = cell.readings(angles)
+    if rng is not None:
+        points = points + rng.normal(0.0, sigma, points.shape)
+    return Sweep(angles, points, np.ones(points.shape[:2], dtype=bool), f"joint_{joint + 1}", joint)
+
+
+def with_sweep(sweeps: SweepSet, joint: int, *others: Sweep) -> SweepSet:
+    """The set with others in place of the sweep of a joint."""
+    return replace(sweeps, sweeps=(*sweeps.sweeps[:joint], *others, *sweeps.sweeps[joint + 1 :]))
 
 
 def nominal() -> KinematicChain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -24,6 +25,8 @@ from support.geometry_truth import (
     nominal,
     shared_chain,
     shared_sweeps,
+    swept,
+    with_sweep,
 )
 
 from jointstiff.simulator import default_arm
@@ -36,7 +39,6 @@ from jointstiff.solver.geometry.frames import find_base_frame, find_wrist_centre
 from jointstiff.solver.geometry.identification import Conventions, IdentifiedGeometry, identify_from_sweeps
 from jointstiff.solver.geometry.model import FlangeConvention, identify_model
 from jointstiff.solver.geometry.sweeps import (
-    Sweep,
     SweepSet,
     SweptAxes,
     angle_probability,
@@ -146,11 +148,7 @@ def _worn(seed: int, *, spread: float) -> IdentifiedGeometry:
     parts = []
     for joint in range(6):
         home = HOME + rng.uniform(-spread, spread, 6)
-        angles = cell.sweep(joint, np.linspace(*SWEEPS[joint], 15), home)
-        points = cell.readings(angles)
-        points = points + rng.normal(0.0, SIGMA, points.shape)
-        shown = np.ones(points.shape[:2], dtype=bool)
-        parts.append(Sweep(angles, points, shown, f"joint_{joint + 1}", joint))
+        parts.append(swept(cell, joint, cell.sweep(joint, np.linspace(*SWEEPS[joint], 15), home), rng))
     sweeps = SweepSet(tuple(parts), NAMES, JointMap.identity(6), SIGMA)
     chain = read_urdf(urdf_text(cell.arm), "base_link", "flange")
     return identify_from_sweeps(sweeps, Conventions("nominal", "nominal"), nominal=chain)
@@ -173,16 +171,6 @@ def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread: float, 
     assert len(ratios) == 48
     assert np.abs(ratios).max() < 4.0
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
-
-
-def test_the_sweep_of_a_single_axis_is_fitted_by_itself() -> None:
-    """There is nothing that it could agree with."""
-    read = Cell().sweeps(np.random.default_rng(0)).sweeps[0]
-    one = replace(read, angles=read.angles[:, :1])
-    with pytest.raises(MeasurementError, match="single axis"):
-        identify_from_sweeps(
-            SweepSet((one,), NAMES, JointMap.identity(1), SIGMA), Conventions("axes", "axes")
-        )
 
 
 @pytest.mark.parametrize("factor", [1e3, 2e-3, 1e-3], ids=["mm as m", "barely", "m as mm"])
@@ -232,68 +220,66 @@ def test_a_coupled_sweep_states_its_uncertainty(way: str) -> None:
     assert np.mean(squares, axis=0) == pytest.approx(np.full(6, 4.0), rel=0.6)
 
 
-def test_coupled_axes_swept_in_another_way_or_not_at_all() -> None:
-    cell = Cell(matrix=FANUC_MAP)
-    sweeps = cell.sweeps()
-    moved = cell.sweeps(home=HOME + np.radians([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    mixed = replace(sweeps, sweeps=(*sweeps.sweeps[:2], moved.sweeps[2], *sweeps.sweeps[3:]))
-    with pytest.raises(MeasurementError, match="another configuration") as caught:
-        identify_axes(mixed)
-    assert "same configuration" in caught.value.remedy
-    with pytest.raises(MeasurementError, match="model joint 3"):
-        identify_axes(replace(sweeps, sweeps=(*sweeps.sweeps[:2], *sweeps.sweeps[3:])))
-
-
 def test_against_each_other_the_controllers_joints_turn_one_axis() -> None:
     """J3 commanded against J2 keeps model joint 3 at rest; then the circles are ordinary ones."""
     cell = Cell(imperfect_arm(2), matrix=FANUC_MAP)
-    sweeps = cell.sweeps()
-    old = sweeps.sweeps[1]
-    angles = old.angles.copy()
+    angles = cell.sweeps().sweeps[1].angles.copy()
     angles[:, 2] = HOME[2] + HOME[1] - angles[:, 1]
-    both = replace(old, angles=angles, points=cell.readings(angles))
-    parts = (sweeps.sweeps[0], both, *sweeps.sweeps[2:])
-    found = identify_axes(replace(sweeps, sweeps=parts))
+    both = swept(cell, 1, angles)
+    found = identify_axes(with_sweep(cell.sweeps(), 1, both))
     assert found.sweeps.turning(both) == (1,)
     assert np.abs(found.axes[1].chart(cell.axis_at(1, np.zeros(6)))).max() < 1e-8
 
 
-def test_two_joints_that_turn_without_being_coupled_are_refused() -> None:
-    cell = Cell()
-    sweeps = cell.sweeps()
-    angles = sweeps.sweeps[1].angles.copy()
-    angles[:, 2] += np.linspace(0.0, 0.3, len(angles))
-    bad = replace(sweeps.sweeps[1], angles=angles, points=cell.readings(angles))
-    with pytest.raises(MeasurementError, match="model joints 2 and 3 turn in one sweep"):
-        identify_axes(replace(sweeps, sweeps=(sweeps.sweeps[0], bad, *sweeps.sweeps[2:])))
-
-
 def test_sweeps_at_different_homes_fit_together() -> None:
     cell, rng = Cell(imperfect_arm(9)), np.random.default_rng(4)
-    parts = []
-    for joint in range(6):
-        home = HOME + rng.uniform(-0.3, 0.3, 6)
-        parts.append(cell.sweeps(home=home).sweeps[joint])
-    found = identify_axes(replace(cell.sweeps(), sweeps=tuple(parts)))
+    homes = HOME + rng.uniform(-0.3, 0.3, (6, 6))
+    parts = tuple(cell.sweeps(home=homes[joint]).sweeps[joint] for joint in range(6))
+    found = identify_axes(replace(cell.sweeps(), sweeps=parts))
     assert np.abs(axis_errors(found, cell)).max() < 1e-8
 
 
-def test_a_joint_without_a_sweep_is_named_and_two_sweeps_of_one_are_refused() -> None:
-    sweeps = Cell().sweeps()
-    with pytest.raises(MeasurementError, match="model joint 4, 5"):
-        identify_axes(replace(sweeps, sweeps=(*sweeps.sweeps[:3], sweeps.sweeps[5])))
-    with pytest.raises(MeasurementError, match="2 sweeps turn model joint 1"):
-        replace(sweeps, sweeps=(sweeps.sweeps[0], *sweeps.sweeps))
+def _single_axis() -> object:
+    """There is nothing that it could agree with: it is fitted by itself."""
+    read = Cell().sweeps(np.random.default_rng(0)).sweeps[0]
+    one = SweepSet((replace(read, angles=read.angles[:, :1]),), NAMES, JointMap.identity(1), SIGMA)
+    return identify_from_sweeps(one, Conventions("axes", "axes"))
+
+
+def _coupled_at_another_home() -> object:
+    cell = Cell(matrix=FANUC_MAP)
+    moved = cell.sweeps(home=HOME + np.radians([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    return identify_axes(with_sweep(cell.sweeps(), 2, moved.sweeps[2]))
+
+
+def _two_that_are_not_coupled() -> object:
+    cell = Cell()
+    angles = cell.sweeps().sweeps[1].angles.copy()
+    angles[:, 2] += np.linspace(0.0, 0.3, len(angles))
+    return identify_axes(with_sweep(cell.sweeps(), 1, swept(cell, 1, angles)))
+
+
+@pytest.mark.parametrize(
+    ("sweeps", "message"),
+    [
+        (_single_axis, "single axis"),
+        (_coupled_at_another_home, "another configuration"),
+        (lambda: identify_axes(with_sweep(Cell(matrix=FANUC_MAP).sweeps(), 2)), "model joint 3"),
+        (_two_that_are_not_coupled, "model joints 2 and 3 turn in one sweep"),
+        (lambda: identify_axes(with_sweep(with_sweep(Cell().sweeps(), 4), 3)), "model joint 4, 5"),
+        (lambda: with_sweep(Cell().sweeps(), 5, Cell().sweeps().sweeps[0]), "2 sweeps turn model joint 1"),
+    ],
+)
+def test_sweeps_that_determine_no_robot_are_refused(sweeps: Callable[[], object], message: str) -> None:
+    with pytest.raises(MeasurementError, match=message):
+        sweeps()
 
 
 class TestBaseConvention:
     def test_without_a_model_x_points_to_axis_2_whatever_its_sense(self) -> None:
-        arm = default_arm()
-        directions = arm.axis_directions.copy()
-        directions[1] *= -1.0
-        turned = replace(arm, axis_directions=directions)
-        for one in (arm, turned):
-            cell = Cell(one)
+        arm, turn = default_arm(), np.where(np.arange(6) == 1, -1.0, 1.0)[:, None]
+        for directions in (arm.axis_directions, turn * arm.axis_directions):
+            cell = Cell(replace(arm, axis_directions=directions))
             found = identify_axes(cell.sweeps(np.random.default_rng(0)))
             base = find_base_frame(found, height=0.78)
             gap = base.transform_tracker_to_base.chart(cell.tracker_to_base)
@@ -301,10 +287,8 @@ class TestBaseConvention:
 
     def test_parallel_first_axes_define_no_frame(self) -> None:
         arm = default_arm()
-        directions = arm.axis_directions.copy()
-        directions[1] = directions[0]
-        cell = Cell(replace(arm, axis_directions=directions))
-        found = identify_axes(cell.sweeps())
+        directions = arm.axis_directions[[0, 0, 2, 3, 4, 5]]
+        found = identify_axes(Cell(replace(arm, axis_directions=directions)).sweeps())
         with pytest.raises(MeasurementError, match="define the frame"):
             find_base_frame(found)
 

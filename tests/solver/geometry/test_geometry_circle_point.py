@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy import stats
 from support.examples import examples
 from support.figures import length_in
-from support.geometry_truth import HOME, SIGMA, TARGETS, Cell, chi_square, imperfect_arm
+from support.geometry_truth import HOME, SIGMA, TARGETS, Cell, chi_square, imperfect_arm, swept
 
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import Axis
@@ -31,10 +32,7 @@ def made(
 ) -> Sweep:
     """A sweep of one joint over an arc [degrees]."""
     angles = cell.sweep(joint, np.radians(np.linspace(low, high, count)))
-    points = cell.readings(angles)
-    if seed is not None:
-        points = points + np.random.default_rng(seed).normal(0.0, SIGMA, points.shape)
-    return Sweep(angles, points, np.ones(points.shape[:2], dtype=bool), f"joint_{joint + 1}", joint)
+    return swept(cell, joint, angles, None if seed is None else np.random.default_rng(seed))
 
 
 def fitted(sweep: Sweep, **options: object) -> AxisFit:
@@ -121,14 +119,11 @@ def test_a_target_near_the_axis_does_not_spoil_it(joint: int) -> None:
     cell = Cell(CELL.arm, targets=np.vstack([TARGETS, target]))
     home = np.zeros(6)
     with_it, without = [], []
+    angles = cell.sweep(joint, np.radians(np.linspace(-70.0, 70.0, 15)), home)
     for seed in range(30):
-        angles = cell.sweep(joint, np.radians(np.linspace(-70.0, 70.0, 15)), home)
-        points = cell.readings(angles) + np.random.default_rng(seed).normal(0.0, SIGMA, (15, 4, 3))
-        sweep = Sweep(angles, points, np.ones((15, 4), dtype=bool), "x", joint)
-        all_four, three = (
-            fitted(sweep),
-            fitted(replace(sweep, points=points[:, :3], present=sweep.present[:, :3])),
-        )
+        sweep = swept(cell, joint, angles, np.random.default_rng(seed))
+        all_four = fitted(sweep)
+        three = fitted(replace(sweep, points=sweep.points[:, :3], present=sweep.present[:, :3]))
         if joint == 5:
             assert all_four.targets((*NAMES, "P13"))[3].radius < 2.2e-3
         for fit, errors in ((all_four, with_it), (three, without)):
@@ -192,8 +187,7 @@ def test_free_angles_survive_encoder_errors_that_ruin_the_others() -> None:
         rng = np.random.default_rng(seed)
         shown = np.radians(np.linspace(-40.0, 45.0, 15))
         real = shown + 60e-6 * np.sin(12.0 * shown + rng.uniform(0.0, 6.3))
-        points = CELL.readings(CELL.sweep(1, real)) + rng.normal(0.0, SIGMA, (15, 3, 3))
-        sweep = Sweep(CELL.sweep(1, shown), points, np.ones((15, 3), dtype=bool), "joint_2", 1)
+        sweep = replace(swept(CELL, 1, CELL.sweep(1, real), rng), angles=CELL.sweep(1, shown))
         fit = fitted(sweep)
         free.append(chi_square(error(fit), fit.axis_covariance))
         assert np.sqrt(np.mean(fit.angle_deviation**2)) == pytest.approx(43e-6, rel=0.5)
@@ -212,31 +206,28 @@ class TestFlags:
         for seed in range(48):
             assert codes(made(seed % 6, -45.0, 55.0, seed=seed)) == []
 
+    def displaced(self, sweep: Sweep, part: object, shift: object) -> list[Finding]:
+        """Findings where some readings are displaced by (3,) [m]."""
+        points = sweep.points.copy()
+        points[part] += shift
+        return list(sweep_findings(fitted(replace(sweep, points=points)), NAMES))
+
     @pytest.mark.parametrize("joint", range(6))
     @pytest.mark.parametrize("at", [3, 8, 12])
     def test_a_bump_is_found_where_it_is(self, joint: int, at: int) -> None:
-        sweep = made(joint, -60.0, 60.0)
-        points = sweep.points.copy()
-        points[at:] += 2e-4 * np.array([0.6, -0.48, 0.64])
-        first = next(sweep_findings(fitted(replace(sweep, points=points)), NAMES))
+        shift = 2e-4 * np.array([0.6, -0.48, 0.64])
+        first = self.displaced(made(joint, -60.0, 60.0), np.s_[at:], shift)[0]
         assert first.code == "tracker_bumped"
         assert first.where.endswith(f"position {at + 1}")
         assert 2e-5 < length_in(first.message) < 1e-3
 
-    def test_one_reading_is_named(self) -> None:
-        sweep = made(4, -60.0, 60.0)
-        points = sweep.points.copy()
-        points[6, 1] += [2e-4, 0.0, 1e-4]
-        found = sweep_findings(fitted(replace(sweep, points=points)), NAMES)
+    def test_one_reading_and_one_position_are_named(self) -> None:
+        found = self.displaced(made(4, -60.0, 60.0), np.s_[6, 1], [2e-4, 0.0, 1e-4])
         (suspect,) = [finding for finding in found if finding.code == "reading_suspect"]
         assert suspect.where == "sweep of joint_5, position 7, target P11"
         assert length_in(suspect.message) == pytest.approx(2.2e-4, rel=0.4)
-
-    def test_one_position_is_named(self) -> None:
-        sweep = made(2, -40.0, 60.0)
-        points = sweep.points.copy()
-        points[6] += CELL.rotation @ [0.0, 4e-4, 0.0]
-        assert codes(replace(sweep, points=points))[0] == "position_suspect"
+        found = self.displaced(made(2, -40.0, 60.0), 6, CELL.rotation @ [0.0, 4e-4, 0.0])
+        assert found[0].code == "position_suspect"
 
     def test_a_short_arc_is_flagged_with_its_figure(self) -> None:
         (found,) = sweep_findings(fitted(made(2, 0.0, 20.0)), NAMES)
