@@ -85,6 +85,10 @@ class Atoms:
         """Some of them, in the given order."""
         return Atoms(self.index[rows], self.force[rows], self.information[rows])
 
+    def among(self, candidates: IndexArray) -> Atoms:
+        """Return these atoms of some candidates, given by their indices, as atoms of all."""
+        return Atoms(candidates[self.index], self.force, self.information)
+
     def joined(self, *others: Atoms) -> Atoms:
         """Return these and then the others."""
         parts = (self, *others)
@@ -360,16 +364,17 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
 
 def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]:
     """Return candidates with weights to begin with; of very many, the best weights of some."""
-    step = len(problem.candidates) // _AT_ONCE
+    every = np.arange(len(problem.candidates))
+    step = len(every) // _AT_ONCE
     if step > 1:
         coarse = copy(problem)
         coarse.candidates = problem.candidates[::step]
         if _determined(coarse.base + coarse.candidates.total()):
             design = optimise(coarse, max(tolerance, _COARSE_GAP))
-            return _every(step, design.atoms), design.weights
+            return design.atoms.among(every[::step]), design.weights
     # Choose readings one after the other by their price, among evenly spread candidates
     count = max(_START, len(problem.base))
-    step = max(1, len(problem.candidates) // _SAMPLE)
+    step = max(1, len(every) // _SAMPLE)
     sample = problem.candidates[::step]
     M = problem.base + 0.01 * problem.readings / len(sample) * sample.total()
     M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))
@@ -379,7 +384,7 @@ def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]
         chosen.append(sample.best(problem.criterion.support(M), allowed))
         allowed[chosen[-1].index] = False
         M = M + problem.readings / count * chosen[-1].information[0]
-    held = _every(step, chosen[0].joined(*chosen[1:]))
+    held = chosen[0].joined(*chosen[1:]).among(every[::step])
     # Add candidates until all parameters are determined, as those that were sampled may lack a rare one
     for _ in range(len(problem.base)):
         M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
@@ -388,11 +393,6 @@ def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]
         unseen = np.linalg.eigh(M)[1][:, 0]
         held = held.joined(problem.candidates.best(np.outer(unseen, unseen)))
     return held, np.full(len(held), 1.0 / len(held))
-
-
-def _every(step: int, atoms: Atoms) -> Atoms:
-    """Return atoms of every so manieth candidate as atoms of all candidates."""
-    return Atoms(step * atoms.index, atoms.force, atoms.information)
 
 
 def _determined(M: FloatArray) -> bool:

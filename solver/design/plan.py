@@ -161,12 +161,12 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
 def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, seed: int) -> Atoms:
     """Draw readings at random that are distinct from those chosen, and under loads drawn at random."""
     random = np.random.default_rng([seed, 1])
-    free = ~np.any([distinct.near(i, slice(None)) for i in chosen], axis=0)
+    free = ~np.any([distinct.near(i) for i in chosen], axis=0)
     validation: list[int] = []
     for i in random.permutation(len(free)):
         if len(validation) < count and free[i]:
             validation.append(int(i))
-            free &= ~distinct.near(i, slice(None))
+            free &= ~distinct.near(i)
     if len(validation) < count:
         raise RequestError(
             f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
@@ -220,7 +220,7 @@ class Distinct:
     #: candidate be read again
     angle: float
 
-    def near(self, candidate: int, index: IndexArray | slice) -> BoolArray:
+    def near(self, candidate: int, index: IndexArray | slice = slice(None)) -> BoolArray:
         """Return which of some candidates are not distinct from one."""
         return np.asarray(np.abs(self.postures[index] - self.postures[candidate]).max(axis=1) < self.angle)
 
@@ -329,7 +329,7 @@ class _Search:
         atoms, M = list(kept), self.matrix(kept)
         free = np.ones(len(self._problem.candidates), dtype=np.bool_)
         for each in kept:
-            free &= ~self._distinct.near(each.index[0], slice(None))
+            free &= ~self._distinct.near(each.index[0])
         while len(atoms) < self._problem.readings:
             if not free.any():
                 raise RequestError(
@@ -340,10 +340,10 @@ class _Search:
                 )
             G = self._criterion.support(M + (self._problem.readings - len(atoms)) * self._expected)
             if free[self._pool].any():
-                new = self._in_all(self._candidates.best(G, free[self._pool]))
+                new = self._candidates.best(G, free[self._pool]).among(self._pool)
             else:
                 new = self._problem.candidates.best(G, free)
-            free &= ~self._distinct.near(new.index[0], slice(None))
+            free &= ~self._distinct.near(new.index[0])
             atoms.append(new)
             M = M + new.information[0]
         return atoms
@@ -357,32 +357,23 @@ class _Search:
         for _ in range(max(2, _EXCHANGES // len(atoms))):
             before = value = self._criterion.information(M)
             for i, old in enumerate(atoms):
-                rest = M - old.information[0]
-                new = self._better(rest, taken == near[i], value, M)
-                if new is None:
+                # A candidate that adds more to the others than the one left out
+                rest, free = M - old.information[0], taken == near[i]
+                at = rest if self._criterion.information(rest) > 1e-6 * value else M
+                G = self._criterion.support(at)
+                prices = np.where(free, self._candidates.prices(G), -np.inf)
+                tried = self._candidates.atoms(np.argsort(-prices)[: min(_TRIED, int(free.sum()))], G)
+                reached = [self._criterion.information(rest + K) for K in tried.information]
+                best = int(np.argmax([_IMPROVES * value, *reached]))
+                if not best:
                     continue
-                M = rest + new.information[0]
-                taken, atoms[i] = taken - near[i], new
-                near[i] = self._distinct.near(new.index[0], self._pool)
+                M = rest + tried.information[best - 1]
+                taken, atoms[i] = taken - near[i], tried[best - 1 : best].among(self._pool)
+                near[i] = self._distinct.near(atoms[i].index[0], self._pool)
                 taken, value = taken + near[i], self._criterion.information(M)
             if value <= _IMPROVES * before:
                 break
         return atoms
-
-    def _better(self, rest: FloatArray, free: BoolArray, value: float, M: FloatArray) -> Atoms | None:
-        """Return a candidate that adds more to the others than the one left out; None if none does."""
-        at = rest if self._criterion.information(rest) > 1e-6 * value else M
-        G = self._criterion.support(at)
-        prices = np.where(free, self._candidates.prices(G), -np.inf)
-        tried = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
-        atoms = self._candidates.atoms(tried, G)
-        values = [_IMPROVES * value, *(self._criterion.information(rest + K) for K in atoms.information)]
-        best = int(np.argmax(values))
-        return self._in_all(atoms[best - 1 : best]) if best else None
-
-    def _in_all(self, atoms: Atoms) -> Atoms:
-        """Return atoms of the pool as atoms of all candidates."""
-        return Atoms(self._pool[atoms.index], atoms.force, atoms.information)
 
 
 def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> OtherPlan:
@@ -407,7 +398,7 @@ def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: 
     for _ in range(problem.readings):
         best = problem.candidates.best(problem.criterion.support(other + share), free)
         other = other + best.information[0]
-        free &= ~distinct.near(best.index[0], slice(None))
+        free &= ~distinct.near(best.index[0])
     efficiency = problem.criterion.information(other) / problem.criterion.information(M)
     return OtherPlan(efficiency, uncertainty_of(other / problem.squares, s))
 
