@@ -316,18 +316,18 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         worst = int(rows[size[rows, j].argmax()])
         yield view.finding(
             "encoder_against_torque",
-            worst if len(rows) == 1 else None,
             f"the encoder of {names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} µrad, opposite to "
             f"the torque of {torque[worst, j]:.4g} N.m, in {len(rows)} of "
             f"{int(encoders.present[:, j].sum())} readings",
             "check the encoder's sign, which is that of the model's joint, not the controller's; that "
             "unloaded and loaded are not exchanged; and the signs of the force",
+            row=worst if len(rows) == 1 else None,
         )
     for j in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
         worst = int(size[:, j].argmax())
         yield view.finding(
             "encoder_deflection_implausibly_large",
-            worst,
             f"the encoder of {names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
             "check `units.angle`, and that unloaded and loaded readings are of the same posture",
+            row=worst,
         )
