@@ -55,9 +55,14 @@ def flange_points(chain: KinematicChain, angles: np.ndarray, points: np.ndarray)
     return turned + configurations.flange_translation[:, None]
 
 
-def table_points(table: DhTable, angles: np.ndarray, points: np.ndarray) -> np.ndarray:
-    moved = flange_points(dh_chain(table.rows, table.convention, "x"), angles, table.tool.apply(points))
-    return table.base.apply(moved)
+def exact_table(chain: KinematicChain, convention: str) -> DhTable:
+    return dh_table(chain, convention, parallel_within=0.0)  # type: ignore[arg-type]
+
+
+def table_gap(table: DhTable, chain: KinematicChain, points: np.ndarray = TARGETS) -> np.ndarray:
+    """How far off the chain's the table's points on the flange are, in all postures [m]."""
+    moved = flange_points(dh_chain(table.rows, table.convention, "x"), ANGLES, table.tool.apply(points))
+    return table.base.apply(moved) - flange_points(chain, ANGLES, points)
 
 
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
@@ -88,18 +93,16 @@ def test_dh_tables_are_exact_where_no_axes_are_nearly_parallel(seed: int, conven
     directions = arm.axis_directions + rng.normal(0.0, 0.3, (6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     chain = read_urdf(urdf_text(replace(arm, axis_directions=directions)), "base_link", "flange")
-    table = dh_table(chain, convention, parallel_within=0.0)  # type: ignore[arg-type]
+    table = exact_table(chain, convention)
     assert all(abs(row.d) < 100.0 for row in table.rows)
-    gap = table_points(table, ANGLES, TARGETS) - flange_points(chain, ANGLES, TARGETS)
-    assert np.abs(gap).max() < 1e-9
+    assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_dh_of_exactly_parallel_axes_is_exact_and_tidy(convention: str) -> None:
-    table = dh_table(nominal(), convention, parallel_within=0.0)  # type: ignore[arg-type]
-    gap = table_points(table, ANGLES, TARGETS) - flange_points(nominal(), ANGLES, TARGETS)
-    assert np.abs(gap).max() < 1e-12
+    table = exact_table(nominal(), convention)
+    assert np.abs(table_gap(table, nominal())).max() < 1e-12
     lengths = sorted(
         round(abs(value), 9) for row in table.rows for value in (row.a, row.d) if abs(value) > 1e-9
     )
@@ -118,9 +121,8 @@ def test_parallel_axes_beside_the_plane_of_the_base_have_the_same_links(
     moved = arm.axis_points + np.outer(np.arange(6) == 0, [0.0, shift, 0.0])
     shifted = replace(arm, axis_points=moved)
     chain = read_urdf(urdf_text(shifted), "base_link", "flange")
-    tables = [dh_table(each, convention, parallel_within=0.0) for each in (nominal(), chain)]  # type: ignore[arg-type]
-    gap = table_points(tables[1], ANGLES, TARGETS) - flange_points(chain, ANGLES, TARGETS)
-    assert np.abs(gap).max() < 1e-12
+    tables = [exact_table(each, convention) for each in (nominal(), chain)]
+    assert np.abs(table_gap(tables[1], chain)).max() < 1e-12
     lengths = [sorted(round(abs(row.a), 9) for row in table.rows[1:4]) for table in tables]
     assert lengths[0] == lengths[1]
 
@@ -132,11 +134,10 @@ def test_dh_of_nearly_parallel_axes_says_what_it_leaves_out(convention: str) -> 
     (pair,) = table.parallel
     assert (pair.joint, pair.made_parallel) == ("joint_2", True)
     assert 1e-6 < pair.angle < 2e-4
-    gap = table_points(table, ANGLES, np.zeros((1, 3))) - flange_points(model.chain, ANGLES, np.zeros((1, 3)))
-    measured = np.linalg.norm(gap, axis=-1).max()
+    measured = np.linalg.norm(table_gap(table, model.chain, np.zeros((1, 3))), axis=-1).max()
     assert 0.3 * table.deviation < measured < 1.2 * table.deviation
     assert 1e-6 < table.deviation < 1e-3
-    exact = dh_table(model.chain, convention, parallel_within=0.0)  # type: ignore[arg-type]
+    exact = exact_table(model.chain, convention)
     assert not exact.parallel[0].made_parallel
     assert max(abs(row.d) for row in exact.rows) > 100.0
 
