@@ -98,7 +98,7 @@ def test_readings_with_errors_are_not_written_unasked(folder, robot_file):
     options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", point, "--output", "new.json")
     shown = run("cell.csv", *options)
     assert shown.exit_code == 1, shown.output
-    assert "error: " in shown.stdout
+    assert "do not use: " in shown.stdout
     assert "complete" not in shown.stdout.replace("complete readings", "")
     assert "--despite-errors" in shown.stderr
     assert not (folder / "new.json").exists()
