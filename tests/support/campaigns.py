@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -16,16 +17,26 @@ from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.robots import build_robot, dh_kinematics
 from jointstiff.service.kinds.run.settings import to_settings
-from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
-from jointstiff.simulator.equilibrium import deflections
+from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
+from jointstiff.simulator.equilibrium import deflections, linear_deflections
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
+METHODS_AND_WEIGHTS = [
+    *((method, weighting) for method in METHODS for weighting in ("covariance", "uniform")),
+    ("complete_pose", "characteristic_length"),
+]
+ARM = default_arm()
+POINTS = np.array(list(TARGETS.values()))
+SIGMA = 2e-5
+"""Standard uncertainty of one coordinate of one reading [m]."""
 
 
 def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
@@ -41,6 +52,11 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
     measurements = to_measurements(campaign.measurement_set, readings, robot)
     stated = measurements.common_uncertainty.stated
     return robot, replace(measurements, common_uncertainty=None if stated == CommonUncertainty() else stated)
+
+
+def simulated(arm: SpringArm = ARM, **options: Any) -> tuple[Robot, Measurements]:
+    """Simulate a campaign on an arm of exact springs."""
+    return prepare(simulate_campaign(arm, **options))
 
 
 def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:
@@ -66,12 +82,91 @@ def first_target(measurements: Measurements) -> Measurements:
     return replace(measurements, targets=measurements.targets[:1], **first)
 
 
-def straight_wrist(angle: float):
+def with_targets(measurements: Measurements, present: BoolArray) -> Measurements:
+    """The same readings where present (N, T) only; elsewhere they are padding of zeros."""
+    holes = {name: np.where(present[..., None], getattr(measurements, name), 0.0) for name in _COORDINATES}
+    return replace(measurements, present=present, **holes)
+
+
+_COORDINATES = ("position", "deflection")
+
+
+def straight_wrist(angle: float) -> tuple[Robot, Measurements]:
     """Pulls with joint 5 at ± this angle [rad], by exact springs, without noise."""
-    arm = default_arm()
-    robot, campaign = prepare(simulate_campaign(arm, load="pull", seed=2))
+    robot, campaign = simulated(load="pull", seed=2)
     q = campaign.joints.copy()
     q[:, 4] = angle * np.where(np.arange(len(q)) % 2, 1, -1)
-    points = np.array(list(TARGETS.values()))
-    unloaded, loaded = deflections(arm, q, campaign.force, campaign.moment, campaign.load_point, points)
+    unloaded, loaded = deflections(ARM, q, campaign.force, campaign.moment, campaign.load_point, POINTS)
     return robot, replace(campaign, joints=q, position=unloaded, deflection=loaded - unloaded)
+
+
+def twins(robot: Robot, measurements: Measurements, offset: float = 0.0) -> tuple[Robot, Measurements]:
+    """The same readings of a robot whose joint 1 has a twin on its axis, or so far beside it [m]."""
+    first, *others = robot.chain.joints
+    aside = np.array([offset, 0.0, 0.0])
+    twin = replace(first, name="twin", child="twin_link", rotation=np.eye(3), translation=aside)
+    chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (first, twin, *others))
+    return Robot(chain), replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
+
+
+def in_units(
+    robot: Robot, measurements: Measurements, length: float = 1.0, force: float = 1.0
+) -> tuple[Robot, Measurements]:
+    """The same robot and readings, numbers of lengths and of forces times so much."""
+    factors = dict.fromkeys(("load_point", "position", "deflection", "sigma"), length)
+    factors |= {"force": force, "moment": force * length}
+    scaled = {name: factor * getattr(measurements, name) for name, factor in factors.items()}
+    joints = tuple(replace(joint, translation=length * joint.translation) for joint in robot.chain.joints)
+    return Robot(replace(robot.chain, joints=joints), robot.joint_map), replace(measurements, **scaled)
+
+
+def in_base_frame(robot: Robot, measurements: Measurements, seed: int) -> tuple[Robot, Measurements]:
+    """The same robot and readings, in another base frame by chance."""
+    rng = np.random.default_rng(seed)
+    rotation = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    shift = rng.uniform(-5, 5, 3)
+    mount = ChainJoint("mount", "fixed", rotation, shift, np.array([0.0, 0.0, 1.0]), None, "pedestal")
+    chain = replace(robot.chain, base="floor", joints=(mount, *robot.chain.joints))
+    turned = {name: getattr(measurements, name) @ rotation.T for name in ("force", "moment", *_COORDINATES)}
+    turned["position"] += shift
+    return Robot(chain, robot.joint_map), replace(measurements, **turned)
+
+
+def spring_columns(joints: FloatArray, *wrench: FloatArray) -> FloatArray:
+    """(N, T, 3, 6) deflections of the targets by one soft joint each, by the simulator [m / (rad/(N·m))]."""
+    soft = (replace(ARM, stiffnesses=np.where(np.arange(6) == j, 1.0, np.inf)) for j in range(6))
+    return np.stack([linear_deflections(arm, joints, *wrench, POINTS) for arm in soft], axis=-1)
+
+
+def covariance_by_moving(
+    compliance: Callable[..., FloatArray],
+    **numbers: tuple[FloatArray, float | FloatArray],
+) -> FloatArray:
+    """Covariance of a linear estimator, ``H Σ Hᵀ``: H by moving one number at a time.
+
+    Args:
+        compliance: estimate (n,); arguments take the place of numbers.
+        numbers: by the name of the argument, and the standard uncertainty of each.
+    """
+    moved = []
+    for name, (values, uncertainty) in numbers.items():
+        step = np.broadcast_to(uncertainty, values.shape)
+        for place in np.ndindex(values.shape):
+            other = values.copy()
+            other[place] += step[place]
+            moved.append(compliance(**{name: other}))
+    change = np.array(moved) - compliance()
+    return np.asarray(change.T @ change)
+
+
+def assert_covariance(found: FloatArray, expected: FloatArray, *, atol: float) -> None:
+    """Compare two covariances as correlations."""
+    size = np.sqrt(np.diag(expected)) + 1e-30
+    np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=atol)
+
+
+def held(joints: Iterable[Any], truth: Iterable[float]) -> list[bool]:
+    """Whether the interval of each joint holds its true compliance."""
+    pairs = zip(joints, truth, strict=True)
+    return [j.compliance_interval[0] <= c <= j.compliance_interval[1] for j, c in pairs]
