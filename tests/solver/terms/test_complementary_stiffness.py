@@ -6,12 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, first_target, prepare
+from support.campaigns import (
+    ARM,
+    METHODS,
+    METHODS_AND_WEIGHTS,
+    POINTS,
+    SIGMA,
+    estimate,
+    first_target,
+    settings_of,
+    simulated,
+)
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.kinds.run.settings import to_settings
-from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
+from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
@@ -19,71 +26,50 @@ from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
-from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.complementary_stiffness import NEGLECTED_STIFFNESS, complementary_stiffness
 
-METHODS_AND_WEIGHTS = [
-    ("complete_pose", "covariance"),
-    ("complete_pose", "characteristic_length"),
-    ("complete_pose", "uniform"),
-    ("partial_pose", "covariance"),
-    ("partial_pose", "uniform"),
-    ("decoupled_partial_pose", "covariance"),
-    ("decoupled_partial_pose", "uniform"),
-]
-ARM = default_arm()
-SIGMA = 2e-5
-
 
 def exact(load: str = "pull", *, configurations: int = 19, **options) -> tuple[Robot, Measurements]:
     """Readings without noise, of springs that balance the load, with the sigma that a tracker would have."""
-    document = simulate_campaign(
-        ARM, load=load, configurations=configurations, sigma=0.0, **{"seed": 3, **options}
-    )
-    robot, measurements = prepare(document)
+    options = {"load": load, "configurations": configurations, "sigma": 0.0, "seed": 3} | options
+    robot, measurements = simulated(**options)
     return robot, replace(measurements, sigma=SIGMA)
+
+
+def wrench_of(measurements: Measurements) -> tuple[np.ndarray, ...]:
+    return measurements.force, measurements.moment, measurements.load_point
+
+
+@pytest.fixture(scope="module")
+def pulls() -> tuple[Robot, Measurements]:
+    return exact()
+
+
+@pytest.fixture(scope="module")
+def dead_weight() -> tuple[Robot, Measurements]:
+    return exact("dead_weight")
 
 
 class TestMatrix:
     @pytest.mark.parametrize("moment", [0.0, 400.0])
     def test_is_the_derivative_of_the_simulators_torques(self, moment):
-        document = simulate_campaign(ARM, load="pull", configurations=7, moment=moment, seed=11)
-        (block,) = regressor_blocks(*prepare(document))
-        experiment, step = experiment_of(document), 1e-5
-        found = complementary_stiffness(block)
+        robot, measurements = exact(configurations=7, moment=moment, seed=11)
+        (block,) = regressor_blocks(robot, measurements)
+        found, step = complementary_stiffness(block), 1e-5
         for k in range(6):
-            shift = step * np.eye(6)[k]
             ahead, behind = (
-                torques(ARM, experiment.joints + s, *experiment.wrenches) for s in (shift, -shift)
+                torques(ARM, measurements.joints + s * np.eye(6)[k], *wrench_of(measurements))
+                for s in (step, -step)
             )
             # Torques of 4 kN.m have third derivatives of as much, and 1e-12 of rounding.
             np.testing.assert_allclose(found[:, :, k], (ahead - behind) / (2 * step), atol=1e-5)
 
-    def test_is_the_derivative_of_the_torques_by_pinocchio(self):
-        robot, measurements = prepare(
-            simulate_campaign(ARM, load="pull", configurations=5, moment=300.0, seed=2)
-        )
-        (block,) = regressor_blocks(robot, measurements)
-        q, step = robot.joint_map.model_angles(measurements.joints), 1e-5
-
-        def at(angles):
-            configurations = Configurations(robot, angles)
-            place = configurations.to_base(measurements.load_point[:, None])
-            jacobian = configurations.jacobian_at(place)[:, 0]
-            return configurations.joint_torque(jacobian, measurements.force, measurements.moment)
-
-        differences = [(at(q + s) - at(q - s)) / (2 * step) for s in step * np.eye(6)]
-        np.testing.assert_allclose(complementary_stiffness(block), np.stack(differences, axis=-1), atol=1e-5)
-
     def test_a_dead_force_has_a_potential_and_a_dead_moment_has_none(self):
         for force, moment, symmetric in ((1500.0, 0.0, True), (0.0, 400.0, False)):
-            document = simulate_campaign(
-                ARM, load="pull", configurations=4, force=force, moment=moment, seed=5
-            )
-            (block,) = regressor_blocks(*prepare(document))
+            (block,) = regressor_blocks(*exact(configurations=4, force=force, moment=moment))
             found = complementary_stiffness(block)
             skewness = np.abs(found - found.transpose(0, 2, 1)).max() / np.abs(found).max()
             assert (skewness < 1e-12) == symmetric
@@ -112,23 +98,21 @@ class TestDeflectedRegressor:
             errors.append(error)
         assert errors[0] / errors[1] == pytest.approx(1000.0, rel=0.05)
 
-    def test_torques_are_those_of_the_balance(self):
-        robot, measurements = exact()
+    def test_torques_are_those_of_the_balance(self, pulls):
+        robot, measurements = pulls
         (block,) = regressor_blocks(robot, measurements, ARM.compliances)
         bent = measurements.joints + ARM.compliances * block.torque
-        wrench = (measurements.force, measurements.moment, measurements.load_point)
-        np.testing.assert_allclose(block.torque, torques(ARM, bent, *wrench), rtol=1e-10, atol=1e-9)
+        expected = torques(ARM, bent, *wrench_of(measurements))
+        np.testing.assert_allclose(block.torque, expected, rtol=1e-10, atol=1e-9)
 
-    def test_rigid_joints_do_not_bend_and_leave_the_plain_regressor(self):
-        robot, measurements = exact()
-        (plain,) = regressor_blocks(robot, measurements)
-        (rigid,) = regressor_blocks(robot, measurements, np.zeros(6))
+    def test_rigid_joints_do_not_bend_and_leave_the_plain_regressor(self, pulls):
+        (plain,) = regressor_blocks(*pulls)
+        (rigid,) = regressor_blocks(*pulls, np.zeros(6))
         np.testing.assert_allclose(rigid.A, plain.A, rtol=1e-10, atol=1e-10)
 
-    def test_a_load_that_buckles_the_arm_is_refused(self):
-        robot, measurements = exact()
+    def test_a_load_that_buckles_the_arm_is_refused(self, pulls):
         with pytest.raises(SolverError, match="no equilibrium"):
-            next(regressor_blocks(robot, measurements, 1e3 * ARM.compliances))
+            next(regressor_blocks(*pulls, 1e3 * ARM.compliances))
 
 
 class TestIncluded:
@@ -148,64 +132,60 @@ class TestIncluded:
         before = np.abs(neglected.compliance[known] - truth)
         assert 0.15 < (before / uncertainty).max() < 0.9
 
-    def test_with_bounds_that_hold_a_joint(self):
-        robot, measurements = exact()
+    @pytest.mark.parametrize("method", METHODS)
+    def test_a_heavy_load_takes_few_rounds(self, method):
+        """Springs that balance 8 kN exactly: off by per cents without K_c, by 1e-5 with it."""
+        campaign = exact(force=8000.0, configurations=12, seed=4)
+        neglected, included = (
+            estimate(*campaign, method=method, complementary_stiffness=choice)
+            for choice in ("neglected", "included")
+        )
+        off = [np.abs(each.compliance / ARM.compliances - 1.0).max() for each in (neglected, included)]
+        assert off[1] < 1e-4 < 1e-2 < off[0]
+        assert 1 <= included.complementary_stiffness.iterations <= 6
+
+    def test_with_bounds_that_hold_a_joint(self, pulls):
         bounds = {"joint_5": (1e5, 0.2e6)}
-        found = estimate(robot, measurements, complementary_stiffness="included", stiffness_bounds=bounds)
+        found = estimate(*pulls, complementary_stiffness="included", stiffness_bounds=bounds)
         assert found.joints[4].status == "at_bound"
         assert found.compliance[4] == 1 / 0.2e6
         assert max(certificate.dual for certificate in found.certificates) <= 1e-12
 
-    def test_with_the_huber_loss(self):
-        robot, measurements = exact()
+    def test_with_the_huber_loss(self, pulls):
+        robot, measurements = pulls
         spoilt = measurements.deflection.copy()
         spoilt[4, 1] += [1e-3, 0.0, -1e-3]
-        spoilt = replace(measurements, deflection=spoilt)
-        found = estimate(robot, spoilt, complementary_stiffness="included", loss="huber")
+        found, squared = (
+            estimate(
+                robot, replace(measurements, deflection=spoilt), complementary_stiffness="included", loss=loss
+            )
+            for loss in ("huber", "squared")
+        )
         uncertainty = np.sqrt(np.diag(found.covariance))
-        assert (np.abs(found.compliance - ARM.compliances) / uncertainty).max() < 1.0
-        squared = estimate(robot, spoilt, complementary_stiffness="included")
-        assert (np.abs(squared.compliance - ARM.compliances) / uncertainty).max() > 5.0
+        off = [np.abs((each.compliance - ARM.compliances) / uncertainty).max() for each in (found, squared)]
+        assert off[0] < 1.0 < 5.0 < off[1]
         assert found.robust.suspicious.tolist() == [[4, 1]]
 
-    @pytest.mark.parametrize("method", METHODS)
-    @pytest.mark.parametrize("scale", [1e-3, 1e3])
-    def test_does_not_depend_on_the_unit_of_force(self, method, scale):
-        robot, measurements = exact(configurations=9)
-        other = replace(measurements, force=scale * measurements.force, moment=scale * measurements.moment)
-        options = {"method": method, "complementary_stiffness": "included"}
-        found, expected = estimate(robot, other, **options), estimate(robot, measurements, **options)
-        np.testing.assert_allclose(scale * found.compliance, expected.compliance, rtol=1e-9)
-        sizes = [of.complementary_stiffness for of in (found, expected)]
-        assert sizes[0].largest_ratio == pytest.approx(sizes[1].largest_ratio, rel=1e-9)
-        assert sizes[0].largest_shift == pytest.approx(sizes[1].largest_shift, rel=1e-6)
-
-    def test_prediction_is_the_exact_balance(self):
-        robot, measurements = exact()
+    def test_prediction_is_the_exact_balance(self, pulls):
+        robot, measurements = pulls
         found = estimate(robot, measurements, complementary_stiffness="included")
         included = predict(robot, measurements, found.compliance, complementary_stiffness=True)
         linear = predict(robot, measurements, found.compliance)
-        unloaded, loaded = deflections(
-            ARM,
-            measurements.joints,
-            measurements.force,
-            measurements.moment,
-            LOAD_POINT,
-            np.array(list(TARGETS.values())),
-        )
+        load = measurements.force, measurements.moment, LOAD_POINT
+        unloaded, loaded = deflections(ARM, measurements.joints, *load, POINTS)
         assert np.abs(included.predicted - (loaded - unloaded)).max() < 1e-8
         assert included.rms_residual < 1e-8 < 1e-6 < linear.rms_residual
 
-    def test_compliances_that_never_settle_are_refused(self, monkeypatch):
+    def test_compliances_that_never_settle_are_refused(self, pulls, monkeypatch):
         monkeypatch.setattr(iteration, "MAX_ITERATIONS", 1)
         with pytest.raises(SolverError, match="still change"):
-            estimate(*exact(), complementary_stiffness="included")
+            estimate(*pulls, complementary_stiffness="included")
 
 
 class TestReported:
     @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
     def test_shift_is_what_including_it_would_change(self, method, weighting):
-        robot, measurements = prepare(simulate_campaign(ARM, load="dead_weight", seed=8))
+        robot, measurements = simulated(load="dead_weight", seed=8)
         options = {"method": method, "weighting": weighting}
         neglected = estimate(robot, measurements, **options)
         included = estimate(robot, measurements, complementary_stiffness="included", **options)
@@ -224,22 +204,12 @@ class TestReported:
         assert 1 <= other.iterations <= 8
         assert other.largest_shift == pytest.approx(expected, rel=0.01)
 
-    def test_ratio_is_that_of_the_joints_with_an_estimate(self):
-        robot, measurements = exact("dead_weight")
-        found = estimate(robot, measurements)
+    def test_ratio_is_that_of_the_joints_with_an_estimate(self, dead_weight):
+        found = estimate(*dead_weight)
         assert found.joints[0].compliance is None
-        (block,) = regressor_blocks(robot, measurements)
+        (block,) = regressor_blocks(*dead_weight)
         ratios = np.abs(complementary_stiffness(block)).max(axis=0) * found.compliance[:, None]
         assert found.complementary_stiffness.largest_ratio == pytest.approx(ratios[1:, 1:].max())
-
-    @pytest.mark.parametrize("loss", ["squared", "huber"])
-    def test_of_a_set_of_many_blocks(self, monkeypatch, loss):
-        robot, measurements = exact("dead_weight", configurations=60)
-        whole = estimate(robot, measurements, loss=loss).complementary_stiffness
-        monkeypatch.setattr(regressor, "BLOCK_LENGTH", 7)
-        blocks = estimate(robot, measurements, loss=loss).complementary_stiffness
-        assert blocks.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-9)
-        assert blocks.largest_shift == pytest.approx(whole.largest_shift, rel=1e-9)
 
     def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
         robot, measurements = exact("dead_weight", configurations=200)
@@ -256,43 +226,32 @@ class TestReported:
         one = replace(first_target(measurements), sigma=None)
         assert estimate(robot, one).complementary_stiffness.largest_shift is None
 
-    @pytest.mark.parametrize(("sigma", "warned"), [(SIGMA, True), (3 * SIGMA, False)])
-    def test_says_so_where_it_matters(self, sigma, warned):
-        robot, measurements = exact("dead_weight")
-        measurements = replace(measurements, sigma=sigma)
-        found = estimate(robot, measurements)
-        findings = judge(found)
-        (finding,) = [f for f in findings if f.code == "complementary_stiffness_matters"] or [None]
-        assert (finding is not None) == warned
-        if finding is not None:
-            assert "complementary_stiffness: included" in finding.remedy
-
-    def test_says_nothing_where_it_is_included(self):
-        robot, measurements = exact("dead_weight")
-        found = estimate(robot, measurements, complementary_stiffness="included")
-        assert found.complementary_stiffness.largest_shift > 0.5
-        codes = {finding.code for finding in judge(found)}
-        assert "complementary_stiffness_matters" not in codes
+    @pytest.mark.parametrize(
+        ("sigma", "choice", "warned"),
+        [(SIGMA, "neglected", True), (3 * SIGMA, "neglected", False), (SIGMA, "included", False)],
+    )
+    def test_says_so_where_it_matters(self, dead_weight, sigma, choice, warned):
+        robot, measurements = dead_weight[0], replace(dead_weight[1], sigma=sigma)
+        found = estimate(robot, measurements, complementary_stiffness=choice)
+        assert (found.complementary_stiffness.largest_shift > 0.5) == (sigma == SIGMA)
+        remedies = [f.remedy for f in judge(found) if f.code == "complementary_stiffness_matters"]
+        assert ["complementary_stiffness: included" in remedy for remedy in remedies] == [True] * warned
 
 
-def test_resampling_refuses_what_is_not_linear():
-    robot, measurements = exact()
+def test_resampling_refuses_what_is_not_linear(pulls):
     with pytest.raises(UnsupportedMethodError, match="resampling") as refusal:
-        gram_blocks(robot, measurements, to_settings(RunOptions(loss="huber"), robot))
+        gram_blocks(*pulls, settings_of(pulls[0], loss="huber"))
     assert refusal.value.where == "resampling"
 
 
 @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
-def test_resamples_find_the_springs(method, weighting):
+def test_resamples_find_the_springs(pulls, method, weighting):
     """Each draw of readings without noise finds the springs, with K_c at the whole set's compliances."""
-    robot, measurements = exact()
-    options = RunOptions(method=method, weighting=weighting, complementary_stiffness="included")
-    plan = ResamplingPlan(10, 6, 1)
     found, neglected = (
-        resample(gram_blocks(robot, measurements, settings), plan, settings.bounds)
+        resample(gram_blocks(*pulls, settings), ResamplingPlan(10, 6, 1), settings.bounds)
         for settings in (
-            to_settings(options, robot),
-            to_settings(options.model_copy(update={"complementary_stiffness": "neglected"}), robot),
+            settings_of(pulls[0], method=method, weighting=weighting, complementary_stiffness=choice)
+            for choice in ("included", "neglected")
         )
     )
     true = np.broadcast_to(ARM.compliances, found.compliance.shape)

@@ -7,14 +7,13 @@ import weakref
 from dataclasses import replace
 
 import numpy as np
-from support.campaigns import prepare
+from support.campaigns import simulated
 
-from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.terms.block import regressor_blocks
 
 
 def test_the_same_set_has_the_same_regressors_and_others_have_their_own():
-    robot, measurements = prepare(simulate_campaign(default_arm(), seed=8))
+    robot, measurements = simulated(seed=8)
     (first,) = regressor_blocks(robot, measurements)
     (again,) = regressor_blocks(robot, measurements)
     assert again.A is first.A
@@ -23,13 +22,13 @@ def test_the_same_set_has_the_same_regressors_and_others_have_their_own():
     assert (bent.A != first.A).any()
     (stronger,) = regressor_blocks(robot, replace(measurements, force=2.0 * measurements.force))
     np.testing.assert_allclose(stronger.A, 2.0 * first.A, rtol=1e-12)
-    other, _ = prepare(simulate_campaign(default_arm(), seed=8))
+    other, _ = simulated(seed=8)
     (of_other,) = regressor_blocks(other, measurements)
     assert of_other.A is not first.A
 
 
 def test_a_set_that_is_gone_leaves_nothing_behind():
-    robot, measurements = prepare(simulate_campaign(default_arm(), seed=8))
+    robot, measurements = simulated(seed=8)
     (block,) = regressor_blocks(robot, measurements)
     kept = weakref.ref(block.configurations)
     del block, measurements
