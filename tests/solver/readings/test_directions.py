@@ -6,22 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import estimate, prepare, settings_of
+from support.campaigns import ARM, assert_covariance, estimate, prepare, settings_of
 from support.gauges import by_gauges, triads
 
-from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator import simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.resampling import gram_blocks
 
-ARM = default_arm()
 SPREAD = {"P0": (0.15, 0.0, 0.1), "P1": (-0.1, 0.12, 0.1), "P2": (-0.1, -0.12, 0.05)}
 
 
-def campaign(**options):
+ONE = {"P0": (0.1, 0.05, 0.1)}
+
+
+def campaign(targets=ONE, **options):
     options = {"load": "pull", "seed": 3, "configurations": 20, "readings": "deflections"} | options
-    return simulate_campaign(ARM, **options)
+    return simulate_campaign(ARM, targets=targets, **options)
 
 
 def deflections_of(document):
@@ -32,10 +34,7 @@ def as_exact(document, of_gauges, **options):
     """Both fits, which must agree to 1e-9."""
     tracker, gauges = (estimate(*prepare(each), **options) for each in (document, of_gauges))
     np.testing.assert_allclose(gauges.compliance, tracker.compliance, rtol=1e-9, atol=1e-15)
-    if tracker.covariance is not None:
-        size = np.sqrt(np.diag(tracker.covariance))
-        scale = np.outer(size, size)
-        np.testing.assert_allclose(gauges.covariance / scale, tracker.covariance / scale, atol=1e-9)
+    assert_covariance(gauges.covariance, tracker.covariance, atol=1e-9)
     assert gauges.chi_square == pytest.approx(tracker.chi_square, rel=1e-9)
     assert gauges.degrees_of_freedom == pytest.approx(tracker.degrees_of_freedom)
     return gauges
@@ -45,7 +44,7 @@ def as_exact(document, of_gauges, **options):
 @pytest.mark.parametrize("stiffness", ["neglected", "included"])
 @pytest.mark.parametrize("frame", ["base", "flange"])
 def test_three_gauges_at_right_angles_are_as_exact_as_a_target(weighting, stiffness, frame):
-    document = campaign(targets={"P0": (0.1, 0.05, 0.1)})
+    document = campaign()
     rotation = ARM.posture(experiment_of(document).joints).flange_rotation if frame == "flange" else None
     of_gauges = by_gauges(document, 3.0 * triads(20), rotation)
     as_exact(document, of_gauges, weighting=weighting, complementary_stiffness=stiffness)
@@ -53,7 +52,7 @@ def test_three_gauges_at_right_angles_are_as_exact_as_a_target(weighting, stiffn
 
 def test_one_gauge_reads_one_row_of_the_tracker():
     """Least squares of the gauges' rows alone, written out here with the simulator's kinematics."""
-    document = campaign(targets={"P0": (0.1, 0.05, 0.1)}, configurations=30)
+    document = campaign(configurations=30)
     directions = triads(30)[:, :1]
     robot, measurements = prepare(by_gauges(document, directions))
     found = estimate(robot, measurements, positive=False)
@@ -92,7 +91,7 @@ def test_gauges_join_targets_in_every_method(method):
 
 
 def test_resampling_takes_the_same_rows():
-    document = campaign(targets={"P0": (0.1, 0.05, 0.1)})
+    document = campaign()
     blocks = [
         gram_blocks(robot, measurements, settings_of(robot))
         for robot, measurements in (prepare(document), prepare(by_gauges(document, triads(20))))
