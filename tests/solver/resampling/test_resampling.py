@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, prepare
+from support.campaigns import METHODS, METHODS_AND_WEIGHTS, prepare, simulated, twins, with_targets
 from support.shared_data import shared
 
-from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver import resampling as module
 from jointstiff.solver.convex import solution
 from jointstiff.solver.convex.problem import Bounds
@@ -33,31 +32,16 @@ from jointstiff.solver.resampling import (
     resample,
     summarise,
 )
-from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
 
 POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
 BOXED = Bounds(np.full(6, 3e-7), np.array([np.inf, 6e-7, 1e-6, 5e-6, 5e-6, 2e-5]))
 
-METHODS_AND_WEIGHTS = [
-    ("complete_pose", "covariance"),
-    ("complete_pose", "characteristic_length"),
-    ("complete_pose", "uniform"),
-    ("partial_pose", "covariance"),
-    ("partial_pose", "uniform"),
-    ("decoupled_partial_pose", "covariance"),
-    ("decoupled_partial_pose", "uniform"),
-]
-
-
-def pulled(configurations: int, **options: float) -> tuple[Robot, Measurements]:
-    return prepare(simulate_campaign(default_arm(), load="pull", configurations=configurations, **options))
-
 
 @pytest.fixture(scope="module")
 def noisy() -> tuple[Robot, Measurements]:
     """19 configurations with noise that drives some compliances below zero."""
-    return pulled(19, sigma=6e-4)
+    return simulated(load="pull", configurations=19, sigma=6e-4)
 
 
 @pytest.fixture(scope="module")
@@ -99,15 +83,6 @@ class TestAgainstIdentify:
                 assert bounds is FREE or (found.active != 0).any()
                 assert ((bounds.lower <= found.compliance) & (found.compliance <= bounds.upper)).all()
 
-    @pytest.mark.parametrize("method", METHODS)
-    def test_all_configurations_drawn_once_is_the_full_set(self, noisy, method):
-        robot, measurements = noisy
-        found = resample(
-            gram_blocks(robot, measurements, settings(method)), ResamplingPlan(19, 2, 0), POSITIVE
-        )
-        expected = identify(robot, measurements, settings(method))
-        np.testing.assert_allclose(found.compliance, [expected.compliance] * 2, rtol=1e-9)
-
     def test_characteristic_length_is_that_of_the_full_set(self, noisy):
         robot, measurements = noisy
         searched = Settings("complete_pose", "characteristic_length", POSITIVE)
@@ -123,12 +98,11 @@ class TestAgainstIdentify:
     @pytest.mark.parametrize("method", METHODS)
     def test_dead_weight_and_missing_readings(self, method):
         """A joint that the full set does not show has no number; a reading that is not there no weight."""
-        robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=4))
+        robot, measurements = simulated(load="dead_weight", seed=4)
         if method == "partial_pose":
             present = measurements.present.copy()
             present[::2, 1] = False
-            deflection = np.where(present[..., None], measurements.deflection, 0.0)
-            measurements = replace(measurements, present=present, deflection=deflection)
+            measurements = with_targets(measurements, present)
         plan, options = ResamplingPlan(10, 5, 3), settings(method)
         found = resample(gram_blocks(robot, measurements, options), plan, POSITIVE)
         assert found.undetermined[:, 0].all()
@@ -158,14 +132,9 @@ class TestUndetermined:
 
     def test_joints_that_show_only_together(self, noisy):
         """Two joints on one axis: no draw tells them apart, and the others keep their numbers."""
-        robot, measurements = noisy
-        joints = list(robot.chain.joints)
-        twin = replace(joints[0], name="twin", child="twin_link", rotation=np.eye(3), translation=np.zeros(3))
-        chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (joints[0], twin, *joints[1:]))
-        extended = replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
-        bounds, plan = Bounds.positive(7), ResamplingPlan(10, 20, 0)
-        found = resample(gram_blocks(Robot(chain), extended, settings("partial_pose")), plan, bounds)
-        expected = resample(gram_blocks(robot, measurements, settings("partial_pose")), plan, POSITIVE)
+        plan, options = ResamplingPlan(10, 20, 0), settings("partial_pose")
+        found = resample(gram_blocks(*twins(*noisy), options), plan, Bounds.positive(7))
+        expected = resample(gram_blocks(*noisy, options), plan, POSITIVE)
         assert found.undetermined[:, :2].all()
         assert np.isnan(found.compensation).all()
         np.testing.assert_allclose(found.compliance[:, 2:], expected.compliance[:, 1:], rtol=1e-8)
@@ -318,10 +287,8 @@ class TestSummary:
         [((0.0, 0.0), (np.inf, np.inf)), ((0.0, 2.0), (0.5, np.inf)), ((-4.0, -2.0), (-0.5, -0.25))],
     )
     def test_stiffness_of_an_interval_of_compliance(self, values, expected):
-        compliance = np.repeat(values, 2)[:, None]
-        resamples = Resamples(compliance, np.zeros((4, 1), np.int8), np.zeros(4))
-        found = summarise(resamples, confidence=0.5)
-        np.testing.assert_allclose(found.stiffness_interval[0], expected)
+        resamples = Resamples(np.repeat(values, 2)[:, None], np.zeros((4, 1), np.int8), np.zeros(4))
+        np.testing.assert_allclose(summarise(resamples, confidence=0.5).stiffness_interval[0], expected)
 
     def test_refuses(self):
         nothing = Resamples(np.zeros((0, 2)), np.zeros((0, 2), np.int8), np.zeros(0))
@@ -348,7 +315,7 @@ def test_fanuc_ten_of_thirty():
 
 
 def test_bootstrap_agrees_with_the_covariance():
-    robot, measurements = pulled(400)
+    robot, measurements = simulated(load="pull", configurations=400)
     options = settings("partial_pose")
     blocks = gram_blocks(robot, measurements, options)
     found = summarise(resample(blocks, ResamplingPlan(400, 1000, 0, replacement=True), FREE))
@@ -360,7 +327,7 @@ def test_bootstrap_agrees_with_the_covariance():
 
 def digest() -> str:
     """Of the numbers of a plan, by both paths, for another process to compare."""
-    blocks = gram_blocks(*pulled(500), settings("partial_pose"))
+    blocks = gram_blocks(*simulated(load="pull", configurations=500), settings("partial_pose"))
     plan = ResamplingPlan(250, 100, 0)
     together = resample(blocks, plan, POSITIVE)
     solution.LEAST_EIGENVALUE = np.inf
