@@ -7,33 +7,36 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, prepare
+from support.campaigns import ARM, METHODS, SIGMA, estimate, prepare
+from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
-from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.campaign import TARGETS, plan_experiment, simulate_positions
+from jointstiff.simulator import simulate_campaign
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
+from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument, refuse_no_covariance
 
-ARM = default_arm()
 STATION = (3.5, -2.0, 0.8)
 SHEET = {
     "range": {"constant": 3e-6, "per_distance": 1e-6},
     "transverse": {"constant": 2e-5, "per_distance": 2e-5},
 }
-
-
-def instrument(station=STATION, **sheet):
-    numbers = {"a": 0.0, "b": 0.0, "c": 0.0, "e": 0.0} | sheet
-    return Instrument(station, numbers["a"], numbers["b"], numbers["c"], numbers["e"])
+TRACKER = {"instrument": {"station": list(STATION), **SHEET}}
 
 
 def campaign(noise, **options):
     document = simulate_campaign(ARM, load="pull", seed=4, **options)
     document["measurement_set"]["noise"] = noise
     return document
+
+
+def readings_of(document):
+    return [r for o in document["measurement_set"]["observations"] for r in o["readings"]]
+
+
+def estimate_of(document, **options):
+    return estimate(*prepare(document), **options)
 
 
 def same_estimates(one, other):
@@ -46,19 +49,23 @@ def same_estimates(one, other):
 
 
 class TestInstrument:
-    def test_along_and_across_the_line_of_sight(self):
-        covariance = instrument((1.0, 0.0, 0.0), a=1e-5, b=2e-6, c=3e-5, e=4e-6).covariance(
-            np.array([[6.0, 0.0, 0.0], [1.0, -10.0, 0.0]])
-        )
-        np.testing.assert_allclose(covariance[0], np.diag([2e-5, 5e-5, 5e-5]) ** 2, rtol=1e-12, atol=1e-24)
-        np.testing.assert_allclose(covariance[1], np.diag([7e-5, 3e-5, 7e-5]) ** 2, rtol=1e-12, atol=1e-24)
-
-    def test_oblique_sight(self):
-        """In the direction (3, 4, 0)/5, worked out by hand: σ_r = 1, σ_t = 2 give Σ = 4 I − 3 u uᵀ."""
-        covariance = instrument((0.0, 0.0, 0.0), a=1.0, c=2.0).covariance(np.array([3.0, 4.0, 0.0]))
-        np.testing.assert_allclose(
-            covariance, [[2.92, -1.44, 0.0], [-1.44, 2.08, 0.0], [0.0, 0.0, 4.0]], rtol=1e-12, atol=1e-15
-        )
+    @pytest.mark.parametrize(
+        ("instrument", "place", "covariance"),
+        [
+            # Along and across the line of sight, at 5 m and at 10 m.
+            (((1, 0, 0), 1e-5, 2e-6, 3e-5, 4e-6), (6, 0, 0), np.diag([2e-5, 5e-5, 5e-5]) ** 2),
+            (((1, 0, 0), 1e-5, 2e-6, 3e-5, 4e-6), (1, -10, 0), np.diag([7e-5, 3e-5, 7e-5]) ** 2),
+            # In the direction (3, 4, 0)/5, by hand: σ_r = 1, σ_t = 2 give Σ = 4 I − 3 u uᵀ.
+            (
+                ((0, 0, 0), 1.0, 0.0, 2.0, 0.0),
+                (3, 4, 0),
+                [[2.92, -1.44, 0.0], [-1.44, 2.08, 0.0], [0.0, 0.0, 4.0]],
+            ),
+        ],
+    )
+    def test_covariance_by_hand(self, instrument, place, covariance):
+        found = Instrument(*instrument).covariance(np.array([place], dtype=float))
+        np.testing.assert_allclose(found[0], covariance, rtol=1e-12, atol=1e-15 * np.max(covariance))
 
     def test_both_readings_count(self):
         """Isotropic 1 and 2 make a difference of variance 5; sigma is its unit, √(5/2)."""
@@ -67,15 +74,17 @@ class TestInstrument:
         assert noise.sigma == pytest.approx(np.sqrt(2.5))
         np.testing.assert_allclose(noise.sigma**2 * noise.covariance[0, 0], 5.0 * np.eye(3))
 
-    def test_a_target_at_the_station_is_refused(self):
-        with pytest.raises(MeasurementError, match="from the tracker"):
-            instrument((1.0, 0.0, 0.0), a=1e-5, c=1e-5).covariance(np.array([[1.0, 0.001, 0.0]]))
-
-    def test_impossible_sheets_are_refused(self):
-        with pytest.raises(MeasurementError, match="implausible"):
-            instrument(a=1e-5, c=1e-16).covariance(np.zeros((1, 3)))
-        with pytest.raises(MeasurementError, match="implausible"):
-            instrument(a=1e2, c=1e-6).covariance(np.zeros((1, 3)))
+    @pytest.mark.parametrize(
+        ("instrument", "reason"),
+        [
+            (((0.0, 0.001, 0.0), 1e-5, 0.0, 1e-5, 0.0), "from the tracker"),
+            ((STATION, 1e-5, 0.0, 1e-16, 0.0), "implausible"),
+            ((STATION, 1e2, 0.0, 1e-6, 0.0), "implausible"),
+        ],
+    )
+    def test_impossible_sheets_and_places_are_refused(self, instrument, reason):
+        with pytest.raises(MeasurementError, match=reason):
+            Instrument(*instrument).covariance(np.zeros((1, 3)))
 
     @pytest.mark.parametrize(
         "matrix", [np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 0.0]), np.eye(3) + np.eye(3, k=1) * 0.1]
@@ -94,52 +103,53 @@ class TestInstrument:
 class TestKindsAgree:
     """The same noise said in three ways is one noise, in every method and unit."""
 
-    SIGMA = 2e-5
-
     @pytest.mark.parametrize("method", METHODS)
     @pytest.mark.parametrize("readings", ["positions", "deflections"])
     def test_an_isotropic_instrument_equals_sigma(self, method, readings):
-        flat = {"constant": self.SIGMA, "per_distance": 0.0}
+        flat = {"constant": SIGMA, "per_distance": 0.0}
         stated = {"instrument": {"station": list(STATION), "range": flat, "transverse": flat}}
         one, other = (
-            estimate(*prepare(campaign(noise, readings=readings)), method=method)
-            for noise in ({"sigma": self.SIGMA}, stated)
+            estimate_of(campaign(noise, readings=readings), method=method)
+            for noise in ({"sigma": SIGMA}, stated)
         )
         same_estimates(one, other)
 
-    @pytest.mark.parametrize("own", ["sigma", "covariances"])
-    def test_readings_of_their_own(self, own):
+    @pytest.mark.parametrize("matrices", [False, True])
+    def test_readings_of_their_own(self, matrices):
         document = campaign(None)
-        fields = {"sigma": self.SIGMA}
-        if own == "covariances":
-            square = (self.SIGMA**2 * np.eye(3)).tolist()
-            fields = {"unloaded_covariance": square, "loaded_covariance": square}
-        for observation in document["measurement_set"]["observations"]:
-            for reading in observation["readings"]:
-                reading |= fields
-        same_estimates(estimate(*prepare(campaign({"sigma": self.SIGMA}))), estimate(*prepare(document)))
+        square = (SIGMA**2 * np.eye(3)).tolist()
+        fields = (
+            {"unloaded_covariance": square, "loaded_covariance": square} if matrices else {"sigma": SIGMA}
+        )
+        for reading in readings_of(document):
+            reading |= fields
+        same_estimates(estimate_of(campaign({"sigma": SIGMA})), estimate_of(document))
 
     def test_units_do_not_matter(self):
-        sheet = {"station": list(STATION), **SHEET}
-        in_mm = {
-            "station": [1e3 * x for x in STATION],
-            **{k: v | {"constant": 1e3 * v["constant"]} for k, v in SHEET.items()},
-        }
+        in_mm = {k: v | {"constant": 1e3 * v["constant"]} for k, v in SHEET.items()}
+        in_mm["station"] = [1e3 * x for x in STATION]
         units = {"length": "mm", "angle": "rad", "force": "N"}
-        one = estimate(*prepare(campaign({"instrument": sheet})))
-        other = estimate(*prepare(campaign({"instrument": in_mm}, units=units)))
-        same_estimates(one, other)
+        other = estimate_of(campaign({"instrument": in_mm}, units=units))
+        same_estimates(estimate_of(campaign(TRACKER)), other)
 
     def test_equal_per_reading_and_by_instrument(self):
         """Covariances worked out here, reading by reading, are those of the instrument."""
-        document = campaign({"instrument": {"station": list(STATION), **SHEET}})
-        by_hand = json.loads(json.dumps(document))
-        by_hand["measurement_set"]["noise"] = None
-        for observation in by_hand["measurement_set"]["observations"]:
-            for reading in observation["readings"]:
-                for state in ("unloaded", "loaded"):
-                    reading[f"{state}_covariance"] = covariance_at(reading[state])
-        same_estimates(estimate(*prepare(document)), estimate(*prepare(by_hand)))
+        by_hand = campaign(None)
+        for reading in readings_of(by_hand):
+            for state in ("unloaded", "loaded"):
+                reading[f"{state}_covariance"] = covariance_at(reading[state])
+        same_estimates(estimate_of(campaign(TRACKER)), estimate_of(by_hand))
+
+    def test_encoders_weigh_the_same_whatever_the_unit_sigma_is(self):
+        """Their rows are weighted against the targets' in absolute terms."""
+        robot, measured = prepare(campaign(TRACKER))
+        generator = np.random.default_rng(8)
+        present = np.zeros((len(measured), 6), dtype=bool)
+        present[:, 1:3] = True
+        read = np.where(present, 1e-4 * generator.standard_normal(present.shape), 0.0)
+        one = replace(measured, encoders=EncoderReadings(read, present, 5e-6))
+        other = replace(one, sigma=1.0, covariance=measured.sigma**2 * measured.covariance)
+        same_estimates(estimate(robot, one), estimate(robot, other))
 
 
 def covariance_at(place):
@@ -167,7 +177,7 @@ class TestKindsExclude:
 
     def test_of_a_reading(self):
         document = campaign(None)
-        reading = document["measurement_set"]["observations"][0]["readings"][0]
+        reading = readings_of(document)[0]
         reading["unloaded_covariance"] = np.eye(3).tolist()
         with pytest.raises(ValueError, match="give both"):
             prepare(document)
@@ -175,18 +185,16 @@ class TestKindsExclude:
         with pytest.raises(ValueError, match="not both"):
             prepare(document)
 
-    def test_of_set_and_readings(self):
-        document = with_own_sigma(campaign({"sigma": 2e-5}))
+    @pytest.mark.parametrize(
+        ("noise", "where"), [({"sigma": 2e-5}, "noise.sigma"), (None, "observations[3].readings")]
+    )
+    def test_of_set_and_some_readings(self, noise, where):
+        document = with_own_sigma(campaign(noise))
+        if noise is None:
+            del document["measurement_set"]["observations"][3]["readings"][1]["sigma"]
         with pytest.raises(MeasurementError) as caught:
             prepare(document)
-        assert caught.value.where == "noise.sigma"
-
-    def test_some_readings_only(self):
-        document = with_own_sigma(campaign(None))
-        del document["measurement_set"]["observations"][3]["readings"][1]["sigma"]
-        with pytest.raises(MeasurementError) as caught:
-            prepare(document)
-        assert caught.value.where == "observations[3].readings"
+        assert caught.value.where == where
 
 
 def with_own_sigma(document):
@@ -225,60 +233,25 @@ class TestStored:
         assert len({content_hash(*self.packed(document)) for document in documents}) == len(documents)
 
 
-class TestEncoders:
-    """Their rows are weighted against the targets' in absolute terms, whatever the unit sigma is."""
-
-    def test_scaling_sigma_and_covariance_changes_nothing(self):
-        _, measured = prepare(campaign({"instrument": {"station": list(STATION), **SHEET}}))
-        robot, plain = prepare(campaign({"sigma": 2e-5}))
-        encoders = encoder_readings(len(plain))
-        one = replace(measured, encoders=encoders)
-        other = replace(one, sigma=1.0, covariance=measured.sigma**2 * measured.covariance)
-        same_estimates(estimate(robot, one), estimate(robot, other))
-
-
-def encoder_readings(count):
-    generator = np.random.default_rng(8)
-    present = np.zeros((count, 6), dtype=bool)
-    present[:, 1:3] = True
-    return EncoderReadings(
-        np.where(present, 1e-4 * generator.standard_normal((count, 6)), 0.0), present, 5e-6
-    )
-
-
 @pytest.fixture(scope="module")
 def replicated():
     """One design measured 150 times by a tracker that is worse across its line of sight than along it."""
-    experiment = plan_experiment(ARM, configurations=15, load="pull", force=900.0, seed=11)
-    states = np.stack(simulate_positions(ARM, experiment, TARGETS))
+    springs = SpringCampaign.of(ARM, configurations=15, seed=11)
+    states = np.stack([springs.unloaded, springs.loaded])
     covariance = np.array([[[covariance_at(p) for p in row] for row in state] for state in states])
     root = np.linalg.cholesky(covariance)
+    noise = DifferenceNoise.of(*covariance, np.full(states.shape[1:3], 3))
     generator = np.random.default_rng(12)
-    present = np.ones(states.shape[1:3], dtype=bool)
-    noise = DifferenceNoise.of(*covariance, 3 * present)
     sets = []
     for _ in range(150):
-        unloaded, loaded = states + (root @ generator.standard_normal((*states.shape, 1)))[..., 0]
-        sets.append(
-            Measurements(
-                experiment.joints,
-                experiment.forces,
-                experiment.moments,
-                experiment.load_points,
-                unloaded,
-                ~present,
-                loaded - unloaded,
-                present,
-                sigma=noise.sigma,
-                covariance=noise.covariance,
-            )
-        )
-    robot, _ = prepare(campaign({"sigma": 2e-5}, configurations=1))
-    return robot, sets
+        read = states + (root @ generator.standard_normal((*states.shape, 1)))[..., 0]
+        measurements = springs.measurements(*read, sigma=noise.sigma)
+        sets.append(replace(measurements, covariance=noise.covariance))
+    return robot_of(ARM), sets
 
 
 def identified(robot, sets, **options):
-    options = {"positive": False, "complementary_stiffness": "included"} | options
+    options |= {"positive": False, "complementary_stiffness": "included"}
     return [estimate(robot, measurements, **options) for measurements in sets]
 
 
