@@ -21,7 +21,6 @@ from support.encoders import with_encoders
 
 from jointstiff.simulator import simulate_campaign
 from jointstiff.simulator.campaign import torques
-from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
 from jointstiff.solver.evidence.prediction import predict_encoders
@@ -45,19 +44,23 @@ def changed(measurements, **encoders):
 
 
 @pytest.mark.parametrize("method", ["partial_pose", "complete_pose"])
-@pytest.mark.parametrize("joints", [(1,), (0, 1, 2), None])
-def test_information_adds_up_exactly(method, joints):
-    document, without = campaign(joints=joints)
-    experiment = experiment_of(without)
-    torque = torques(ARM, experiment.joints, *experiment.wrenches)
-    chosen = range(6) if joints is None else joints
-    added = np.array([(torque[:, j] ** 2).sum() if j in chosen else 0.0 for j in range(6)])
-    added /= 2 * ENCODER_SIGMA**2
-    before = estimate(*prepare(without), method=method, positive=False).covariance
-    after = estimate(*prepare(document), method=method, positive=False).covariance
+@pytest.mark.parametrize(("joints", "every"), [([1], 1), ([0, 1, 2], 1), (None, 1), (None, 2)])
+def test_information_adds_up_exactly(method, joints, every):
+    """Of the joints that have encoders, in the observations where they were read."""
+    robot, measurements = prepared(joints=joints)
+    present = measurements.encoders.present.copy()
+    present[np.arange(len(present)) % every > 0] = False
+    m = changed(measurements, present=present)
+    torque = torques(ARM, m.joints, m.force, m.moment, m.load_point)
+    added = np.where(present, torque**2, 0.0).sum(axis=0) / (2 * ENCODER_SIGMA**2)
+    before, after = (
+        estimate(robot, each, method=method, positive=False).covariance
+        for each in (replace(m, encoders=None), m)
+    )
     expected = np.linalg.inv(before) + np.diag(added)
     np.testing.assert_allclose(np.linalg.inv(after), expected, rtol=1e-7, atol=1e-7 * np.abs(expected).min())
-    assert (np.diag(after)[list(chosen)] < np.diag(before)[list(chosen)]).all()
+    seen = present.any(axis=0)
+    assert (np.diag(after)[seen] < np.diag(before)[seen]).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -98,13 +101,6 @@ def test_precise_encoders_decide(method):
     np.testing.assert_allclose(found.compliance, ARM.compliances, rtol=2e-4)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_truth_lies_within_the_uncertainties(method):
-    found = estimate(*prepared(configurations=30), method=method, positive=False)
-    deviation = (found.compliance - ARM.compliances) / np.sqrt(np.diag(found.covariance))
-    assert np.abs(deviation).max() < 4.5
-
-
 def test_an_encoder_shows_what_no_target_sees():
     """A target on the axis of joint 6 stands still when it turns."""
     on_axis = {"P0": (0.0, 0.0, 0.1)}
@@ -133,22 +129,6 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(
         other.covariance, same.covariance, rtol=1e-5, atol=1e-5 * same.covariance.max()
     )
-
-
-def test_part_of_the_encoders_in_part_of_the_observations():
-    robot, measurements = prepared()
-    present = measurements.encoders.present.copy()
-    present[::2] = False
-    full, half, none = (
-        np.diag(estimate(robot, each, positive=False).covariance)
-        for each in (
-            measurements,
-            changed(measurements, present=present),
-            replace(measurements, encoders=None),
-        )
-    )
-    assert (full < half).all()
-    assert (half < none).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
