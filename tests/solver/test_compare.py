@@ -220,7 +220,7 @@ def test_what_both_in_one_problem_cannot_hold_is_refused(simulated, first, secon
 def _whitened(one):
     """A (9N, 6) and d of a campaign with deflections, by unit compliances of a simulator of ours."""
     m = one.measurements
-    columns = spring_columns(m.joints, m.force, m.moment, m.load_point).reshape(-1, 6)
+    columns = spring_columns(m).reshape(-1, 6)
     return columns / (np.sqrt(2) * m.sigma), m.deflection.ravel() / (np.sqrt(2) * m.sigma)
 
 

@@ -96,7 +96,7 @@ def straight_wrist(angle: float) -> tuple[Robot, Measurements]:
     robot, campaign = simulated(load="pull", seed=2)
     q = campaign.joints.copy()
     q[:, 4] = angle * np.where(np.arange(len(q)) % 2, 1, -1)
-    unloaded, loaded = deflections(ARM, q, campaign.force, campaign.moment, campaign.load_point, POINTS)
+    unloaded, loaded = deflections(ARM, q, *wrench_of(campaign), POINTS)
     return robot, replace(campaign, joints=q, position=unloaded, deflection=loaded - unloaded)
 
 
@@ -133,10 +133,16 @@ def in_base_frame(robot: Robot, measurements: Measurements, seed: int) -> tuple[
     return Robot(chain, robot.joint_map), replace(measurements, **turned)
 
 
-def spring_columns(joints: FloatArray, *wrench: FloatArray) -> FloatArray:
+def wrench_of(measurements: Measurements) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Forces, moments and load points, as the simulator takes them."""
+    return measurements.force, measurements.moment, measurements.load_point
+
+
+def spring_columns(measurements: Measurements) -> FloatArray:
     """(N, T, 3, 6) deflections of the targets by one soft joint each, by the simulator [m / (rad/(N·m))]."""
     soft = (replace(ARM, stiffnesses=np.where(np.arange(6) == j, 1.0, np.inf)) for j in range(6))
-    return np.stack([linear_deflections(arm, joints, *wrench, POINTS) for arm in soft], axis=-1)
+    load = (measurements.joints, *wrench_of(measurements), POINTS)
+    return np.stack([linear_deflections(arm, *load) for arm in soft], axis=-1)
 
 
 def covariance_by_moving(

@@ -47,7 +47,7 @@ class TestScale:
     def test_columns_are_shares_of_what_the_levers_allow(self, pulls, method):
         """Regressor and levers from the simulator; the indices do not depend on the method."""
         _, m = pulls
-        columns = spring_columns(m.joints, m.force, m.moment, m.load_point).reshape(-1, 6)
+        columns = spring_columns(m).reshape(-1, 6)
         posture = ARM.posture(m.joints)
         lever = np.linalg.norm(posture.velocities(posture.point_to_base(m.load_point)), axis=-1)
         force, moment = (np.linalg.norm(x, axis=1)[:, None] for x in (m.force, m.moment))

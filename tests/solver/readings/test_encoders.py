@@ -16,6 +16,7 @@ from support.campaigns import (
     estimate,
     prepare,
     settings_of,
+    wrench_of,
 )
 from support.encoders import with_encoders
 
@@ -51,7 +52,7 @@ def test_information_adds_up_exactly(method, joints, every):
     present = measurements.encoders.present.copy()
     present[np.arange(len(present)) % every > 0] = False
     m = changed(measurements, present=present)
-    torque = torques(ARM, m.joints, m.force, m.moment, m.load_point)
+    torque = torques(ARM, m.joints, *wrench_of(m))
     added = np.where(present, torque**2, 0.0).sum(axis=0) / (2 * ENCODER_SIGMA**2)
     before, after = (
         estimate(robot, each, method=method, positive=False).covariance

@@ -45,6 +45,11 @@ def noisy() -> tuple[Robot, Measurements]:
 
 
 @pytest.fixture(scope="module")
+def blocks(noisy) -> GramBlocks:
+    return gram_blocks(*noisy, settings("partial_pose"))
+
+
+@pytest.fixture(scope="module")
 def rarely_twisted(noisy) -> tuple[Robot, Measurements]:
     """Joint 1 is twisted in the first three configurations only."""
     robot, measurements = noisy
@@ -198,16 +203,14 @@ class TestPlan:
         assert refused.value.where == f"resampling.{field}"
 
     @pytest.mark.parametrize("replacement", [False, True])
-    def test_refuses_more_than_there_are(self, noisy, replacement):
-        blocks = gram_blocks(*noisy, settings("partial_pose"))
+    def test_refuses_more_than_there_are(self, blocks, replacement):
         with pytest.raises(RequestError, match="size is 20") as refused:
             resample(blocks, ResamplingPlan(20, 10, 0, replacement=replacement), POSITIVE)
         assert refused.value.where == "resampling.size"
         assert "from 1 to 19" in refused.value.remedy
 
     @pytest.mark.parametrize(("start", "stop"), [(-1, 5), (6, 5), (0, 11)])
-    def test_refuses_repetitions_that_are_not_planned(self, noisy, start, stop):
-        blocks = gram_blocks(*noisy, settings("partial_pose"))
+    def test_refuses_repetitions_that_are_not_planned(self, blocks, start, stop):
         with pytest.raises(RequestError, match="of 10"):
             resample(blocks, ResamplingPlan(10, 10, 0), POSITIVE, start, stop)
 
@@ -241,23 +244,15 @@ class TestSameNumbers:
     def test_whatever_the_threads(self):
         folder = Path(__file__).parent
         paths = [str(path) for path in (folder, folder.parents[1], folder.parents[2])]
-        program = (
-            f"import sys; sys.path[:0] = {paths}; import test_resampling; print(test_resampling.digest())"
-        )
-        found = {
-            subprocess.run(
-                [sys.executable, "-c", program],
-                env=os.environ | {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
-                capture_output=True,
-                text=True,
-                check=True,
-            ).stdout
-            for threads in ("1", "2")
-        }
-        assert len(found) == 1
+        program = f"import sys; sys.path[:0] = {paths}; import test_resampling as t; print(t.digest())"
+        digests = set()
+        for count in ("1", "2"):
+            threads = {"OPENBLAS_NUM_THREADS": count, "OMP_NUM_THREADS": count}
+            command = [sys.executable, "-c", program]
+            digests.add(subprocess.check_output(command, env=os.environ | threads))
+        assert len(digests) == 1
 
-    def test_seed(self, noisy):
-        blocks = gram_blocks(*noisy, settings("partial_pose"))
+    def test_seed(self, blocks):
         one, again, other = (resample(blocks, ResamplingPlan(10, 20, seed), FREE) for seed in (1, 1, 2))
         assert _bytes(one) == _bytes(again) != _bytes(other)
 

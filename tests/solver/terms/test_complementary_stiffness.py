@@ -16,6 +16,7 @@ from support.campaigns import (
     first_target,
     settings_of,
     simulated,
+    wrench_of,
 )
 
 from jointstiff.simulator.campaign import LOAD_POINT
@@ -37,10 +38,6 @@ def exact(load: str = "pull", *, configurations: int = 19, **options) -> tuple[R
     options = {"load": load, "configurations": configurations, "sigma": 0.0, "seed": 3} | options
     robot, measurements = simulated(**options)
     return robot, replace(measurements, sigma=SIGMA)
-
-
-def wrench_of(measurements: Measurements) -> tuple[np.ndarray, ...]:
-    return measurements.force, measurements.moment, measurements.load_point
 
 
 @pytest.fixture(scope="module")
