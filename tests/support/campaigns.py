@@ -146,8 +146,7 @@ def spring_columns(measurements: Measurements) -> FloatArray:
 
 
 def covariance_by_moving(
-    compliance: Callable[..., FloatArray],
-    **numbers: tuple[FloatArray, float | FloatArray],
+    compliance: Callable[..., FloatArray], **numbers: tuple[FloatArray, float | FloatArray]
 ) -> FloatArray:
     """Covariance of a linear estimator, ``H Σ Hᵀ``: H by moving one number at a time.
 

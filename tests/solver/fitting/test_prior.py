@@ -21,8 +21,8 @@ from jointstiff.service.conversion.message import message as message_of
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import judge
+from jointstiff.solver.evidence.plausibility import judge
 from jointstiff.solver.fitting.settings import Prior
-from jointstiff.solver.resampling import gram_blocks
 from jointstiff.solver.terms.block import regressor_blocks
 
 STIFFNESS = {"joint_5": (4e5, 4e4), "joint_2": (3e6, 1e6)}
@@ -38,7 +38,7 @@ def test_conversion_to_first_order(pulls):
     prior = settings_of(pulls[0], priors=PRIORS).prior
     np.testing.assert_array_equal(prior.known, [False, True, False, False, True, False])
     assert prior.mean[4] == 1 / 4e5
-    assert prior.standard_uncertainty[4] == pytest.approx(4e4 / 4e5**2, rel=1e-14)
+    np.testing.assert_allclose(prior.standard_uncertainty[4], 4e4 / 4e5**2, rtol=1e-14)
 
 
 @pytest.mark.parametrize("sigma", [2e-5, None])
@@ -96,7 +96,7 @@ def test_limits(pulls, method):
     for uncertainty, expected in ((1e3, alone.compliance[4]), (1e-16, 2.5e-6)):
         unknown[4] = uncertainty
         found = identify(robot, measurements, replace(settings, prior=Prior(mean.copy(), unknown.copy())))
-        assert found.compliance[4] == pytest.approx(expected, rel=1e-6)
+        np.testing.assert_allclose(found.compliance[4], expected, rtol=1e-6)
     if method == "partial_pose":  # what the prior answered, the readings were not asked for
         assert found.degrees_of_freedom == pytest.approx(alone.degrees_of_freedom + 1, abs=1e-3)
 
@@ -118,8 +118,7 @@ def test_a_combination_that_the_prior_tells_apart():
     prior = {"twin": {"stiffness": 1e7, "standard_uncertainty": 1e5}}
     found = estimate(*twins(*campaign), priors=prior)
     assert [joint.status for joint in found.joints[:2]] == ["identified"] * 2
-    assert found.compliance[1] == pytest.approx(1e-7, rel=1e-6)
-    assert found.compliance[0] == pytest.approx(whole.compliance[0] - 1e-7, rel=1e-6)
+    np.testing.assert_allclose(found.compliance[:2], [whole.compliance[0] - 1e-7, 1e-7], rtol=1e-6)
     assert found.joints[1].prior_to_data == np.inf
     message = message_of(JointResult, found.joints[1], verdict="use", budget=None)
     assert message.prior_to_data is None
@@ -148,12 +147,6 @@ class TestRefusals:
         with pytest.raises(UnsupportedMethodError, match="a prior needs sigma"):
             # Two observations of one target: as many readings as joints.
             estimate(robot, first_target(replace(measurements[:2], sigma=None)), priors=PRIORS)
-
-    @pytest.mark.parametrize("options", [{"priors": PRIORS}, {"stiffness_order": [["joint_2", "joint_3"]]}])
-    def test_resampling(self, pulls, options):
-        robot, measurements = pulls
-        with pytest.raises(UnsupportedMethodError, match="resampling supports neither"):
-            gram_blocks(robot, measurements, settings_of(robot, **options))
 
     def test_of_a_joint_that_the_robot_does_not_have(self, pulls):
         with pytest.raises(RequestError, match="no joint 'joint_9'"):

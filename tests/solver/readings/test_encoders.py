@@ -209,11 +209,7 @@ def third_reads(*joints):
         (lambda d: d | {"noise": {"sigma": 2e-5}}, "noise.encoder_sigma", None),
         (lambda d: d | {"encoders": "secondary"}, "observations[0].encoder_readings", None),
         (third_reads("elbow"), "observations[2].encoder_readings", "no joint"),
-        (
-            third_reads("joint_2", "joint_2"),
-            "observations[2].encoder_readings[1].joint",
-            "two readings",
-        ),
+        (third_reads("joint_2", "joint_2"), "observations[2].encoder_readings[1].joint", "two readings"),
     ],
 )
 def test_readings_that_say_nothing_are_refused(change, where, reason):

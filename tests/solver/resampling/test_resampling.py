@@ -12,7 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, METHODS_AND_WEIGHTS, prepare, simulated, twins, with_targets
+from support.campaigns import (
+    METHODS,
+    METHODS_AND_WEIGHTS,
+    prepare,
+    settings_of,
+    simulated,
+    twins,
+    with_targets,
+)
 from support.shared_data import shared
 
 from jointstiff.solver import resampling as module
@@ -222,6 +230,18 @@ class TestPlan:
         nothing = replace(measurements, force=np.zeros((19, 3)))
         with pytest.raises(NotObservableError, match="never twists"):
             gram_blocks(robot, nothing, settings("partial_pose"))
+
+    @pytest.mark.parametrize(
+        ("options", "reason"),
+        [
+            ({"loss": "huber"}, "^resampling: "),
+            ({"priors": {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 1e6}}}, "supports neither"),
+            ({"stiffness_order": [["joint_2", "joint_3"]]}, "supports neither"),
+        ],
+    )
+    def test_refuses_what_is_not_linear_or_not_of_the_readings(self, noisy, options, reason):
+        with pytest.raises(UnsupportedMethodError, match=reason):
+            gram_blocks(*noisy, settings_of(noisy[0], **options))
 
 
 class TestSameNumbers:

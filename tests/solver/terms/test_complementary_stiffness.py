@@ -22,8 +22,8 @@ from support.campaigns import (
 from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
-from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.assessment import judge
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.evidence.plausibility import judge
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
@@ -233,12 +233,6 @@ class TestReported:
         assert (found.complementary_stiffness.largest_shift > 0.5) == (sigma == SIGMA)
         remedies = [f.remedy for f in judge(found) if f.code == "complementary_stiffness_matters"]
         assert ["complementary_stiffness: included" in remedy for remedy in remedies] == [True] * warned
-
-
-def test_resampling_refuses_what_is_not_linear(pulls):
-    with pytest.raises(UnsupportedMethodError, match="resampling") as refusal:
-        gram_blocks(*pulls, settings_of(pulls[0], loss="huber"))
-    assert refusal.value.where == "resampling"
 
 
 @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
