@@ -400,3 +400,11 @@ def test_a_joint_that_the_order_holds_names_the_other():
     joints = estimate(*campaign, stiffness_order=[["joint_6", "joint_2"]]).joints
     held = {each.name: each.reason.split()[-1] for each in joints if "stiffness_order" in (each.reason or "")}
     assert held == {"joint_2": "joint_6", "joint_6": "joint_2"}
+
+
+def test_an_order_across_arm_and_wrist_holds_at_the_constrained_arm():
+    """The decoupled method fits the wrist to the arm as the order leaves it, not as its readings show it."""
+    order = [["joint_3", "joint_2"], ["joint_6", "joint_3"]]
+    campaign = simulated(load="pull", configurations=15, seed=5)
+    c = estimate(*campaign, method="decoupled_partial_pose", stiffness_order=order).compliance
+    np.testing.assert_allclose(c[[2, 5]], c[1], rtol=1e-12)

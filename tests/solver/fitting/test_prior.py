@@ -21,7 +21,6 @@ from jointstiff.service.conversion.message import message as message_of
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import judge
-from jointstiff.solver.evidence.plausibility import judge
 from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.terms.block import regressor_blocks
 

@@ -25,6 +25,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
 from jointstiff.solver.evidence.prediction import predict_encoders
+from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
@@ -145,7 +146,7 @@ def test_resampling_takes_the_encoders_along(method):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_clean_encoders_raise_no_finding(seed):
-    assert not list(inspect_encoders(*prepared(seed=seed)))
+    assert not inspect(*prepared(seed=seed), degrees=False)
 
 
 def one_swapped(deflection):
@@ -165,7 +166,7 @@ def one_swapped(deflection):
 def test_mistakes_are_noticed_where_they_are(change, code, observation, words):
     robot, measurements = prepared(load="dead_weight" if observation else "pull")
     mistaken = changed(measurements, deflection=change(measurements.encoders.deflection))
-    findings = list(inspect_encoders(robot, mistaken))
+    findings = inspect(robot, mistaken, degrees=False)
     assert {finding.code for finding in findings} == {code}
     if code == "encoder_against_torque":
         (finding,) = findings

@@ -23,7 +23,7 @@ from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.evidence.plausibility import judge
+from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
