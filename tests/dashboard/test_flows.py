@@ -67,7 +67,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     page.get_by_label("Force on the robot").fill("0, 0, -500")
     page.get_by_role("button", name="Predict").click()
     page.locator("canvas[data-ready=true]").wait_for()
-    expect(page.get_by_text("Along z, 95")).to_be_visible()
+    expect(page.get_by_text("Along z, readings only (95 %")).to_be_visible()
 
     visited.go("#/compare/methods")
     page.get_by_label("Measurement set", exact=True).select_option(label=f"{size} motor ({name})")
