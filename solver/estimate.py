@@ -246,7 +246,8 @@ def _iterate_to_convergence(
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
         if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
-            keep_for(last.measurements, last.fit.compliance)
+            for each in (measurements, last.measurements):  # a robust loss weighs a copy of the set
+                keep_for(robot, each, at.fit.compliance, last.fit.compliance)
             return last, rounds
         at = last
     raise SolverError(

@@ -96,6 +96,7 @@ class _Program(Script):
     waiting: tuple[int, int] | str | None = None
     frames: dict[str, tuple[Place, Literal]] = field(default_factory=dict)  # BASE_DATA[i], TOOL_DATA[i]
     used: set[str] = field(default_factory=set)  # names of frames that moves have
+    taken: set[str] = field(default_factory=set)  # names of frames that became active with their numbers
     interrupts: set[float] = field(default_factory=set)  # numbers of those that are declared
 
     def move(self, place: Place, motion: Motion, targets: Sequence[Literal | str], own: str) -> None:
@@ -142,6 +143,8 @@ class _Program(Script):
         """Make a frame the active one, if it is not; for one move only, it may be any."""
         active = self.active[which]
         same = isinstance(active, FrameName) and active.same(frame)
+        if frame.pose is not None:
+            self.taken.add(frame.name)
         if move or same or self.settable(place, f"${which}"):
             self.active[which] = frame
 
@@ -225,9 +228,12 @@ class _Program(Script):
     def data(self, place: Place, which: str, ordinal: int, literal: Literal | None) -> None:
         """Take BASE_DATA[i] or TOOL_DATA[i]."""
         name = f"{which}[{place.value(ordinal):g}]"
-        if name in self.used:
+        whole = literal is not None and literal.notation is POSE
+        once = whole and not (self.depth or self.jumped or self.routine > 1)
+        # A loop, a branch or another routine may come back to where the frame became active.
+        if name in self.used or (name in self.taken and not once):
             self.refuse(place, f"{name} changes while the program runs", _FRAME_REMEDY)
-        elif literal is None or literal.notation is not POSE or self.depth or self.jumped or self.routine > 1:
+        elif literal is None or not once:
             self.changed.add(name)
         else:
             self.frames[name] = place, literal

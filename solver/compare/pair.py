@@ -271,8 +271,9 @@ def models_differ(first: Robot, second: Robot) -> bool:
 def unconstrained(campaign: Campaign, *, same_load_point: bool) -> Estimate:
     """Return the estimate without constraints, which is Gaussian, with its campaign's own errors.
 
-    It is read off the campaign's estimate where no constraint holds a joint. Where one does, K_c, robust
-    weights and common errors are those of other compliances, so that the campaign is identified again.
+    It is read off the campaign's estimate where no constraint holds a joint. Where one does, or a robust loss
+    weighs the readings under constraints, weights, K_c and common errors are those of other compliances, so
+    that the campaign is identified again.
 
     Args:
         campaign: identified under constraints.
@@ -283,12 +284,12 @@ def unconstrained(campaign: Campaign, *, same_load_point: bool) -> Estimate:
     likelihood, common = estimate.likelihood, measurements.common_uncertainty
     if same_load_point and common is not None:
         measurements = replace(measurements, common_uncertainty=common.stated)
-    if likelihood is None or (likelihood.centre != estimate.compliance[likelihood.joints]).any():
+    held = likelihood is None or (likelihood.centre != estimate.compliance[likelihood.joints]).any()
+    if held or estimate.robust is not None:
         return identify(robot, measurements, settings)
     if not same_load_point or estimate.common is None or not estimate.sigma:
         return estimate
     fit = fit_method(estimate.triangles, estimate.observability.null, settings.constraints)
-    fit = fit.inflated(1.0 if estimate.robust is None else estimate.robust.inflation)
     for source, responses in estimate.common.by_source.items():
         if source != "assumed_load_point":
             fit = fit.with_common(responses / estimate.sigma)

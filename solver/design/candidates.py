@@ -247,7 +247,7 @@ class Pool:
             robot.joint_names,
             request.joints,
             request.nominal,
-            request.link_share if request.by_weight is None else None,
+            request.link_share if request.links else None,
         )
         basis, s = parameters.basis, len(parameters.joints)
         known = known @ basis / ((so_far and so_far.sigma) or sigma)

@@ -181,7 +181,7 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     half = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, part in enumerate(folds.held_out):
         fit = fit_fold(folds, elastic.model, number, plan.weights)
-        blocks = list(elastic_blocks(robot, measurements[part], folds.columns))
+        blocks = elastic_blocks(robot, measurements[part], folds.columns)
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
         own = np.flatnonzero(np.isin(of_reading, part))
         residual[own] = rows[..., -1] - rows[..., :-1] @ fit.compliances[0]

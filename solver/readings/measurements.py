@@ -244,7 +244,7 @@ class Measurements:
     def evenly(self, most: int) -> Measurements:
         """Return at most so many of the observations, evenly spread; the set itself if it has no more."""
         count = len(self)
-        return self if count <= most else self[np.linspace(0, count - 1, most).astype(np.intp)]
+        return self if count <= most else self[np.arange(most) * (count - 1) // max(most - 1, 1)]
 
     def __getitem__(self, rows: slice | IndexArray) -> Measurements:
         """Some of the observations, in the given order."""

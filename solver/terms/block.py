@@ -100,14 +100,15 @@ def whole_block(
     return RegressorBlock(measurements=measurements, **fields)
 
 
-def keep_for(measurements: Measurements, compliance: FloatArray) -> None:
-    """Let the regressors with K_c that were kept last stand for a compliance (n,) that was fitted to them.
+def keep_for(robot: Robot, measurements: Measurements, at: FloatArray, compliance: FloatArray) -> None:
+    """Let kept regressors at a compliance (n,) stand for one that was fitted to them.
 
-    They are those of the fit before, which differ by 1e-10 m a deflection once the fits agree.
+    They are those of the fit before, which hardly differ once the fits agree.
     """
-    fields = _KEPT.get(measurements, {}).get(True)
-    if fields is not None:
-        fields["compliance"] = compliance.copy()
+    kept = _KEPT.get(measurements, {})
+    fields = kept.get(True)
+    if fields is not None and fields["robot"] is robot and np.array_equal(fields["compliance"], at):
+        kept[True] = fields | {"compliance": compliance.copy()}
 
 
 def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configurations:

@@ -18,7 +18,6 @@ from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_c
 from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
-from jointstiff.service.kinds.run.weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork, pack, unpack
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
@@ -130,6 +129,8 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWo
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     input_hash = run_hash(prepared, request)
     if request.weight is not None:
+        from jointstiff.service.kinds.run.weight import identified_by_weight  # needs the room of geometry
+
         compute = partial(identified_by_weight, prepared, request, request.weight)
         return QuickWork(compute, input_hash, prepared.robot_id)
     prepared = prepared.with_loads()
