@@ -110,6 +110,23 @@ def test_krl_tool_1_of_initmov_may_get_its_numbers_before_it_is_used():
     assert program.targets.frames[1].pose[:3, 3].tolist() == [0.001, 0.002, 0.003]
 
 
+@pytest.mark.parametrize(
+    "loop",
+    [
+        "LOOP\n$BASE=BASE_DATA[1]\nBASE_DATA[1]={X 100,Y 2,Z 3,A 0,B 0,C 0}\nLIN {P}\nENDLOOP",
+        "LOOP\n$BASE=BASE_DATA[1]\nBASE_DATA[1].X=100\nLIN {P}\nENDLOOP",
+        "FOR I=1 TO 3\nBAS(#BASE,1)\nBASE_DATA[1]={X 100,Y 2,Z 3,A 0,B 0,C 0}\nLIN {P}\nENDFOR",
+        "LOOP\nBAS(#FRAMES)\nBASE_DATA[1]={X 100,Y 2,Z 3,A 0,B 0,C 0}\nLIN {P}\nENDLOOP",
+    ],
+)
+def test_krl_frames_that_change_in_a_loop_are_refused(loop):
+    """The controller has other numbers from the second pass on."""
+    data = f"BASE_DATA[1]={P}\nTOOL_DATA[1]={P}\nFDAT_ACT={{TOOL_NO 1,BASE_NO 1}}"
+    head = f"{data}\nBAS(#FRAMES)\n$BASE=BASE_DATA[1]"
+    fault = refusal("a.src", f"DEF a()\nINT I\n{head}\n{loop.replace('{P}', P)}\nEND")
+    assert "while the program runs" in fault.reason
+
+
 @pytest.mark.parametrize("line", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
 def test_krl_braces_within_one_another_are_refused_by_line(line):
     fault = refusal("a.src", f"DEF a()\nLIN {P}\n{line.format('{A ' * 500 + '1' + '}' * 500)}\nEND")
