@@ -528,21 +528,24 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding
         )
 
 
-def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: bool) -> Iterator[Finding]:
-    """Compare the residuals with the stated sigma, by its chi-square test, and with one that they refuted.
-
-    A sigma taken from the residuals hides what the model lacks.
-    """
-    refuted, test = measurements.refuted_sigma, estimate.sigma_test
-    if refuted is not None and estimate.sigma is not None:
+def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
+    """Report a stated noise that the residuals refuted: a sigma [m] from them hides what the model lacks."""
+    refuted = measurements.refuted_sigma
+    if refuted is not None and sigma is not None:
         yield _reason(
             "residuals_exceed_sigma",
             "use_with_care",
-            f"the residuals give a standard uncertainty of {length_text(estimate.sigma)} per coordinate of a "
-            f"reading, {estimate.sigma / refuted:.3g} times the {length_text(refuted)} that were stated and "
+            f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+            f"reading, {sigma / refuted:.3g} times the {length_text(refuted)} that were stated and "
             "that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
             _CHECK_NOISE,
         )
+
+
+def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: bool) -> Iterator[Finding]:
+    """Compare the residuals with the stated sigma, by its chi-square test, and with one that they refuted."""
+    test = estimate.sigma_test
+    yield from refuted_noise(measurements, estimate.sigma)
     ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
     if test is None or test.verdict == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return

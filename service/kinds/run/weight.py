@@ -20,7 +20,7 @@ from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.convex.solution import StagesCertificate
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.assessment import assessed
+from jointstiff.solver.evidence.assessment import assessed, refuted_noise
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.predict.models import JointModel
@@ -52,7 +52,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         loaded=loaded if by_loads.any() else None,
     )
     joints = tuple(joint.joint for joint in estimate.joints)
-    assessment = assessed(joints, estimate.reasons)
+    assessment = assessed(joints, [*estimate.reasons, *refuted_noise(m, estimate.sigma)])
     row, target = np.nonzero(readings.poses.present)
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
     left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
