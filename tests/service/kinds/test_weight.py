@@ -199,6 +199,14 @@ def test_a_run_that_determines_no_joint_is_not_to_be_used(document):
     assert result.model is None
 
 
+def test_a_noise_that_the_residuals_refuted_caps_the_verdict(document):
+    refuted = copy.deepcopy(document)
+    refuted["measurement_set"]["noise"] = {"sigma": 1e-6, "refuted": True}
+    assessment = identified(refuted).assessment
+    assert assessment.verdict == "use_with_care"
+    assert "that they refuted" in assessment.reasons[0].message
+
+
 def test_predictions_know_that_sigma_is_of_few_residuals(document):
     assert identified(document).model.degrees_of_freedom is None
     unstated = copy.deepcopy(document)
