@@ -54,7 +54,7 @@ class BoundedProtocol(H11Protocol):
     ANSWER_RATE: ClassVar[float] = 4 * 1024  # bytes a second of an answer, on average over `WRITE_SECONDS`
     LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # bytes of all bodies that are received or worked on
-    TURNS: ClassVar[int] = 4  # bodies not declared to be small that are received or worked on at once
+    TURNS: ClassVar[int] = 2  # bodies not declared to be small that are received or worked on at once
     TURN_SECONDS: ClassVar[float] = 30.0  # that a body waits for its turn
     ANSWER_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all answers of more than `PIECE_BYTES` under way
     PIECE_BYTES: ClassVar[int] = 64 * 1024  # bytes of an answer that wait for the client at a time

@@ -341,5 +341,5 @@ def test_a_body_that_proves_small_ends_its_turn(tmp_path, connect):
 
 def test_the_bounds_are_as_documented():
     assert (BoundedProtocol.HEADER_SECONDS, BoundedProtocol.BODY_SECONDS) == (10, 30)
-    assert (BoundedProtocol.TURNS, BoundedProtocol.TURN_SECONDS) == (4, 30)
+    assert (BoundedProtocol.TURNS, BoundedProtocol.TURN_SECONDS) == (2, 30)
     assert 0 < connection_limit() <= 8192
