@@ -19,12 +19,10 @@ from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import in_process
-from jointstiff.service.reports.document import Document
+from jointstiff.service.reports.document import Document, draft
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.page import report_page
-from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.reports.state import draft
 from jointstiff.simulator import default_arm, simulate_campaign
 
 __all__ = ["run"]
@@ -36,7 +34,7 @@ import sys
 from time import perf_counter
 from pathlib import Path
 from benchmarks.studies.reports import document_of, empty_pdf, measured
-from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.rendering import report_pdf
 document = document_of(Path(sys.argv[1])) if sys.argv[2] == "report" else None
 begin = perf_counter()
 content = report_pdf(document) if document else empty_pdf()

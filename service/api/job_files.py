@@ -22,9 +22,9 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.report import job_parts, job_sheet
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.tables.files import csv_parts, written
+from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Table
-from jointstiff.service.tables.view import View
 
 Unit = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 """Names of `UNITS`."""

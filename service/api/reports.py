@@ -23,13 +23,11 @@ from jointstiff.service.exporting.formats import FORMATS, ModelFormat, export_mo
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.problems.errors import NotFoundError
-from jointstiff.service.reports.document import Document
+from jointstiff.service.reports.document import Document, state_of
+from jointstiff.service.reports.document import draft as drafted
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.page import POLICY, report_page
-from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.reports.state import draft as drafted
-from jointstiff.service.reports.state import state_of
 from jointstiff.service.resources.stored_jobs import stored_job
 from jointstiff.service.store.journal import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from jointstiff.schemas.importing import FilePreview, ImportPreview
 from jointstiff.schemas.imports import ImportAnswer
-from jointstiff.service.tables.verdict import VERDICTS
+from jointstiff.service.tables.report import VERDICTS
 
 _VALUES_SHOWN = 2
 _LONGEST = 24

@@ -11,19 +11,20 @@ from rich.console import RenderableType
 from jointstiff.schemas.job import Job
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.work import Work
-from jointstiff.service.tables.requested import requested
-from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import Line, Part, Sheet, text_table
-from jointstiff.service.tables.terminal import printed
-from jointstiff.service.tables.verdict import (
+from jointstiff.service.tables.report import (
+    Report,
+    View,
     judged,
     problem_line,
     remedies,
+    requested,
     to_do_lines,
     verdict_lines,
     warning_lines,
 )
-from jointstiff.service.tables.view import Report, View
+from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
+from jointstiff.service.tables.table import Line, Part, Sheet, text_table
+from jointstiff.service.tables.terminal import printed
 
 _DEFAULT: Final = View()
 _DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")

@@ -18,13 +18,11 @@ from jointstiff.service.library.campaigns import (
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.reports.document import Document
+from jointstiff.service.reports.document import Document, draft
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.page import report_page
-from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.reports.state import draft
 
 if TYPE_CHECKING:
     from jointstiff.schemas.run.run import Run

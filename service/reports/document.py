@@ -1,12 +1,27 @@
-"""A report as data: sections of facts, paragraphs, tables and pictures. It knows no typesetting."""
+"""A report as data: its sections and its state. It knows no typesetting."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
-from typing import Literal
+from datetime import UTC, datetime
+from typing import Final, Literal
 
-from jointstiff.service.tables.table import Table
+from jointstiff.schemas.report import Authorisation
+from jointstiff.service.tables.table import NO_NUMBER, Table, figure
+
+NOT_STATED: Final = "not stated"
+
+
+def moment(time: datetime | None) -> str:
+    """Return a time for people, in UTC."""
+    return NOT_STATED if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent."""
+    return NO_NUMBER if share is None else f"{figure(100 * share, '.3g')} %"
+
 
 Fact = tuple[str, str]
 """A label, and what is stated; lines are parted by a newline."""
@@ -81,3 +96,30 @@ class Document:
     sections: list[Section]  # in order; signature and end mark follow them
     attachments: list[Attachment] = field(default_factory=list)  # files within it
     signs: bool = True  # whether it has a line to sign
+
+
+def draft(reason: str = "Nobody has authorised it.") -> State:
+    """Return the state of a report that nobody has authorised."""
+    return State("draft", reason)
+
+
+def state_of(own: Sequence[Authorisation], successor: Authorisation | None) -> State:
+    """Return the state of a run's report.
+
+    Args:
+        own: authorisations of this report, oldest first.
+        successor: authorisation of the report that replaces this one.
+    """
+    if not own:
+        return draft()
+    last = own[-1]
+    by = f"Authorised by {last.key_name} (key {last.key_id}) on {moment(last.authorised_at)}."
+    line = f"{by} Note: {last.note}" if last.note else by
+    if last.number > 1:
+        line = f"{line} It supersedes report {last.run_id}-{last.number - 1}."
+    if successor is not None:
+        line = (
+            f"Superseded by the report of run {successor.run_id} on {moment(successor.authorised_at)}. {line}"
+        )
+        return State("superseded", line, last.number, last.authorised_at, last.key_name)
+    return State("authorised", line, last.number, last.authorised_at, last.key_name)

@@ -8,9 +8,9 @@ from typing import Final
 from jointstiff.schemas.job import Job
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.report import job_parts
-from jointstiff.service.reports.document import Attachment, Document, Fact, Section, State
+from jointstiff.service.reports.document import Attachment, Document, Fact, Section, State, moment
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.statements import (
+from jointstiff.service.reports.run import (
     IDENTIFICATION,
     NOT_ISO_9283,
     ORIGIN,
@@ -18,10 +18,8 @@ from jointstiff.service.reports.statements import (
     RESULTS,
     STATED,
 )
-from jointstiff.service.reports.wording import moment
-from jointstiff.service.tables.requested import requested
+from jointstiff.service.tables.report import View, requested
 from jointstiff.service.tables.table import Line, Table
-from jointstiff.service.tables.view import View
 
 _UNSIGNED: Final = State("unsigned", "For information: reports of this kind are not authorised.")
 

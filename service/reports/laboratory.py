@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.report import Laboratory
 from jointstiff.service.problems.errors import ServiceError
-from jointstiff.service.reports.document import Letterhead
-from jointstiff.service.reports.wording import NOT_STATED
+from jointstiff.service.reports.document import NOT_STATED, Letterhead
 
 MAX_SETTINGS_BYTES: Final = 64 * 1024
 MAX_LOGO_BYTES: Final = 256 * 1024

@@ -9,8 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.service.tables.numbers import NO_NUMBER, concise, figure, rounded
-from jointstiff.service.tables.table import Line
+from jointstiff.service.tables.table import NO_NUMBER, Line, concise, figure, rounded
 from jointstiff.solver.text import rounded_down
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)

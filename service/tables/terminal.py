@@ -19,8 +19,8 @@ from rich.text import Text
 
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.problem import Problem
+from jointstiff.service.tables.report import problem_line
 from jointstiff.service.tables.table import Line, Part, Table
-from jointstiff.service.tables.verdict import problem_line
 
 METHOD_NAMES: Final = {
     "complete_pose": "complete pose",

@@ -9,11 +9,21 @@ from typing import Any, Final
 from jointstiff.schemas.comparison import ComparedFit, Comparison, ComparisonResult
 from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.run.resampling_table import moments
-from jointstiff.service.tables.numbers import percent, rounded
+from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value, as_line, number
+from jointstiff.service.tables.table import (
+    Column,
+    Line,
+    Part,
+    Sheet,
+    Table,
+    Value,
+    as_line,
+    number,
+    percent,
+    rounded,
+)
 from jointstiff.service.tables.terminal import METHOD_NAMES
-from jointstiff.service.tables.view import Report, View
 
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTS = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}

@@ -14,9 +14,8 @@ from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptio
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.tables.files import csv_text
-from jointstiff.service.tables.numbers import NO_NUMBER
-from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value, number
-from jointstiff.service.tables.verdict import judged, verdict_lines
+from jointstiff.service.tables.report import judged, verdict_lines
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, Value, number
 from jointstiff.solver.errors import RequestError
 
 _HEADER: Final = re.compile(r"(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*")

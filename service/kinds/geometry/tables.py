@@ -14,9 +14,8 @@ from jointstiff.schemas.geometry.result import (
     SweepEvidence,
     WristResult,
 )
-from jointstiff.service.tables.numbers import NO_NUMBER, concise
-from jointstiff.service.tables.table import Column, Line, Part, Table, number, numbers
-from jointstiff.service.tables.view import Report, View
+from jointstiff.service.tables.report import Report, View
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Table, concise, number, numbers
 
 _MILLI, _MICRO = 1e3, 1e6
 _CONTROLLER_LEVEL = 0.01

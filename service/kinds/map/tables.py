@@ -9,9 +9,8 @@ import numpy as np
 
 from jointstiff.schemas.map import Map, MapPlace, MapResult
 from jointstiff.service.kinds.map.work import MapWork
-from jointstiff.service.tables.numbers import figure
-from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number, numbers
-from jointstiff.service.tables.view import Report, View
+from jointstiff.service.tables.report import Report, View
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, figure, number, numbers
 from jointstiff.solver.predict.maps import STATUSES
 
 _REASONS: Final = {

@@ -12,12 +12,20 @@ from jointstiff.schemas.pair import (
     PairResult,
 )
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.service.tables.numbers import NO_NUMBER, percent, rounded
+from jointstiff.service.tables.report import Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Column,
+    Line,
+    Part,
+    Sheet,
+    Table,
+    Value,
+    percent,
+    rounded,
+)
 from jointstiff.service.tables.terminal import METHOD_NAMES
-from jointstiff.service.tables.verdict import joint_reason_lines
-from jointstiff.service.tables.view import Report, View
 
 _SMALLEST_P = 1e-4
 

@@ -7,8 +7,8 @@ from math import degrees, hypot
 from typing import Final
 
 from jointstiff.schemas.plan import Cable, Plan, PlannedReading, PlanResult
+from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Sheet, Table, number
-from jointstiff.service.tables.view import Report, View
 
 _DOWN: Final = -0.9999  # along z of R0: a weight
 _CRITERIA = {

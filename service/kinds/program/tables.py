@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from jointstiff.schemas.program import Program, ProgramResult
+from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number
-from jointstiff.service.tables.view import Report, View
 
 _SHOWN = 8
 _REASONS = {

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.schemas.run.links import LinkCompliance, LinksResult, ModelSelection, ScoredModel
-from jointstiff.service.tables.numbers import percent
-from jointstiff.service.tables.table import Column, Line, Part, Table, number
+from jointstiff.service.tables.table import Column, Line, Part, Table, number, percent
 
 _MODEL_NAMES = {
     "joints": "joints",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.tables.numbers import NO_NUMBER, percent, rounded
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import Column, Table
+from jointstiff.service.tables.table import NO_NUMBER, Column, Table, percent, rounded
 
 
 def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:

@@ -12,12 +12,10 @@ from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.schemas.run.weight import WeightResult
 from jointstiff.service.kinds.run.links_table import links_line, links_report, selection_table
 from jointstiff.service.kinds.run.resampling_table import resampling_table
-from jointstiff.service.tables.numbers import figure
+from jointstiff.service.tables.report import VERDICTS, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import Column, Line, Part, Table
+from jointstiff.service.tables.table import Column, Line, Part, Table, figure
 from jointstiff.service.tables.terminal import METHOD_NAMES
-from jointstiff.service.tables.verdict import VERDICTS, joint_reason_lines
-from jointstiff.service.tables.view import Report, View
 
 _WORDS: Final = {
     "uncertain": Line("uncertain", "care"),

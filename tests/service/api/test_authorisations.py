@@ -21,7 +21,7 @@ from jointstiff.service.api import reports
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.rendering import report_pdf
 from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.journal import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord

@@ -24,8 +24,7 @@ from jointstiff.service.kinds.plan.tables import readings_sheet
 from jointstiff.service.library.in_process import identify
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.page import report_page
-from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text

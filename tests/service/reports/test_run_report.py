@@ -24,16 +24,12 @@ from jointstiff.schemas.run.run import Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.exporting.tables import joints_csv
+from jointstiff.service.exporting.model import ExportedModel, joints_csv
 from jointstiff.service.library import in_process
+from jointstiff.service.reports.document import draft, state_of
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.page import report_page
-from jointstiff.service.reports.pdf import report_pdf
-from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.reports.run_results import results, uncertainty
-from jointstiff.service.reports.state import draft, state_of
-from jointstiff.service.reports.statements import ITEMS
+from jointstiff.service.reports.rendering import report_page, report_pdf
+from jointstiff.service.reports.run import ITEMS, RunSubject, results, run_document, uncertainty
 from jointstiff.simulator import default_arm, simulate_campaign
 
 LABORATORY = Laboratory(

@@ -9,9 +9,8 @@ import pytest
 
 from jointstiff.schemas.geometry.message import GeometryRequest
 from jointstiff.schemas.plan import PlanRequest
-from jointstiff.service.tables.numbers import figure, rounded
-from jointstiff.service.tables.requested import requested
-from jointstiff.service.tables.table import number
+from jointstiff.service.tables.report import requested
+from jointstiff.service.tables.table import figure, number, rounded
 
 POSE = {"joints": [10.0, -20.0], "targets": {"P10": (1500.25, 0.0, -0.0)}}
 

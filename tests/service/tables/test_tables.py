@@ -18,9 +18,9 @@ from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import in_process
-from jointstiff.service.reports.run_results import assessment
+from jointstiff.service.reports.run import assessment
+from jointstiff.service.tables.report import support
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.verdict import support
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

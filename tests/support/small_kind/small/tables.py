@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from jointstiff.service.kinds.small.messages import Small, SmallResult
+from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Sheet, Table
-from jointstiff.service.tables.view import Report, View
 
 
 def report(_job: Small, result: SmallResult, _view: View) -> Report:
