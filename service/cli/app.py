@@ -17,7 +17,6 @@ from jointstiff.service.cli.models import export, predict, report
 from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
-from jointstiff.service.cli.watch import watch
 from jointstiff.service.cli.webhooks import webhooks
 from jointstiff.service.kinds.rooms import ROOMS
 
@@ -82,7 +81,6 @@ for command in (
     serve,
     worker,
     post,
-    watch,
     demo,
     backup,
     restore,
