@@ -125,8 +125,8 @@ class BoundedProtocol(H11Protocol):
         now = self.loop.time()
         if self.awaits_header:
             return now - self._since
-        if self.conn.their_state is h11.SEND_BODY:
-            return now - self._since - self._received / self.BODY_RATE
+        if self.conn.their_state is h11.SEND_BODY:  # one that we do not read waits for us
+            return 0.0 if self.flow.read_paused else now - self._since - self._received / self.BODY_RATE
         left = self.transport.get_write_buffer_size()
         stalled = now - self._written_at if left and self._handed - left <= self._taken else 0.0
         return stalled if stalled >= self.LOOK_SECONDS else 0.0  # one that reads is not seen to between looks

@@ -7,6 +7,7 @@ import logging
 import select
 import socket
 import sqlite3
+import threading
 import time
 from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
@@ -300,6 +301,26 @@ def test_large_bodies_wait_for_a_turn_and_others_do_not(serve, connect):
     holder.close()
     while httpx2.post(f"{url}/v1/robots", **LARGE_ROBOT).status_code == 503:  # until it is seen to be gone
         pass
+
+
+def test_turns_go_to_who_waits_longest(serve, connect):
+    """Who comes back after each answer does not starve who has waited, with more to send than is read."""
+    url = serve(TURNS=1, LOOK_SECONDS=5.0)
+    holder, first, second = connect(url), connect(url), connect(url)
+    holder.sendall(BODY + b" " * 90_000)
+    robot = LARGE_ROBOT["content"].ljust(MAX_ROBOT_BYTES)
+    head = b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    patient = threading.Thread(
+        target=first.sendall, args=(head + b"Content-Length: %d\r\n\r\n" % len(robot) + robot,)
+    )
+    patient.start()
+    time.sleep(0.5)
+    second.sendall(head + b"Content-Length: 90000\r\n\r\n" + LARGE_ROBOT["content"])
+    time.sleep(0.5)
+    holder.close()
+    answered, _, _ = select.select([first, second], [], [], 60)
+    assert answered == [first]
+    patient.join()
 
 
 def test_the_role_is_asked_before_the_turn(connect):

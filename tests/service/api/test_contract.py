@@ -42,7 +42,7 @@ def test_the_service_keeps_its_contract(part, service, openapi):
 
     @examples(60, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
     def keeps(case):
-        case.call_and_validate(base_url=service.url, session=session, checks=promised)
+        case.call_and_validate(base_url=service.url, session=session, checks=promised, timeout=60)
 
     schema = schemathesis.openapi.from_dict(openapi)
     labels = [each.ok().label for each in schema.get_all_operations()][part::PARTS]

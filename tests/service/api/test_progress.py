@@ -157,7 +157,7 @@ def test_no_one_looks_when_no_one_follows():
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
         assert followers._followed == {}
-        await asyncio.sleep(0.05)
+        await asyncio.wait_for(followers._task, 60)
         looks = jobs.looks
         await asyncio.sleep(0.1)
         assert jobs.looks == looks
