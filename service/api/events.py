@@ -14,7 +14,7 @@ from fastapi.sse import ServerSentEvent
 from jointstiff.schemas.job import Job
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
-from jointstiff.service.store.job_log import JobStatus
+from jointstiff.service.store.jobs import JobStatus
 
 TURN_SECONDS: Final = 0.1
 """Pause between two looks at the jobs that are followed."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import re
-import time
-from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,6 +29,8 @@ SLOW_SECONDS: Final = 1.0
 """Time that each further wrong key of an address takes."""
 MOST_SLOW: Final = 64
 """Wrong keys that wait at once; others are answered without waiting."""
+FORGIVEN: Final = 10
+"""Wrong keys of a network that are answered at once."""
 _TOKEN: Final = re.compile(r"jss_[A-Za-z0-9]{43}", re.ASCII)
 
 
@@ -52,10 +52,10 @@ class Gate:
         self.keyring = keyring
         self._store = store
         self._watch = watch
-        self._throttle = Throttle()
         self._slow = 0
         self._used_links: dict[str, datetime] = {}  # a second tap on one is no wrong key
         self._turns = CapacityLimiter(4)
+        self._counting = CapacityLimiter(1)  # of wrong keys, which delay no session
         self._noted: dict[str, datetime] = {}
         self._notes: set[asyncio.Task[None]] = set()
 
@@ -150,7 +150,7 @@ class Gate:
         try:
             return self.keyring.check(text)
         except KeyRefusedError:
-            if not self._is_too_much(address):
+            if not await self._is_too_much(address):
                 raise
         await self._wait()
         raise WrongKeysError
@@ -163,7 +163,7 @@ class Gate:
             self._used_links = {one: at for one, at in self._used_links.items() if now - at < MINUTE}
             self._used_links[hashed] = now
             return record
-        if hashed not in self._used_links and self._is_too_much(address):
+        if hashed not in self._used_links and await self._is_too_much(address):
             await self._wait()
             raise WrongKeysError
         raise KeyRefusedError(
@@ -171,11 +171,10 @@ class Gate:
             "ask for another one (`jointstiff keys link`), or enter a key",
         )
 
-    def _is_too_much(self, address: str) -> bool:
-        """Count a wrong key."""
-        is_too_much = self._throttle.refuses(address)
-        self._throttle.wrong(address)
-        return is_too_much
+    async def _is_too_much(self, address: str) -> bool:
+        """Count a wrong key, for all services of the database."""
+        count = self._store.wrong_keys.count
+        return await run_sync(count, network_of(address), limiter=self._counting) > FORGIVEN
 
     async def _wait(self) -> None:
         if self._slow >= MOST_SLOW:
@@ -210,41 +209,7 @@ def cookie_name(connection: HTTPConnection) -> str:
     return f"jointstiff_{port}" if port.isascii() and port.isdecimal() else "jointstiff"
 
 
-FORGIVEN: Final = 10
-"""Wrong keys from an address that are answered at once."""
-FORGET_SECONDS: Final = 6.0
-"""After so long one wrong key is forgotten."""
-ADDRESSES: Final = 1_024
-"""Addresses remembered; the one that was heard least recently is forgotten first."""
-
-
-class Throttle:
-    """Count of the wrong keys of each address. It belongs to one event loop."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Count by a clock [s]."""
-        self._clock = clock
-        self._wrong: OrderedDict[str, tuple[float, float]] = OrderedDict()
-
-    def refuses(self, address: str) -> bool:
-        """Return whether an address sent too many wrong keys of late."""
-        return self._count(_network(address)) > FORGIVEN
-
-    def wrong(self, address: str) -> None:
-        """Count a wrong key; no more than what is forgotten in two minutes."""
-        network = _network(address)
-        count = min(self._count(network) + 1.0, 2.0 * FORGIVEN)
-        self._wrong[network] = (count, self._clock())
-        self._wrong.move_to_end(network)
-        if len(self._wrong) > ADDRESSES:
-            self._wrong.popitem(last=False)
-
-    def _count(self, network: str) -> float:
-        count, at = self._wrong.get(network, (0.0, 0.0))
-        return max(0.0, count - (self._clock() - at) / FORGET_SECONDS)
-
-
-def _network(address: str) -> str:
+def network_of(address: str) -> str:
     """Return an IPv4 address, or the network of an IPv6 address, of which one machine has 2^64."""
     try:
         parsed = ipaddress.ip_address(address)

@@ -33,7 +33,7 @@ from jointstiff.service.api.parts import (
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
-from jointstiff.service.store.job_log import OPEN_STATES
+from jointstiff.service.store.jobs import OPEN_STATES
 from jointstiff.service.store.records import JobRecord
 
 JobId = Annotated[str, Path(max_length=64)]

@@ -29,7 +29,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
 from jointstiff.service.resources.stored_jobs import stored_job
-from jointstiff.service.store.journal import NumberTakenError
+from jointstiff.service.store.collection import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.solver.errors import RequestError
 

@@ -11,7 +11,7 @@ from anyio.to_thread import run_sync
 
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
-from jointstiff.service.store.heartbeats import SILENT
+from jointstiff.service.store.jobs import SILENT
 from jointstiff.service.store.store import Store
 
 LOOK_SECONDS: Final = 0.5

@@ -10,7 +10,7 @@ import typer.core
 from typer.main import get_command_from_info
 
 from jointstiff.service.cli.answers import refusal_of
-from jointstiff.service.cli.database import backup, doctor, export_database, restore
+from jointstiff.service.cli.database import backup, doctor, restore
 from jointstiff.service.cli.imports import import_readings
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, predict, report
@@ -85,7 +85,6 @@ for command in (
     backup,
     restore,
     doctor,
-    export_database,
 ):
     app.command()(command)
 app.add_typer(keys, name="keys")

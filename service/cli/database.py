@@ -1,4 +1,4 @@
-"""Commands that look after a database: `backup`, `restore`, `doctor`, `export-database`."""
+"""Commands that look after a database: `backup`, `restore`, `doctor`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -41,19 +41,6 @@ def restore(
     manifest = put_back(database, folder, overwrite=overwrite)
     origin = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
     console().print(f"{_counts(manifest)}; {origin}", markup=False, soft_wrap=True)
-
-
-def export_database(
-    database: Annotated[
-        str, typer.Argument(metavar="URL", help="Database of any version; it is not changed.")
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="New folder to write to.")],
-) -> None:
-    """Export a database of any version as campaign files."""
-    from jointstiff.service.resources.old_databases import export_database as export
-    from jointstiff.service.tables.terminal import console
-
-    console().print(f"{output}: {export(database, output):,} files", markup=False, soft_wrap=True)
 
 
 def doctor(*, database: DatabaseUrl) -> None:

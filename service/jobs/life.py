@@ -28,7 +28,7 @@ from jointstiff.service.kinds.work import Work
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.composition import Resources
-from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
+from jointstiff.service.store.jobs import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import IdempotencyKey, JobRecord
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError

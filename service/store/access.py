@@ -1,24 +1,31 @@
-"""Keys that let their holders in, sessions of browsers, and links that begin one session each."""
+"""Keys that let their holders in, wrong ones, sessions of browsers, and links that begin one session each."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 from datetime import datetime, timedelta
-from typing import Final
+from typing import Any, Final
 
-from sqlalchemy import ColumnElement, and_, delete, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Select, and_, delete, insert, or_, select, update
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
-from jointstiff.service.store.database import Database
+from jointstiff.service.store.database import Database, inserting
 from jointstiff.service.store.records import AccessKey, SessionRecord
-from jointstiff.service.store.tables import access_keys, access_links, access_sessions
+from jointstiff.service.store.tables import access_keys, access_links, access_sessions, wrong_keys
 
 KEY: Final = Resource("key", "keys")
 MINUTE: Final = timedelta(minutes=1)
 """Times of use are kept to the minute: a request more rarely has to write."""
 MOST_SESSIONS: Final = 100
 """Sessions of one key; the one that was used least recently ends when another begins."""
+
+FORGET: Final = timedelta(seconds=6)
+"""After so long one wrong key of a network is forgotten."""
+MOST_WRONG: Final = 20
+"""Wrong keys of a network that are counted; more cost no write."""
+MOST_NETWORKS: Final = 1_024
+"""Networks with wrong keys; those that were heard least recently are forgotten first."""
 
 _KEYS: Final = select(*(access_keys.c[field.name] for field in fields(AccessKey)))
 _SESSIONS: Final = select(*(access_sessions.c[field.name] for field in fields(SessionRecord)))
@@ -154,3 +161,38 @@ class Sessions:
     def _lives(self, now: datetime) -> ColumnElement[bool]:
         columns = access_sessions.c
         return and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
+
+
+class WrongKeys:
+    """Count of the wrong keys of each network, for all services of a database."""
+
+    def __init__(self, database: Database, clock: Callable[[Connection], datetime] | None = None) -> None:
+        """Count in a database; its own clock tells the time unless another is given."""
+        self._database = database
+        self._now = clock or database.now
+
+    def count(self, network: str) -> float:
+        """Count a wrong key; return how many came before, less one for each `FORGET` since then."""
+        counted = select(wrong_keys).where(wrong_keys.c.network == network)
+        with self._database.reading() as connection:  # a flood does not take the writer's turn
+            before = self._left(connection, counted)
+        if before > MOST_WRONG - 1:
+            return before
+        with self._database.writing() as connection:
+            now = self._now(connection)
+            first = inserting(connection, wrong_keys).values(network=network, number=0.0, counted_at=now)
+            if connection.execute(first).rowcount == 1:
+                newest = select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
+                kept = wrong_keys.c.network.in_(newest.limit(MOST_NETWORKS))
+                connection.execute(delete(wrong_keys).where(~kept))
+            before = self._left(connection, counted.with_for_update())
+            counting = update(wrong_keys).where(wrong_keys.c.network == network)
+            connection.execute(counting.values(number=before + 1.0, counted_at=now))
+        return before
+
+    def _left(self, connection: Connection, query: Select[Any]) -> float:
+        row = connection.execute(query).one_or_none()
+        if row is None:
+            return 0.0
+        forgotten: float = max(0.0, (self._now(connection) - row.counted_at) / FORGET)
+        return max(0.0, float(row.number) - forgotten)

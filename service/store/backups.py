@@ -11,24 +11,43 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
-from sqlalchemy import URL, Connection, create_engine, make_url, text
+from sqlalchemy import URL, Connection, create_engine, inspect, make_url, text
 
 from jointstiff.service.problems.errors import StoreError
-from jointstiff.service.store.content import TableContent, content_of, revision_of
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
-from jointstiff.service.store.migrations import has_tables, refuse_other_layout
+from jointstiff.service.store.tables import (
+    has_tables,
+    heartbeats,
+    layout_of,
+    metadata,
+    refuse_other_layout,
+    wrong_keys,
+)
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 MANIFEST: Final = "manifest.json"
 _FILES: Final[dict[Dialect, str]] = {"sqlite": "jointstiff.db", "postgresql": "jointstiff.dump"}
 _FOLDER_MODE: Final = 0o700  # readings, and hashes of keys
+
+
+_AT_ONCE: Final = 50
+"""Rows in memory at a time; the largest have some megabytes."""
+
+
+class TableContent(BaseModel):
+    """Content of one table."""
+
+    model_config = ConfigDict(frozen=True)
+
+    rows: int  # their number
+    sha256: str  # SHA-256 of all their values, in the order of the primary key
 
 
 class Manifest(BaseModel):
@@ -119,7 +138,7 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
         with database.reading() as connection:
             if not has_tables(connection):
                 raise StoreError("the database has no Jointstiff tables", "check the URL of the database")
-            revision = str(revision_of(connection))
+            revision = str(layout_of(connection))
         if dialect == "sqlite":
             copy_file(path_of(make_url(url)), copy)
             with _opened(copy) as connection:
@@ -176,7 +195,7 @@ def _set_aside(target: Path) -> None:
 def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
     with closing(Database.open(url)) as database:
         with database.reading() as connection:
-            if revision_of(connection) is not None and not overwrite:
+            if layout_of(connection) is not None and not overwrite:
                 raise StoreError(
                     f"the database {parsed.database} is not empty",
                     "give an empty database, or use --overwrite",
@@ -276,3 +295,33 @@ def _as_store_errors() -> Iterator[None]:
         raise StoreError(
             f"the sqlite database failed ({error})", "check it with `jointstiff doctor`"
         ) from error
+
+
+def content_of(connection: Connection) -> dict[str, TableContent]:
+    """Return the content of the store's tables that are there, by name.
+
+    What comes and goes with each minute, signs of life and wrong keys, does not count.
+
+    Values are hashed as the driver gives them, so the two kinds of database do not compare.
+
+    Args:
+        connection: in a transaction, if others write.
+    """
+    inspector = inspect(connection)
+    names = set(inspector.get_table_names()) & {*metadata.tables} - {heartbeats.name, wrong_keys.name}
+    keys = {name: inspector.get_pk_constraint(name)["constrained_columns"] for name in sorted(names)}
+    return {name: _table_content(connection, name, columns) for name, columns in keys.items()}
+
+
+def _table_content(connection: Connection, name: str, keys: Iterable[str]) -> TableContent:
+    order = ", ".join(f'"{key}"' for key in keys)
+    query = f'SELECT * FROM "{name}" ORDER BY {order}'  # noqa: S608 - names of our own tables and columns
+    hashed, rows = hashlib.sha256(), 0
+    stream = connection.execution_options(stream_results=True, yield_per=_AT_ONCE)
+    for row in stream.exec_driver_sql(query):
+        rows += 1
+        for value in row:
+            data = value if isinstance(value, bytes) else repr(value).encode()
+            hashed.update(len(data).to_bytes(8, "big"))
+            hashed.update(data)
+    return TableContent(rows=rows, sha256=hashed.hexdigest())

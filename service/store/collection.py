@@ -1,29 +1,63 @@
-"""The records of one kind: added, found, and listed in the order in which they came."""
+"""The records of one kind: added, found, listed, deleted; and journals, to which records are only added."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, fields
-from datetime import datetime
+from datetime import datetime, timedelta
 from types import MappingProxyType
-from typing import Any, Final, Generic
+from typing import Any, Final, Generic, TypeVar
 
-from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select, true, update
+from sqlalchemy import (
+    Column,
+    ColumnElement,
+    Connection,
+    Integer,
+    Select,
+    Table,
+    and_,
+    bindparam,
+    delete,
+    exists,
+    insert,
+    literal,
+    select,
+    true,
+    update,
+)
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems.errors import (
+    AuthorisedError,
     CursorError,
     DeletedError,
     IdempotencyConflictError,
+    NotEndedError,
     NotFoundError,
+    ReferencedError,
     Resource,
     StoreError,
 )
-from jointstiff.service.store.database import Database
-from jointstiff.service.store.quota import Quota
-from jointstiff.service.store.records import Entry, IdempotencyKey, Record, RecordPage
-from jointstiff.service.store.tables import idempotency_keys, jobs, measurement_sets, robots
+from jointstiff.service.store.database import Database, Quota
+from jointstiff.service.store.jobs import OPEN_STATES
+from jointstiff.service.store.records import (
+    AuditEntry,
+    AuthorisationRecord,
+    Entry,
+    IdempotencyKey,
+    Record,
+    RecordPage,
+    TrendNote,
+)
+from jointstiff.service.store.tables import (
+    authorisations,
+    idempotency_keys,
+    job_steps,
+    jobs,
+    measurement_sets,
+    robots,
+)
 
 ROBOT: Final = Resource("robot", "robots")
 MEASUREMENT_SET: Final = Resource("measurement set", "measurement-sets")
@@ -273,3 +307,237 @@ def is_indexable(text: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+KEEP_DELETED: Final = timedelta(days=30)
+"""Time for which a deleted resource can be restored."""
+_NAMED: Final = 5
+
+
+class Deletions:
+    """The deleted resources of one kind. Every change is safe to repeat."""
+
+    def __init__(self, database: Database, resource: Resource, table: Table) -> None:
+        """Hide and bring back rows of a table; of that of jobs, those of the resource's kind."""
+        self._database = database
+        self._resource = resource
+        self._table = table
+        self._hidden = table.c.deleted_at.is_not(None)
+        self._kind = jobs.c.kind == resource.name if table is jobs else true()
+        self._ended = jobs.c.state.not_in(OPEN_STATES) if table is jobs else true()
+        self._children = list(_children(table))
+
+    def delete(self, identifier: str, now: datetime) -> None:
+        """Hide a resource; of one that is hidden the time of the first deletion stays.
+
+        Args:
+            identifier: its id.
+            now: aware; from here on it is kept for `KEEP_DELETED`.
+
+        Raises:
+            NotFoundError: there is no such resource.
+            NotEndedError: it is a job that has not ended.
+            ReferencedError: others refer to it.
+            AuthorisedError: it is a run whose report was authorised.
+        """
+        self._refuse_odd(identifier)
+        hide = update(self._table).where(self._is(identifier), self._ended, ~self._hidden)
+        with self._database.writing() as connection:
+            if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
+                self._refuse_referenced(connection, identifier)  # none comes from now on
+                self._refuse_authorised(connection, identifier)
+                return
+            hidden = select(self._hidden).where(self._is(identifier))
+            record = connection.execute(hidden).scalar_one_or_none()
+        if record is None:
+            raise NotFoundError(self._resource, identifier)
+        if not record:
+            raise NotEndedError(self._resource, identifier)
+
+    def restore(self, identifier: str) -> None:
+        """Bring a resource back; one that is not hidden stays as it is.
+
+        Raises:
+            NotFoundError: there is no such resource, or it has been removed.
+            DeletedError: it refers to a robot or measurement set that is deleted.
+        """
+        self._refuse_odd(identifier)
+        back = update(self._table).where(self._is(identifier)).values(deleted_at=None)
+        with self._database.writing() as connection:
+            if connection.execute(back).rowcount == 0:
+                raise NotFoundError(self._resource, identifier)
+            self._refuse_orphan(connection, identifier)
+
+    def refuse_deleted(self, identifier: str) -> None:
+        """Do nothing, unless a resource is hidden.
+
+        Raises:
+            DeletedError: it is.
+        """
+        hidden = select(self._table.c.id).where(self._is(identifier), self._hidden)
+        with self._database.reading() as connection:
+            if connection.execute(hidden).one_or_none() is not None:
+                raise DeletedError(self._resource, identifier)
+
+    def purge(self, before: datetime, limit: int) -> list[str]:
+        """Remove for good what was deleted before a time, with the keys and steps that name it.
+
+        Args:
+            before: aware.
+            limit: resources at most, those deleted first.
+
+        Returns:
+            Ids of the resources that are no more; what deleted ones still refer to stays until they are gone.
+        """
+        keys, columns = idempotency_keys.c, self._table.c
+        free = [~exists().where(column == columns.id) for _, column in self._children]
+        old = [self._kind, columns.deleted_at < before, *free]
+        first = select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
+        with self._database.reading() as connection:
+            expired = [str(row.id) for row in connection.execute(first)]
+        if not expired:
+            return []
+        with self._database.writing() as connection:
+            # Asked again in the transaction: one may have been restored meanwhile.
+            remove = delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
+            gone = [str(row.id) for row in connection.execute(remove).all()]
+            connection.execute(
+                delete(idempotency_keys).where(
+                    keys.resource == self._resource.collection, keys.resource_id.in_(gone)
+                )
+            )
+            if self._table is jobs:
+                connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
+        return gone
+
+    def _refuse_odd(self, identifier: str) -> None:
+        """Refuse an id that a database may not even take as a text; none of ours is."""
+        if not is_indexable(identifier):
+            raise NotFoundError(self._resource, identifier)
+
+    def _refuse_referenced(self, connection: Connection, identifier: str) -> None:
+        users: dict[str, str] = {}
+        for table, column in self._children:
+            kind = table.c.kind if table is jobs else literal(MEASUREMENT_SET.name)
+            visible = select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
+            users |= {row[0]: row[1] for row in connection.execute(visible.limit(_NAMED + 1))}
+        if users:
+            named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
+            raise ReferencedError(self._resource, identifier, named, more=len(users) > _NAMED)
+
+    def _refuse_authorised(self, connection: Connection, identifier: str) -> None:
+        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
+        if self._table is jobs and connection.execute(own).one_or_none() is not None:
+            raise AuthorisedError(identifier)
+
+    def _refuse_orphan(self, connection: Connection, identifier: str) -> None:
+        """Refuse what refers to a deleted resource; hold that resource, so that it stays."""
+        for column in self._table.c:
+            for reference in column.foreign_keys:
+                parent = reference.column.table
+                query = (
+                    select(parent.c.id, parent.c.deleted_at)
+                    .where(parent.c.id == select(column).where(self._is(identifier)).scalar_subquery())
+                    .with_for_update(read=True)
+                )
+                row = connection.execute(query).one_or_none()
+                if row is not None and row.deleted_at is not None:
+                    raise DeletedError(PARENTS[parent], row.id)
+
+    def _is(self, identifier: str) -> ColumnElement[bool]:
+        return and_(self._kind, self._table.c.id == identifier)
+
+
+def _children(parent: Table) -> Iterator[tuple[Table, Column[Any]]]:
+    """Yield tables and columns that refer to a table."""
+    for table in (measurement_sets, jobs):
+        for column in table.c:
+            if column.references(parent.c.id):
+                yield table, column
+
+
+Noted = TypeVar("Noted", AuditEntry, TrendNote, AuthorisationRecord)
+
+
+class Journal(Generic[Noted]):
+    """The records of one table, in the order in which they came. Safe to use from several threads."""
+
+    def __init__(self, database: Database, table: Table, record: type[Noted], quota: Quota | None) -> None:
+        """Keep records in a table; without a quota they are added to a full database, too."""
+        self._database, self._table, self._quota = database, table, quota
+        self._record: type[Noted] = record
+        self._all = select(*(table.c[field.name] for field in fields(record)))
+
+    def add(self, record: Noted) -> Noted:
+        """Add a record and return it.
+
+        Raises:
+            QuotaError: the database has the size that it may have.
+        """
+        if self._quota is not None:
+            self._quota.refuse_full()
+        with self._database.writing() as connection:
+            return self._insert(connection, record)
+
+    def of(self, **values: str) -> list[Noted]:
+        """Return the records that have these values in these columns, oldest first."""
+        if not all(map(is_indexable, values.values())):
+            return []
+        with self._database.reading() as connection:
+            return self._found(connection, self._all.filter_by(**values).order_by(self._table.c.sequence))
+
+    def page(
+        self, limit: int, cursor: str | None = None, **values: str | None
+    ) -> tuple[list[Noted], str | None]:
+        """Return one page, newest first, and the cursor of the next one.
+
+        Args:
+            limit: how many records at most, one or more.
+            cursor: that the page before returned; none for the first page.
+            values: column → value that it must have; None for any.
+
+        Raises:
+            CursorError: no page gave this cursor.
+        """
+        sequence = self._table.c.sequence
+        before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
+        query = (
+            select(*self._all.selected_columns, sequence)
+            .where(sequence < before)
+            .filter_by(**{name: value for name, value in values.items() if value is not None})
+            .order_by(sequence.desc())
+            .limit(limit + 1)
+        )
+        with self._database.reading() as connection:
+            rows = connection.execute(query).all()
+        shown = [self._record(*row[:-1]) for row in rows[:limit]]
+        return shown, str(rows[limit - 1].sequence) if len(rows) > limit else None
+
+    def _insert(self, connection: Connection, record: Noted) -> Noted:
+        connection.execute(insert(self._table).values(asdict(record)))
+        return record
+
+    def _found(self, connection: Connection, query: Select[Any]) -> list[Noted]:
+        return [self._record(*row) for row in connection.execute(query)]
+
+
+_SAME: Final = ("content_hash", "key_id", "key_name", "note", "supersedes")
+
+
+class Authorisations(Journal[AuthorisationRecord]):
+    """The authorisations of all reports. One that repeats the latest of its run is not added again."""
+
+    def _insert(self, connection: Connection, record: AuthorisationRecord) -> AuthorisationRecord:
+        # Of two at the same time, one waits here; on SQLite it waited for the transaction to begin.
+        connection.execute(select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
+        mine = self._all.filter_by(run_id=record.run_id).order_by(authorisations.c.sequence.desc()).limit(1)
+        latest = self._found(connection, mine)
+        if latest and all(getattr(latest[0], name) == getattr(record, name) for name in _SAME):
+            return latest[0]
+        if record.number != (latest[0].number if latest else 0) + 1:
+            raise NumberTakenError
+        return super()._insert(connection, record)
+
+
+class NumberTakenError(Exception):
+    """Another report of the run was authorised meanwhile, and has the number."""

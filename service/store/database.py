@@ -1,4 +1,4 @@
-"""One open database, SQLite or PostgreSQL: how to connect to it, read it and write it."""
+"""One open database, SQLite or PostgreSQL: to connect to it, read and write it; and the size it may have."""
 
 from __future__ import annotations
 
@@ -8,14 +8,28 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
-from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event, make_url
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    QueuePool,
+    Table,
+    create_engine,
+    event,
+    func,
+    make_url,
+    select,
+    text,
+)
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
+from jointstiff.service.problems.errors import QuotaError, StoreError, StoreUnavailableError
 
 Dialect = Literal["sqlite", "postgresql"]
 
@@ -112,6 +126,13 @@ class Database:
             finally:
                 self._turns.release()
 
+    def now(self, connection: Connection) -> datetime:
+        """Return the time by the clock that all who use the database share."""
+        if self.dialect == "sqlite":  # they are on this machine
+            return datetime.now(UTC)
+        now: datetime = connection.execute(select(func.now())).scalar_one()
+        return now
+
     @contextmanager
     def _errors_translated(self) -> Iterator[None]:
         """Let broken constraints pass, which the store explains; the rest is the database's."""
@@ -132,6 +153,12 @@ class Database:
                 # The text of the SQLite library names no machine, that of the PostgreSQL server does.
                 None if self.dialect == "sqlite" else "the postgresql database does not answer",
             ) from error
+
+
+def inserting(connection: Connection, table: Table) -> Any:  # noqa: ANN401 - of either dialect
+    """Return a statement that inserts a row, unless one of its key is there."""
+    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
+    return insert(table).on_conflict_do_nothing()
 
 
 def open_existing(url: str) -> Database:
@@ -264,3 +291,52 @@ def _check_encoding(connection: Connection) -> None:
             f"the PostgreSQL database has the encoding {encoding}",
             "create one with ENCODING 'UTF8'",
         )
+
+
+_FRESH_SECONDS: Final = 1.0
+"""Validity of a size: a quota may be exceeded by what is posted in this time."""
+_SIZES: Final = {
+    # Pages that are free will be used again; the file itself does not shrink.
+    "sqlite": "SELECT (page_count - freelist_count) * page_size "
+    "FROM pragma_page_count, pragma_freelist_count, pragma_page_size",
+    "postgresql": "SELECT pg_database_size(current_database())",
+}
+
+
+class Quota:
+    """Size of a database beside the one it may have. Safe to use from several threads."""
+
+    def __init__(self, database: Database, most: int | None = None) -> None:
+        """Watch over a database.
+
+        Args:
+            database: which may be used by others, too.
+            most: bytes that it may have; None for any number.
+        """
+        self.most = most  # bytes that it may have; None for any number
+        self._database = database
+        self._lock = threading.Lock()
+        self._used, self._at = 0, -_FRESH_SECONDS
+
+    def used(self) -> int:
+        """Return the size of the database [bytes], as it was at most a second ago.
+
+        Raises:
+            StoreUnavailableError: there is no answer.
+        """
+        with self._lock:
+            if time.monotonic() - self._at >= _FRESH_SECONDS:
+                with self._database.reading() as connection:
+                    self._used = int(connection.execute(text(_SIZES[self._database.dialect])).scalar_one())
+                self._at = time.monotonic()
+            return self._used
+
+    def refuse_full(self) -> None:
+        """Do nothing, unless the database has the size that it may have.
+
+        Raises:
+            QuotaError: it has.
+            StoreUnavailableError: there is no answer.
+        """
+        if self.most is not None and (used := self.used()) >= self.most:
+            raise QuotaError(used, self.most)

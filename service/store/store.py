@@ -11,15 +11,17 @@ from typing import Final
 from sqlalchemy import case, func, select
 
 from jointstiff.service.problems.errors import Resource
-from jointstiff.service.store.access import AccessKeys, Sessions
-from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, Collection
-from jointstiff.service.store.database import Database, Dialect
-from jointstiff.service.store.deletion import Deletions
-from jointstiff.service.store.heartbeats import Heartbeats
-from jointstiff.service.store.job_log import JobLog
-from jointstiff.service.store.journal import Authorisations, Journal
-from jointstiff.service.store.migrations import migrate
-from jointstiff.service.store.quota import Quota
+from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
+from jointstiff.service.store.collection import (
+    MEASUREMENT_SET,
+    ROBOT,
+    Authorisations,
+    Collection,
+    Deletions,
+    Journal,
+)
+from jointstiff.service.store.database import Database, Dialect, Quota
+from jointstiff.service.store.jobs import Heartbeats, JobLog
 from jointstiff.service.store.records import (
     AuditEntry,
     AuthorisationRecord,
@@ -30,7 +32,15 @@ from jointstiff.service.store.records import (
     RobotRecord,
     TrendNote,
 )
-from jointstiff.service.store.tables import audit, authorisations, jobs, measurement_sets, robots, trend_notes
+from jointstiff.service.store.tables import (
+    audit,
+    authorisations,
+    jobs,
+    make_tables,
+    measurement_sets,
+    robots,
+    trend_notes,
+)
 from jointstiff.service.store.webhooks import Webhooks
 
 SESSION_IDLE: Final = timedelta(hours=8)
@@ -57,6 +67,7 @@ class Store:
         self.keys = AccessKeys(database)  # that let their holders in
         # of browsers that signed in with a key
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
+        self.wrong_keys = WrongKeys(database)  # by the networks that sent them
         self.audit = Journal(database, audit, AuditEntry, None)  # who tried to change what
         # of reports
         self.authorisations = Authorisations(database, authorisations, AuthorisationRecord, self.quota)
@@ -79,7 +90,7 @@ class Store:
         """
         database = Database.open(url)
         try:
-            migrate(database)
+            make_tables(database)
         except BaseException:
             database.close()
             raise

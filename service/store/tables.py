@@ -1,4 +1,4 @@
-"""The tables: columns from the fields of the records, with indexes and references."""
+"""The tables: columns from the fields of the records, with indexes and references; and how they are made."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from sqlalchemy import (
     BigInteger,
     Boolean,
     Column,
+    Connection,
     DateTime,
     Dialect,
+    Float,
     ForeignKey,
     Identity,
     Index,
@@ -25,9 +27,15 @@ from sqlalchemy import (
     Table,
     TypeDecorator,
     false,
+    insert,
+    inspect,
+    select,
+    text,
 )
 from sqlalchemy.types import TypeEngine
 
+from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import (
     AccessKey,
     AuditEntry,
@@ -40,6 +48,13 @@ from jointstiff.service.store.records import (
     TrendNote,
     WebhookRecord,
 )
+
+LAYOUT: Final = "0002_wrong_keys"
+"""Name of the tables as they are here, and of what the documents in them hold; another one with each change.
+
+Nothing was released: one layout is made and read, and all others are refused.
+"""
+_ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
 
 metadata = MetaData(
     naming_convention={
@@ -217,6 +232,14 @@ heartbeats = Table(
     Column("beat_at", UtcDateTime, nullable=False),
 )
 
+wrong_keys = Table(
+    "wrong_keys",
+    metadata,
+    Column("network", String, primary_key=True),
+    Column("number", Float, nullable=False),  # of wrong keys at the time, of which some are forgotten since
+    Column("counted_at", UtcDateTime, nullable=False),
+)
+
 access_keys = Table("access_keys", metadata, *_columns(AccessKey, {}, key="id"))
 
 # A session's key is one of the table above, or of a file of keys.
@@ -238,3 +261,56 @@ authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_
 webhooks = Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))
 deliveries = _numbered("deliveries", DeliveryRecord, filters=[("webhook_id", "state"), "subject"])
 Index(None, deliveries.c.webhook_id, deliveries.c.message_id, unique=True)
+
+# Named as Alembic names it, which made the first layouts, and is to make those after the first release.
+layouts = Table("alembic_version", metadata, Column("version_num", String(32), primary_key=True))
+
+
+def make_tables(database: Database) -> None:
+    """Make the tables of an empty database; safe when several processes do so at once.
+
+    Raises:
+        StoreError: the database has another layout.
+        StoreUnavailableError: it cannot be changed.
+    """
+    with database.reading() as connection:
+        if has_tables(connection):
+            return
+    with database.writing() as connection:
+        if database.dialect == "postgresql":  # SQLite holds its write lock already
+            connection.execute(text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
+        if not has_tables(connection):
+            metadata.create_all(connection, checkfirst=False)
+            connection.execute(insert(layouts).values(version_num=LAYOUT))
+
+
+def has_tables(connection: Connection) -> bool:
+    """Return True for a database with the tables of this version, False for one without tables of ours.
+
+    Raises:
+        StoreError: it has those of another version.
+    """
+    found = layout_of(connection)
+    if found is not None:
+        refuse_other_layout(found)
+    return found is not None
+
+
+def layout_of(connection: Connection) -> str | None:
+    """Return the layout of a database; None if it has no tables of ours."""
+    if layouts.name not in inspect(connection).get_table_names():
+        return None
+    return connection.execute(select(layouts.c.version_num)).scalar()
+
+
+def refuse_other_layout(found: str) -> None:
+    """Refuse tables of another version, by the name of their layout.
+
+    Raises:
+        StoreError: this version does not know it.
+    """
+    if found != LAYOUT:
+        raise StoreError(
+            f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
+            "open it with the version that wrote it, or give a new database and post the campaigns again",
+        )

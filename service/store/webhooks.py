@@ -10,10 +10,9 @@ from datetime import datetime, timedelta
 from typing import Any, Final
 
 from sqlalchemy import ColumnElement, Connection, and_, delete, exists, func, insert, select, update
-from sqlalchemy.dialects import postgresql, sqlite
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
-from jointstiff.service.store.database import Database
+from jointstiff.service.store.database import Database, inserting
 from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
 from jointstiff.service.store.tables import deliveries, jobs, robots, webhooks
 
@@ -23,7 +22,6 @@ MOST: Final = 20
 _KEPT: Final = timedelta(days=30)
 _AT_ONCE: Final = 50
 
-_INSERT: Final[dict[str, Any]] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 _HOOKS: Final = select(*(webhooks.c[field.name] for field in fields(WebhookRecord)))
 _MESSAGES: Final = select(*(deliveries.c[field.name] for field in fields(DeliveryRecord)))
 _pending: Final = deliveries.c.state == "pending"
@@ -158,7 +156,6 @@ class Webhooks:
     ) -> None:
         """Write a message to each webhook that asks for the event, unless it was told of it before."""
         identifier = f"msg_{hashlib.sha256(f'{event} {key}'.encode()).hexdigest()[:32]}"
-        adding = _INSERT[connection.dialect.name](deliveries).on_conflict_do_nothing()
         for hook in hooks:
             if event not in json.loads(hook.events):
                 continue
@@ -179,4 +176,4 @@ class Webhooks:
                 due_at=now,
                 error=None,
             )
-            connection.execute(adding.values(asdict(message)))
+            connection.execute(inserting(connection, deliveries).values(asdict(message)))

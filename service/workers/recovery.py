@@ -8,8 +8,8 @@ from typing import Final
 
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.problems.errors import WorkerLostError
-from jointstiff.service.store.deletion import KEEP_DELETED, Deletions
-from jointstiff.service.store.heartbeats import SILENT, Heartbeats
+from jointstiff.service.store.collection import KEEP_DELETED, Deletions
+from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.queue import is_ended, job_of
 

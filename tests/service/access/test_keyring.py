@@ -6,22 +6,27 @@ import json
 import re
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sqlalchemy import select
 from support.examples import examples
 from support.processes import until
 
 from jointstiff.service.access.key_text import digest, id_in, mint, without_keys
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.access.keys_file import KeysFile, KeysFileError
-from jointstiff.service.api.gate import ADDRESSES, FORGET_SECONDS, FORGIVEN, Throttle
+from jointstiff.service.api.gate import FORGIVEN, network_of
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
+from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
+from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import SessionRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import wrong_keys
 
 NOW = datetime.now(UTC)
 KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]
@@ -170,41 +175,39 @@ def test_what_is_no_file_of_keys_is_refused(content, tmp_path):
     assert path.read_bytes() == content
 
 
-class Clock:
-    """Time that passes when it is told."""
+def test_wrong_keys_are_counted_by_network_for_all_services_and_forgotten(database_url):
+    with Store.open(database_url) as store, closing(Database.open(database_url)) as other:
+        now = [NOW]
+        counts = [WrongKeys(store._database, lambda _: now[0]), WrongKeys(other, lambda _: now[0])]
+        for number in range(2 * MOST_WRONG):
+            assert counts[number % 2].count("192.0.2.1") == min(number, MOST_WRONG)
+        assert counts[0].count("192.0.2.2") == 0
+        now[0] += (MOST_WRONG - FORGIVEN) * FORGET
+        assert counts[1].count("192.0.2.1") == FORGIVEN
+        now[0] -= timedelta(hours=1)  # a clock that is set back forgives nothing, and adds nothing
+        assert counts[0].count("192.0.2.1") == FORGIVEN + 1
 
-    now = 0.0
 
-    def __call__(self) -> float:
-        return self.now
-
-
-def test_wrong_keys_slow_down_by_address_and_are_forgotten():
-    clock = Clock()
-    throttle = Throttle(clock)
-    for _ in range(FORGIVEN):
-        assert not throttle.refuses("192.0.2.1")
-        throttle.wrong("192.0.2.1")
-    throttle.wrong("192.0.2.1")
-    assert throttle.refuses("192.0.2.1")
-    assert not throttle.refuses("192.0.2.2")
-    clock.now += FORGET_SECONDS
-    assert not throttle.refuses("192.0.2.1")
+def test_services_that_count_at_once_count_each_wrong_key(database_url):
+    with Store.open(database_url) as first, Store.open(database_url) as second, ThreadPoolExecutor(8) as pool:
+        counts = [store.wrong_keys.count for store in (first, second)]
+        list(pool.map(lambda number: counts[number % 2]("192.0.2.1"), range(12)))
+        assert 11 < counts[0]("192.0.2.1") <= 12
 
 
 def test_one_machine_has_one_count_however_many_addresses():
-    throttle = Throttle(Clock())
-    for number in range(2 * FORGIVEN):
-        throttle.wrong(f"2001:db8::{number:x}")
-    assert throttle.refuses("2001:db8::ffff")
-    assert not throttle.refuses("2001:db8:1::1")
+    networks = {network_of(f"2001:db8::{number:x}") for number in range(20)}
+    assert networks == {network_of("2001:db8::ffff")} != {network_of("2001:db8:1::1")}
+    assert network_of("192.0.2.1") != network_of("192.0.2.2")
 
 
-def test_the_throttle_forgets_addresses_rather_than_growing():
-    throttle = Throttle(Clock())
-    for number in range(3 * ADDRESSES):
-        throttle.wrong(f"10.{number >> 16}.{number >> 8 & 255}.{number & 255}")
-    assert len(throttle._wrong) == ADDRESSES
+def test_the_count_forgets_networks_rather_than_growing(monkeypatch):
+    monkeypatch.setattr("jointstiff.service.store.access.MOST_NETWORKS", 8)
+    with Store.open("sqlite://") as store:
+        for number in range(24):
+            store.wrong_keys.count(f"10.0.0.{number}")
+        with store._database.reading() as connection:
+            assert len(connection.execute(select(wrong_keys)).all()) == 8
 
 
 def test_digests_take_any_text():

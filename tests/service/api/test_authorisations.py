@@ -23,7 +23,7 @@ from jointstiff.service.app import create_app
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_pdf
 from jointstiff.service.store.backups import back_up, restore
-from jointstiff.service.store.journal import NumberTakenError
+from jointstiff.service.store.collection import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -18,7 +18,7 @@ from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.map import MAP
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
-from jointstiff.service.store.deletion import KEEP_DELETED
+from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.recovery import Recovery

@@ -11,7 +11,7 @@ from support.jobs import QueueEngine, runs_of
 from support.records import RESOURCES, job_record
 
 from jointstiff.service.problems.errors import DeletedError, NotFoundError, QuotaError, ReferencedError
-from jointstiff.service.store.deletion import KEEP_DELETED
+from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.recovery import Recovery

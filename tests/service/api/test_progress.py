@@ -20,7 +20,7 @@ from jointstiff.service.api.events import Followers
 from jointstiff.service.api.jobs import answer
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, StoreUnavailableError
-from jointstiff.service.store.job_log import JobStatus
+from jointstiff.service.store.jobs import JobStatus
 
 FOLLOWERS = 100
 REQUEST = RunRequest(measurement_set_id="s")

@@ -12,7 +12,7 @@ import pytest
 pytestmark = pytest.mark.process
 
 NUMERICS = {"numpy", "scipy", "pinocchio", "cvxpy", "clarabel"}
-DATABASE = {"sqlalchemy", "alembic", "psycopg", "dbos"}
+DATABASE = {"sqlalchemy", "psycopg", "dbos"}
 WEB = {"fastapi", "starlette", "uvicorn"}
 OTHERS = {"httpx2", "rich"}
 COMMANDS = (

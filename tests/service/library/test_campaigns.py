@@ -21,7 +21,7 @@ from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
-HEAVY = ("sqlalchemy", "alembic", "psycopg", "dbos", "fastapi", "starlette", "uvicorn")
+HEAVY = ("sqlalchemy", "psycopg", "dbos", "fastapi", "starlette", "uvicorn")
 
 
 def campaign(seed=1, **changes):

@@ -18,11 +18,11 @@ from support.processes import until
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.server import _shown
 from jointstiff.service.store import backups
-from jointstiff.service.store.backups import Manifest, back_up, restore
-from jointstiff.service.store.content import content_of
+from jointstiff.service.store.backups import Manifest, back_up, content_of, restore
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import RobotRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import LAYOUT
 
 ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
 
@@ -180,7 +180,7 @@ class TestOnSqlite:
     def test_another_layout_is_neither_copied_nor_restored(self, url, tmp_path):
         back_up(url, tmp_path / "backup")
         manifest = tmp_path / "backup" / "manifest.json"
-        manifest.write_text(manifest.read_text().replace("0001_webhooks", "0000_earlier"))
+        manifest.write_text(manifest.read_text().replace(LAYOUT, "0000_earlier"))
         with pytest.raises(StoreError, match="0000_earlier"):
             restore(f"sqlite:///{tmp_path / 'other.db'}", tmp_path / "backup")
         with closing(Database.open(url)) as database, database.writing() as connection:
@@ -189,7 +189,7 @@ class TestOnSqlite:
         before = set(tmp_path.iterdir())
         with pytest.raises(StoreError, match="0000_earlier") as caught:
             back_up(url, tmp_path / "second")
-        assert "jointstiff export-database" in caught.value.remedy
+        assert "the version that wrote it" in caught.value.remedy
         assert set(tmp_path.iterdir()) == before
 
     def test_content_is_of_values_not_of_places(self, url, tmp_path):

@@ -10,29 +10,21 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 
 import psycopg
 import pytest
-from alembic import command
-from alembic.autogenerate import compare_metadata
-from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from sqlalchemy import text
+from sqlalchemy import Connection, text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 from sqlalchemy.schema import CreateTable
 
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
-from jointstiff.service.store import migrations
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.migrations import configuration
 from jointstiff.service.store.records import RobotRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import metadata
+from jointstiff.service.store.tables import LAYOUT, metadata
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
 
@@ -49,53 +41,32 @@ def test_a_new_file_is_its_owners_alone(tmp_path: Path) -> None:
     assert "jointstiff.db-wal" in modes
 
 
-def test_the_migrations_build_what_the_tables_say(database_url: str) -> None:
-    Store.open(database_url).close()
-    database = Database.open(database_url)
-    with database.reading() as connection:
-        # SQLite numbers its rows without being told, which looks like a default that is missing.
-        options = {"compare_type": True, "compare_server_default": "postgresql" in database_url}
-        context = MigrationContext.configure(connection, opts=options)
-        assert compare_metadata(context, metadata) == []
-    database.close()
-
-
-def test_the_migrations_can_be_taken_back(database_url: str) -> None:
-    Store.open(database_url).close()
-    database = Database.open(database_url)
-    with database.writing() as connection:
-        config = configuration()
-        config.attributes["connection"] = connection
-        command.downgrade(config, "base")
-    database.close()
-    with Store.open(database_url) as store:
-        assert store.robots.page(limit=1).records == ()
-
-
 @pytest.mark.parametrize("version", ["9999", "0001", "0006_authorisations"])
 def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: str, version: str) -> None:
-    """Newer ones, and those from before the first release; the message says how to export what they hold."""
+    """Newer ones, and those from before the first release."""
     Store.open(database_url).close()
     database = Database.open(database_url)
     with database.writing() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = :v"), {"v": version})
     with pytest.raises(StoreError, match=version) as caught:
         Store.open(database_url)
-    assert "jointstiff export-database URL -o FOLDER" in caught.value.remedy
+    assert "the version that wrote it" in caught.value.remedy
     with database.reading() as connection:
         assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == version
     database.close()
 
 
 def test_other_tables_are_another_layout() -> None:
-    """A change of the tables needs a new name of the layout in `migrations/versions`, and its hash here."""
+    """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here."""
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
-    layout = ScriptDirectory.from_config(configuration()).get_current_head()
-    assert (layout, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0001_webhooks", "34014b11446992fe")
+    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == (
+        "0002_wrong_keys",
+        "a6f5c98344b3741b",
+    )
 
 
-def test_a_migration_that_fails_leaves_nothing(database_url: str) -> None:
+def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:
     database = Database.open(database_url)
     with database.writing() as connection:
         connection.execute(text("CREATE TABLE idempotency_keys (of_another_program INTEGER)"))
@@ -127,22 +98,21 @@ def test_threads_open_many_fresh_databases_together(tmp_path: Path) -> None:
     open_together([f"sqlite:///{tmp_path}/{number}.db" for number in range(8)])
 
 
-def test_a_migration_locks_others_out_by_the_database_alone(
+def test_who_makes_the_tables_locks_others_out_by_the_database_alone(
     database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Like processes, which do not share the lock in memory, but meeting without fail."""
-    calls: list[str] = []
+    """Like processes, but meeting without fail."""
+    calls: list[bool] = []
 
-    def slow_upgrade(config: Config, revision: str) -> None:
-        upgrade(config, revision)
-        calls.append(revision)
+    def slow_creation(connection: Connection, *, checkfirst: bool) -> None:
+        create(connection, checkfirst=checkfirst)
+        calls.append(checkfirst)
         time.sleep(0.2)
 
-    upgrade = command.upgrade
-    monkeypatch.setattr(command, "upgrade", slow_upgrade)
-    monkeypatch.setattr(migrations, "_alembic_lock", nullcontext())
+    create = metadata.create_all
+    monkeypatch.setattr(metadata, "create_all", slow_creation)
     open_together([database_url] * 4)
-    assert calls == ["head"]
+    assert calls == [False]
 
 
 @pytest.mark.process

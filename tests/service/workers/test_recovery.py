@@ -13,7 +13,7 @@ from support.jobs import QueueEngine, request, runs_of, stored_set
 
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.heartbeats import Heartbeats
+from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import _patient, _until_ended
 from jointstiff.service.workers.recovery import Recovery

@@ -33,7 +33,7 @@ from jointstiff.service.library.answers import problem_in
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems.errors import WorkerLostError
 from jointstiff.service.server import forgetting
-from jointstiff.service.store.heartbeats import Heartbeats
+from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import webhooks
 from jointstiff.service.workers.recovery import Recovery
