@@ -34,7 +34,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.threads import give_memory_back
 from jointstiff.service.versions import JOINTSTIFF_VERSION
-from jointstiff.service.workers.queue import JobQueue
+from jointstiff.service.workers.engine import JobQueue
 from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor
 
 _GOODBYE_SECONDS: Final = 5

@@ -27,7 +27,7 @@ RequestError of the numerical core
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from jointstiff.solver.errors import RequestError
@@ -45,10 +45,12 @@ class Resource(NamedTuple):
 class FilesError(RequestError):
     """Files that were not understood; `where` is file:line:column, as far as it is one place."""
 
-    @property
-    def items(self) -> tuple[tuple[str, str, str], ...]:
-        """Place, reason and remedy of each fault, where several are known."""
-        return ()
+    def __init__(
+        self, reason: str, *, remedy: str, where: str | None = None, items: Iterable[Sequence[str]] = ()
+    ) -> None:
+        super().__init__(reason, remedy=remedy, where=where)
+        # place, reason and remedy of each fault, where several are known
+        self.items = tuple((place, why, mend) for place, why, mend in items)
 
 
 class VerdictError(RequestError):

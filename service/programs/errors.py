@@ -49,16 +49,14 @@ class ProgramError(FilesError):
         self.faults = tuple(faults[:MAX_FAULTS])
         self.count = len(faults) if count is None else count
         more = f", and {self.count - 1} more" if self.count > 1 else ""
-        super().__init__(f"{first.place}: {first.reason}{more}", remedy=first.remedy, where=first.place)
+        items = [(fault.place, fault.reason, fault.remedy) for fault in self.faults]
+        super().__init__(
+            f"{first.place}: {first.reason}{more}", remedy=first.remedy, where=first.place, items=items
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way from a worker process."""
         return type(self), (self.faults, self.count)
-
-    @property
-    def items(self) -> tuple[tuple[str, str, str], ...]:
-        """Place, reason and remedy of each fault."""
-        return tuple((fault.place, fault.reason, fault.remedy) for fault in self.faults)
 
     def __str__(self) -> str:
         rest = self.count - len(self.faults)

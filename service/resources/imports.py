@@ -35,12 +35,8 @@ class ImportRefusedError(FilesError):
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
         first = faults[0]
         self.faults = tuple(faults)  # the first ones, in their order
-        super().__init__(first.reason, remedy=first.remedy, where=_where(first.place))
-
-    @property
-    def items(self) -> tuple[tuple[str, str, str], ...]:
-        """Place, reason and remedy of each fault."""
-        return tuple((_where(fault.place), fault.reason, fault.remedy) for fault in self.faults)
+        items = [(_where(fault.place), fault.reason, fault.remedy) for fault in self.faults]
+        super().__init__(first.reason, remedy=first.remedy, where=_where(first.place), items=items)
 
 
 def import_files(

@@ -30,7 +30,7 @@ from jointstiff.service.store.tables import (
     measurement_sets,
     robots,
 )
-from jointstiff.service.workers.queue import is_ended
+from jointstiff.service.workers.engine import is_ended
 
 _SHOWN: Final = 20
 _AT_ONCE: Final = 50

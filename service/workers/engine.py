@@ -3,39 +3,248 @@
 A job is a workflow; its steps are shared out to workflows of their own, its parts, so that any number of
 workers can take part, and none is kept from other jobs for long. What a step computed is kept before the
 next one begins. Steps may be carried out twice: they only compute, what they report of a job is safe to
-repeat, and the end of a job is written once.
-Who goes on with what a dead worker left is `jointstiff.service.workers.recovery`'s to see to.
+repeat, and the end of a job is written once. Who goes on with what a dead worker left is
+`jointstiff.service.workers.worker`'s to see to.
+
+The engine's tables are its own, beside the store's in the same database; only its public client is asked.
+Data in them are JSON, and never an object that would run code when it is read: the engine pickles unless it
+is told otherwise, and reads what a row calls a pickle whatever serializer it was given, so that who can write
+the database, or hands over a backup, could run code in the workers.
 """
 
 from __future__ import annotations
 
+import json
+import logging
 import os
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from functools import wraps
 from math import ceil
 from types import TracebackType
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import Any, Final, NoReturn, ParamSpec, TypeVar
 
-from dbos import DBOS, DBOSConfig, SetEnqueueOptions
-from sqlalchemy.exc import InterfaceError, OperationalError
+from dbos import DBOS, DBOSClient, DBOSConfig, EnqueueOptions, Serializer, SetEnqueueOptions
+from dbos._serialization import DefaultSerializer
+from sqlalchemy import Connection, make_url
+from sqlalchemy.exc import InterfaceError, OperationalError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.work import Span
-from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.problems.errors import FilesError, StoreError, StoreUnavailableError
 from jointstiff.service.store.store import Store
-from jointstiff.service.workers.queue import (
-    APPLICATION,
-    APPLICATION_VERSION,
-    QUEUES,
-    JobQueue,
-    as_store_errors,
-    engine_url,
-    schema_of,
-)
-from jointstiff.service.workers.serialization import JsonSerializer
+from jointstiff.solver.errors import JointstiffError
+
+_RAISED: Final = "raised"
+
+
+class EngineDataError(Exception):
+    """Data of a step cannot be used, or a step failed unexpectedly."""
+
+
+class JsonSerializer(Serializer):
+    """JSON values, and exceptions as data: the refusals of the numerical core come back as what they were."""
+
+    def name(self) -> str:
+        """Return the name that marks our rows."""
+        return "jointstiff_json"
+
+    def serialize(self, data: Any) -> str:  # noqa: ANN401 - whatever a step returns or raises
+        """Return arguments, a result or an exception as JSON."""
+        return json.dumps(_described(data) if isinstance(data, BaseException) else data, allow_nan=False)
+
+    def deserialize(self, serialized_data: str) -> Any:  # noqa: ANN401
+        """Return what `serialize` was given; an exception as one to raise."""
+        data = json.loads(serialized_data)
+        return _restored(data[_RAISED]) if isinstance(data, dict) and _RAISED in data else data
+
+
+def refuse_pickles() -> None:
+    """Let the engine read no pickle in this process; it has no setting for it."""
+    DefaultSerializer.deserialize = _refuse  # type: ignore[method-assign]
+
+
+def _refuse(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - the engine's names
+    raise EngineDataError("the engine's tables have a pickled object, which is not read")
+
+
+def _described(error: BaseException) -> dict[str, dict[str, Any]]:
+    described: dict[str, Any]
+    if isinstance(error, JointstiffError):
+        described = {"reason": error.reason, "remedy": error.remedy, "where": error.where}
+        if isinstance(error, FilesError):  # of any class: its own constructor may take something else
+            described["items"] = error.items
+    else:
+        described = {"reason": f"{type(error).__name__}: {error}"}
+    return {_RAISED: {"kind": type(error).__name__, **described}}
+
+
+def _restored(described: dict[str, Any]) -> Exception:
+    kind = FilesError if "items" in described else _refusals().get(described["kind"])
+    if kind is None or "remedy" not in described:
+        return EngineDataError(described["reason"])
+    return kind(**{name: value for name, value in described.items() if name != "kind"})
+
+
+def _refusals() -> dict[str, type[JointstiffError]]:
+    classes: dict[str, type[JointstiffError]] = {}
+    waiting = [JointstiffError]
+    while waiting:
+        kind = waiting.pop()
+        classes[kind.__name__] = kind
+        waiting += kind.__subclasses__()
+    return classes
+
+
+QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
+"""Queue of each kind of workflow."""
+APPLICATION: Final = "jointstiff"
+APPLICATION_VERSION: Final = "1"
+"""The engine's own word for who may carry on what: all workers of a database, which has one version."""
+_ASKED: Final = 10_000
+"""Jobs asked for in one query: neither database takes one with any number of parameters."""
+_ENDED: Final = ["SUCCESS", "ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"]
+
+# The engine says on each start that a cloud service could be had, and on each retry what it does.
+logging.getLogger("dbos").setLevel(logging.CRITICAL)
+
+
+class JobQueue:
+    """Records that the engine keeps of the jobs of a store."""
+
+    def __init__(self, store: Store, database: str) -> None:
+        """Connect to the engine's tables, making them if need be.
+
+        Raises:
+            StoreError: the engine's tables cannot be made or used.
+        """
+        url, schema = engine_url(database), schema_of(store)
+        refuse_pickles()
+        with as_store_errors():
+            DBOS.migrate(url, schema=schema)
+            self._client = DBOSClient(
+                system_database_url=url,
+                dbos_system_schema=schema,
+                application_name=APPLICATION,
+                serializer=JsonSerializer(),
+            )
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._client.destroy()
+
+    def enqueue(self, connection: Connection, kind: str, job_id: str) -> None:
+        """Enqueue a job in the transaction that stores it: both are there, or neither is."""
+        self._client.enqueue_in_transaction(connection, _announcement(job_id), kind, job_id)
+
+    def pending(self) -> dict[str, tuple[str, str]]:
+        """Workflows that a worker has taken and not ended: id → kind, executor."""
+        workflows = self._client.list_workflows(status="PENDING", load_input=False, load_output=False)
+        return {each.workflow_id: (each.name, str(each.executor_id)) for each in workflows}
+
+    def has_parts(self, job_id: str) -> bool:
+        """Return whether a job was shared out to parts."""
+        some = self._client.list_workflows(
+            workflow_id_prefix=f"{job_id}-", limit=1, load_input=False, load_output=False
+        )
+        return bool(some)
+
+    def resume(self, workflows: Iterable[tuple[str, str]]) -> None:
+        """Put workflows (id, kind) back into their queues; whoever still carries one out, loses it."""
+        for identifier, kind in workflows:
+            self._client.resume_workflows([identifier], queue_name=QUEUES[kind])
+
+    def statuses(self, job_ids: list[str]) -> dict[str, str]:
+        """Return the engine's status of the workflows of some jobs; those that are not there are left out."""
+        states = {}
+        for first in range(0, len(job_ids), _ASKED):
+            some = job_ids[first : first + _ASKED]
+            for each in self._client.list_workflows(workflow_ids=some, load_input=False, load_output=False):
+                states[each.workflow_id] = str(each.status)
+        return states
+
+    def forget_ended(self, age: timedelta, limit: int) -> list[str]:
+        """Remove what the steps of ended jobs computed.
+
+        Args:
+            age: how long ago their workflow ended, at least.
+            limit: jobs at most.
+
+        Returns:
+            Ids of the jobs.
+        """
+        workflows = self._client.list_workflows(
+            name="job",
+            status=_ENDED,
+            completed_before=(datetime.now(UTC) - age).isoformat(),
+            limit=limit,
+            load_input=False,
+            load_output=False,
+        )
+        identifiers = [each.workflow_id for each in workflows]
+        if identifiers:
+            self._client.delete_workflows(identifiers, delete_children=True)
+        return identifiers
+
+
+def _announcement(job_id: str) -> EnqueueOptions:
+    return {
+        "queue_name": QUEUES["job"],
+        "workflow_name": "job",
+        "workflow_id": job_id,
+        "app_version": APPLICATION_VERSION,
+    }
+
+
+def is_ended(status: str) -> bool:
+    """Return whether a workflow of that status goes on no more."""
+    return status in _ENDED
+
+
+def job_of(workflow_id: str) -> str:
+    """The job that a workflow, of the job or of one of its parts, belongs to."""
+    return workflow_id.partition("-")[0]
+
+
+def engine_url(database: str) -> str:
+    """The store's URL as the engine reads it.
+
+    Raises:
+        StoreError: the database is in the memory of one process, and workers are others.
+    """
+    url = make_url(database)
+    if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
+        raise StoreError(
+            "an in-memory database cannot be shared with workers",
+            "use a file: --database sqlite:///jointstiff.db",
+        )
+    if url.get_backend_name() == "postgresql":
+        url = url.set(drivername="postgresql")
+    return url.render_as_string(hide_password=False)
+
+
+def schema_of(store: Store) -> str:
+    """The engine's schema on PostgreSQL: one for each schema of a store, as jobs have no other namespace."""
+    schema = store.schema()
+    return "dbos" if schema in {None, "public"} else f"dbos_{schema}"
+
+
+@contextmanager
+def as_store_errors() -> Iterator[None]:
+    """Turn a fault of the engine's tables into an error of the store."""
+    try:
+        yield
+    except SQLAlchemyError as error:
+        cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
+        raise StoreError(
+            f"the tables for long jobs cannot be created or used ({cause[:200]})",
+            "give the database user the privilege to create a schema",
+        ) from error
+
 
 _PARTS: Final = 8
 """Of a job at least, as long as it has so many steps: work for as many workers."""

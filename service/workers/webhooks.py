@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from threading import Timer
+from threading import BoundedSemaphore, Thread, Timer
 from typing import Any, Final
 
 import httpx2
@@ -18,7 +17,6 @@ from jointstiff.service.kinds.trend.trends import Trends
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.webhooks import MOST
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.solver.errors import RequestError
 
@@ -30,6 +28,8 @@ _FIRST_PAUSE: Final = timedelta(seconds=5)
 _LONGEST_PAUSE: Final = timedelta(hours=1)
 _GIVEN_UP: Final = timedelta(days=1)
 _FORGET: Final = timedelta(hours=1)
+_AT_DATABASE: Final = 4
+"""Senders that use the database at once, however many wait for their receivers: it has few connections."""
 
 
 def _now() -> datetime:
@@ -46,25 +46,28 @@ class Sender:
         self._store, self._trends, self._now = store, trends, now
         self._webhooks = store.webhooks
         self._forgot = datetime.min.replace(tzinfo=UTC)
-        self._threads = ThreadPoolExecutor(MOST)
-        self._sending: dict[str, Future[None]] = {}
+        self._turns = BoundedSemaphore(_AT_DATABASE)
+        self._sending: dict[str, Thread] = {}
+        self._failures: list[BaseException] = []
 
     def look(self) -> None:
         """Begin to send what is due to each webhook to which nothing is being sent.
 
         Raises:
             StoreUnavailableError: the database does not answer, or did not; look again later.
+            MemoryError: a thread had none, now or before.
         """
         hooks = self._webhooks.all()
-        ended = [self._sending.pop(name) for name, sending in list(self._sending.items()) if sending.done()]
+        # A thread that ended, however it did, is no longer alive: a hook never waits for one.
+        self._sending = {name: thread for name, thread in self._sending.items() if thread.is_alive()}
         for hook in hooks:
             if hook.id not in self._sending:
-                self._sending[hook.id] = self._threads.submit(self._send_due, hook)
+                self._sending[hook.id] = thread = Thread(target=self._send, args=(hook,), daemon=True)
+                thread.start()
         if hooks and self._now() - self._forgot > _FORGET:
             self._forgot = self._now()
             self._webhooks.forget(self._forgot)
-        for sending in ended:
-            sending.result()
+        self._tell()
 
     def finish(self) -> None:
         """Return when all that is being sent has ended.
@@ -73,33 +76,53 @@ class Sender:
             StoreUnavailableError: the database did not answer.
         """
         while self._sending:
-            self._sending.popitem()[1].result()
+            self._sending.popitem()[1].join()
+        self._tell()
+
+    def _tell(self) -> None:
+        """Raise what a thread failed on since the last look, a want of memory first."""
+        failures, self._failures = self._failures, []
+        for failure in sorted(failures, key=lambda failure: not isinstance(failure, MemoryError)):
+            raise failure
+
+    def _send(self, webhook: WebhookRecord) -> None:
+        try:
+            self._send_due(webhook)
+        except BaseException as failure:  # noqa: BLE001 - raised again by the next look
+            self._failures.append(failure)
 
     def _send_due(self, webhook: WebhookRecord) -> None:
         """Send the messages of a webhook in order, until one gets no answer: the others wait as well."""
-        for due in self._webhooks.due(webhook.id, self._now()):
-            message = self._webhooks.claim(due, self._now() + _CLAIM)
-            if message is None:
-                continue
-            if not message.document:
-                self._webhooks.alarms_raised(message, webhook, self._alarms(message.subject))
-                continue
+        with self._turns:
+            messages = self._webhooks.due(webhook.id, self._now())
+        for due in messages:
+            with self._turns:
+                message = self._webhooks.claim(due, self._now() + _CLAIM)
+                if message is None:
+                    continue
+                if not message.document:
+                    self._webhooks.alarms_raised(message, webhook, self._alarms(message.subject))
+                    continue
             error: str | None
             try:
                 status = self._post(webhook, message)
                 error = None if 200 <= status < 300 else f"answered {status}"
             except (RequestError, httpx2.HTTPError, httpx2.InvalidURL) as failure:
                 status, error = 0, str(failure)[:200] or type(failure).__name__
-            now = self._now()
-            if error is None:
-                self._webhooks.settle(message, "delivered", None, now)
-            elif now - message.created_at >= _GIVEN_UP:
-                self._webhooks.settle(message, "dead", error, now)
-            else:
-                pause = min(_FIRST_PAUSE * 2 ** min(message.attempts - 1, 20), _LONGEST_PAUSE)
-                self._webhooks.settle(message, "pending", error, now + pause)
+            with self._turns:
+                self._settle(message, error)
             if status == 0:
                 return
+
+    def _settle(self, message: DeliveryRecord, error: str | None) -> None:
+        now = self._now()
+        if error is None:
+            self._webhooks.settle(message, "delivered", None, now)
+        elif now - message.created_at >= _GIVEN_UP:
+            self._webhooks.settle(message, "dead", error, now)
+        else:
+            pause = min(_FIRST_PAUSE * 2 ** min(message.attempts - 1, 20), _LONGEST_PAUSE)
+            self._webhooks.settle(message, "pending", error, now + pause)
 
     def _post(self, webhook: WebhookRecord, message: DeliveryRecord) -> int:
         """Post a message to an address that was checked; return the status of the answer.

@@ -1,4 +1,4 @@
-"""A worker process: carries out long jobs until it is told to stop."""
+"""A worker process: carries out long jobs until it is told to stop, and goes on with what dead ones left."""
 
 from __future__ import annotations
 
@@ -11,15 +11,175 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
 from typing import Final
 
+from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.store.collection import KEEP_DELETED, Deletions
+from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.workers.engine import Engine
-from jointstiff.service.workers.recovery import Recovery
+from jointstiff.service.workers.engine import Engine, is_ended, job_of
 from jointstiff.service.workers.webhooks import Sender
+
+_KEPT: Final = timedelta(hours=1)
+"""What the steps of a job computed is kept for so long after its end."""
+ATTEMPTS: Final = 5
+"""Deaths of workers over one job, with no step done between them, after which it is given up."""
+_REMOVED: Final = 20
+"""Jobs whose steps are removed at a look; deleted jobs of each kind that are."""
+
+
+class Recovery:
+    """Recovery by one worker. It runs at every heartbeat; it is idempotent, and other workers do the same."""
+
+    def __init__(
+        self,
+        heartbeats: Heartbeats,
+        jobs: Mapping[str, Jobs],
+        engine: Engine,
+        executor: str,
+        inputs: Sequence[Deletions] = (),
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        lost: Callable[[str, datetime], object] = lambda _worker, _at: None,
+    ) -> None:
+        """Look after the jobs of a store.
+
+        Args:
+            heartbeats: of its workers.
+            jobs: by the name of their kind.
+            engine: of this worker.
+            executor: name of this worker.
+            inputs: deleted resources that jobs refer to, each before those that it refers to itself.
+            now: tells the time, aware, by which deleted jobs are removed.
+            lost: is told of a worker that died, with its last sign of life.
+        """
+        self._heartbeats = heartbeats
+        self._jobs = jobs
+        self._engine = engine
+        self._executor = executor
+        self._now = now
+        self._inputs = inputs
+        self._inherited = dict(engine.inherited)
+        self._idle: set[str] = set()
+        self._lost: set[str] = set()
+        self._tell_lost = lost
+        self._silent: dict[str, datetime] = {}
+
+    def look(self) -> None:
+        """Show a sign of life, and mend what is found.
+
+        Raises:
+            StoreUnavailableError: the database does not answer; look again later.
+        """
+        living = self._heartbeats.beat(self._executor)
+        pending = self._engine.queue.pending()
+        duties: list[Callable[[], object]] = [self.count_own_deaths, lambda: self._take_up_idle(pending)]
+        if living and living[0] == self._executor:  # one of the living is enough
+            abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
+            duties += [
+                lambda: self._count_deaths(abandoned, pending),
+                lambda: self._resume(abandoned, pending),
+                self._look_after_jobs,
+                self._look_after_workers,
+                self._tidy,
+                self._purge,
+            ]
+        failures = list[Exception]()
+        for duty in duties:
+            try:
+                duty()
+            except Exception as failure:  # noqa: BLE001 - none keeps from the others
+                failures.append(failure)
+        if failures:
+            raise failures[0]
+
+    def count_own_deaths(self) -> None:
+        """Count once what the process before, of the same name, died over: before this one may do so, too.
+
+        Raises:
+            StoreUnavailableError: the database does not answer.
+        """
+        inherited, self._inherited = self._inherited, {}
+        self._count_deaths(set(inherited), inherited)
+
+    def hand_over(self) -> None:
+        """Leave what this worker has begun to the others, as it is about to end."""
+        pending = self._engine.queue.pending()
+        self._resume({name for name, (_, executor) in pending.items() if executor == self._executor}, pending)
+        self._heartbeats.forget(self._executor)
+
+    def _take_up_idle(self, pending: dict[str, tuple[str, str]]) -> None:
+        """Resume jobs that this process holds but does not run: their thread ended on a database error."""
+        mine = {name for name, (_, executor) in pending.items() if executor == self._executor}
+        idle = mine - set(self._engine.active)
+        self._resume(idle & self._idle, pending)
+        self._idle = idle
+
+    def _count_deaths(self, abandoned: set[str], pending: dict[str, tuple[str, str]]) -> None:
+        """Fail a job over which too many workers died, else it would take all others with it.
+
+        A worker dies over the job that it shares out, whose part it computes or whose result it puts
+        together, not over those that it waits for.
+        """
+        computed = {job_of(name) for name in abandoned if pending[name][0] == "part"}
+        for jobs in self._jobs.values():
+            for job_id in {job_of(name) for name in abandoned}:
+                if not jobs.goes_on(job_id):
+                    continue
+                waits = self._engine.queue.has_parts(job_id) and not jobs.is_computed(job_id)
+                if waits and job_id not in computed:
+                    continue
+                if jobs.log.died(job_id) >= ATTEMPTS:
+                    jobs.fail(
+                        job_id, WorkerLostError(f"{ATTEMPTS} workers died over one step of job {job_id}")
+                    )
+
+    def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:
+        self._engine.queue.resume((name, pending[name][0]) for name in names)
+
+    def _look_after_workers(self) -> None:
+        """Tell of workers that were silent at two looks in a row: after an outage all are, at the first."""
+        before, self._silent = self._silent, self._heartbeats.silent(SILENT)
+        for worker, at in self._silent.items() & before.items():
+            self._tell_lost(worker, at)
+
+    def _look_after_jobs(self) -> None:
+        self._lost = set[str]().union(*map(self._fail_lost, self._jobs.values()))
+
+    def _fail_lost(self, jobs: Jobs) -> set[str]:
+        """End open jobs whose workflow has ended without ending them, or is gone, two looks in a row.
+
+        Returns:
+            Those that look lost now.
+        """
+        open_jobs = jobs.log.open_jobs()
+        statuses = dict.fromkeys(open_jobs, "unknown") | self._engine.queue.statuses(open_jobs)
+        lost = {job for job, status in statuses.items() if status == "unknown" or is_ended(status)}
+        for job_id in lost & self._lost:
+            jobs.fail(
+                job_id, WorkerLostError(f"the job engine does not carry on job {job_id}: {statuses[job_id]}")
+            )
+        return lost
+
+    def _tidy(self) -> None:
+        """Remove the steps of jobs that ended a while ago: only the result is asked for from then on."""
+        ended = self._engine.queue.forget_ended(_KEPT, _REMOVED)
+        if ended:
+            for jobs in self._jobs.values():
+                jobs.log.forget_steps(ended)
+
+    def _purge(self) -> None:
+        """Remove for good what was deleted long ago."""
+        before = self._now() - KEEP_DELETED
+        for jobs in self._jobs.values():
+            jobs.deletions.purge(before, _REMOVED)
+        for deletions in self._inputs:
+            deletions.purge(before, _REMOVED)
+
 
 _BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""

@@ -15,7 +15,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.store.store import Store
-from jointstiff.service.workers.queue import JobQueue, engine_url, schema_of
+from jointstiff.service.workers.engine import JobQueue, engine_url, schema_of
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

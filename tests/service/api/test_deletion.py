@@ -21,7 +21,7 @@ from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotF
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.workers.recovery import Recovery
+from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)

@@ -16,7 +16,7 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import _patient, _until_ended
-from jointstiff.service.workers.recovery import Recovery
+from jointstiff.service.workers.worker import Recovery
 
 SILENCE = timedelta(seconds=30)
 
@@ -102,7 +102,7 @@ def test_a_run_that_the_engine_does_not_know_fails(store, runs, engine):
 def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
     store, runs, engine, monkeypatch
 ):
-    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
     poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
     runs.log.report(heavy.id, 0, runs.current(heavy.id).progress.total)
     runs.log.report(waiting.id, 0, 120)
@@ -119,7 +119,7 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
 
 
 def test_a_run_that_workers_die_over_before_it_is_shared_out_fails(store, runs, engine, monkeypatch):
-    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
     poison = runs.create(request(stored_set(store)), None)
     engine.ended = {poison.id: "PENDING"}
     engine.inherited = {poison.id: ("job", "alive")}
@@ -130,7 +130,7 @@ def test_a_run_that_workers_die_over_before_it_is_shared_out_fails(store, runs, 
 
 def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, engine, monkeypatch):
     """The only worker takes its own name again: nobody else would count."""
-    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
     poison = runs.create(request(stored_set(store)), None)
     engine.ended = {poison.id: "PENDING"}
     engine.inherited = {poison.id: ("job", "alive"), f"{poison.id}-1": ("part", "alive")}

@@ -18,8 +18,14 @@ from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.errors import Fault, ProgramError
 from jointstiff.service.store.store import Store
-from jointstiff.service.workers.queue import JobQueue, engine_url, schema_of
-from jointstiff.service.workers.serialization import EngineDataError, JsonSerializer, refuse_pickles
+from jointstiff.service.workers.engine import (
+    EngineDataError,
+    JobQueue,
+    JsonSerializer,
+    engine_url,
+    refuse_pickles,
+    schema_of,
+)
 from jointstiff.solver.errors import MeasurementError
 
 

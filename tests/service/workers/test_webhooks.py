@@ -36,8 +36,8 @@ from jointstiff.service.server import forgetting
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import webhooks
-from jointstiff.service.workers.recovery import Recovery
 from jointstiff.service.workers.webhooks import Sender
+from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -379,6 +379,54 @@ def test_a_slow_receiver_delays_no_other(store, clock):
     sender.look()
     sender.finish()
     assert len(arrived) == 52
+
+
+def test_what_a_thread_without_memory_left_is_sent_at_the_next_look(store, receiver, clock):
+    class Short(Patient):
+        short = True
+
+        def _send_due(self, webhook):
+            if self.short:
+                raise MemoryError
+            super()._send_due(webhook)
+
+    told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    sender = sender_of(store, clock, Short)
+    with pytest.raises(MemoryError):  # a worker ends then, and its supervisor starts another one
+        sender.look()
+    sender.short = False
+    with receiver.up():
+        sender.look()
+    assert len(receiver.came) == 1
+
+
+def test_few_senders_use_the_database_at_once_however_many_receivers(store, clock, monkeypatch):
+    receivers = [Receiver() for _ in range(20)]
+    for each in receivers:
+        told_of(store, each, events=["run.succeeded"])
+    run(store, stored_set(store))
+    at_once, most, lock = 0, 0, threading.Lock()
+
+    def counting(method):
+        def counted(*args):
+            nonlocal at_once, most
+            with lock:
+                at_once, most = at_once + 1, max(most, at_once + 1)
+            try:
+                time.sleep(0.002)
+                return method(*args)
+            finally:
+                with lock:
+                    at_once -= 1
+
+        return counted
+
+    for name in ("due", "claim", "settle"):
+        monkeypatch.setattr(store.webhooks, name, counting(getattr(store.webhooks, name)))
+    monkeypatch.setattr(Sender, "_post", lambda *_: 204)
+    sender_of(store, clock).look()
+    assert 1 < most <= 4
 
 
 def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, monkeypatch):

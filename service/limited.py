@@ -1,10 +1,15 @@
-"""Answers the requests that come through a pipe, one at a time, within limits of memory and time."""
+"""The child process that answers large bodies for a service, one at a time, within limits of memory and time.
+
+Run it as `python -m jointstiff.service.limited DESCRIPTOR`, of the pipe to the service.
+"""
 
 from __future__ import annotations
 
 import gc
 import json
+import os
 import resource
+import sys
 from contextlib import ExitStack, closing, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,8 +22,9 @@ from starlette.types import Message
 from jointstiff.service.api.limited import FORWARDED, Forwarded
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
+from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 from jointstiff.service.store.store import Store
-from jointstiff.service.workers.queue import JobQueue
+from jointstiff.service.workers.engine import JobQueue
 
 _NO_THREAD: Final = "can't start new thread"
 """Python's words for a thread that has no memory for its stack."""
@@ -76,3 +82,8 @@ def _limit_time(seconds: float) -> None:
     used = resource.getrusage(resource.RUSAGE_SELF)
     most = int(used.ru_utime + used.ru_stime + seconds) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+if __name__ == "__main__":
+    set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
+    run_child(int(sys.argv[1]))

@@ -1,1 +1,0 @@
-"""The child process that answers large bodies for a service."""
