@@ -174,7 +174,7 @@ def timing(robot: Robot, run: Run, count: int) -> list[tuple[str, float]]:
     lap("read")
     made = work._path
     lap("postures")
-    found = Corrections.joined([work.compute(span) for span in work._spans()])
+    found = Corrections.joined([Corrections(**work.compute(span)) for span in work._spans()])
     lap("compensate")
     _, points = rewritten(made, found, work._model, work._inverse, 2.0)
     lap("write and certify")

@@ -87,7 +87,7 @@ def _add_file(router: APIRouter, kind: AnyKind, file: File) -> None:
         jobs = parts.jobs[kind.name]
 
         def content_of() -> bytes | Iterator[str]:
-            sheet = job_sheet(kind, file, _succeeded(jobs, job_id), lambda: jobs.work(job_id))
+            sheet = job_sheet(file, _succeeded(jobs, job_id), lambda: jobs.work(job_id))
             return csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
 
         # Large tables take seconds: they wait for their turn, and leave the other requests theirs.

@@ -16,15 +16,16 @@ from jointstiff.schemas.job import Job, JobState, Requester
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.inputs.stored import Stored
 from jointstiff.service.jobs.records import record_of
-from jointstiff.service.kinds.execution import (
+from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.work import (
+    Work,
     carry_out,
     final_state,
     new_job,
     outcome_of,
     unexpected_failure,
+    unpack,
 )
-from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.work import Work
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.composition import Resources
@@ -78,7 +79,7 @@ class Jobs:
         """
         if key is not None and (before := self._records.find(key)) is not None:
             return before
-        work = self.kind.work(self._inputs, request)
+        work = self.kind.compute(self._inputs, request)
         job = new_job(self.kind.message, request, work, requested_by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
@@ -195,7 +196,7 @@ class Jobs:
     def conclude(self, job_id: str, computed: Sequence[str]) -> None:
         """Put a job together from the encoded results of all its steps, in order, and end it."""
         work = self.work(job_id)
-        result, error = outcome_of(lambda: work.conclude([work.decode(text) for text in computed]))
+        result, error = outcome_of(lambda: work.conclude([unpack(text) for text in computed]))
         provenance = {"versions": dict(versions())}
         self._end(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
@@ -232,7 +233,7 @@ class Jobs:
         return job
 
     def _work(self, job_id: str) -> Work:
-        return self.kind.work(self._inputs, self.current(job_id).request)
+        return self.kind.compute(self._inputs, self.current(job_id).request)
 
     def _changes(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         record = record_of(self.kind, job, robot_id)

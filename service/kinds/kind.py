@@ -1,12 +1,11 @@
-"""The declaration of a kind of work. It is light: work and tables are imported when they are needed."""
+"""The declaration of a kind of work. It is light: what computes imports the numerics when it is called."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, get_args, get_origin
 
 from pydantic import Field, create_model
 
@@ -18,6 +17,8 @@ from jointstiff.service.problems.errors import Resource
 if TYPE_CHECKING:
     from jointstiff.service.inputs.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
+    from jointstiff.service.tables.table import Sheet
 
 OPTIONS_BYTES: Final = 64 * 1024
 """Size of a request that names what is stored."""
@@ -41,12 +42,8 @@ class File:
     description: str  # description of the operation, for the API's users
     content: str  # description of the answer
     media_type: str
+    sheet: Callable[[Any], Sheet]  # the table that it is written from
     made_of: Literal["result", "work"]  # what the sheet is made of: the job, or its work, done again
-
-    @property
-    def stem(self) -> str:
-        """Name of the sheet in `tables.SHEETS` that it is written from."""
-        return self.name.rpartition(".")[0]
 
     @property
     def suffix(self) -> str:
@@ -56,19 +53,18 @@ class File:
 
 @dataclass(frozen=True, eq=False)
 class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
-    """A kind of work. Its room has a module `work`, and a module `tables` for people and spreadsheets.
+    """A kind of work: its messages, its computation, and what people read of it."""
 
-    `work.work(inputs, request)` returns the work of a request; `tables.report(job, result, view)` what people
-    read of it; `tables.SHEETS` the tables of its files.
-    """
-
-    room: str  # package of its modules
     message: type[AnyJob]  # a stored job, which has the names of the kind
     request: type[AnyRequest]  # a job as it is posted
     # a job in a listing: each field is one of the job, of its request, of its provenance, or of its
     # result's summary
     summary: type[AnySummary]
     options: type[Message]  # part of the request that people state
+    # return the work of a request; raises a RequestError for one that names what does not exist, or cannot
+    # be done
+    compute: Callable[[Inputs, AnyRequest], Work]
+    report: Callable[[AnyJob, Any, View], Report]  # return what people read of a job and its result
     sources: tuple[Source, ...]  # that the command line and `import jointstiff` make the rest of, in order
     title: str  # title of its report
     description: str  # description of the post, for the API's users
@@ -80,7 +76,7 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     files: tuple[File, ...] = ()  # files that can be downloaded
     reported: bool = True  # whether any such job has a report made of its tables
     is_form: bool = False  # whether it is posted as a form with files, at a route of its own
-    hidden: str = ""  # function of `work` that returns a stored document as it is answered, if it differs
+    answered: Callable[[str], str] = str  # return a stored document as it is answered
 
     @property
     def name(self) -> str:
@@ -112,20 +108,6 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
         }
         query: type[JobQuery] = create_model(f"{self.message.__name__}Query", __base__=JobQuery, **fields)
         return query
-
-    def work(self, inputs: Inputs, request: AnyRequest) -> Work:
-        """Return the work that a request takes.
-
-        Raises:
-            RequestError: what it names does not exist, or cannot be done.
-        """
-        return cast("Work", import_module(f"{self.room}.work").work(inputs, request))
-
-    def answered(self, document: str) -> str:
-        """Return a stored document as it is answered."""
-        if not self.hidden:
-            return document
-        return str(getattr(import_module(f"{self.room}.work"), self.hidden)(document))
 
 
 AnyKind = Kind[Any, Any, Any]

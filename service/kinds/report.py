@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any, Final
 
 from rich.console import RenderableType
@@ -12,7 +11,6 @@ from jointstiff.schemas.job import Job
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.work import Work
 from jointstiff.service.tables.report import (
-    Report,
     View,
     judged,
     problem_line,
@@ -51,7 +49,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     if job.result is None:
         return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
     result: Any = job.result
-    report: Report = import_module(f"{kind.room}.tables").report(job, result, view)
+    report = kind.report(job, result, view)
     assessment = getattr(result, "assessment", None)
     if assessment is None:
         return [*report.parts, *report.evidence]
@@ -66,14 +64,13 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     ]
 
 
-def job_sheet(kind: AnyKind, file: File, job: Job, work: Callable[[], Work]) -> Sheet:
+def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
     """Return the table of a file of a job that has succeeded, with the verdict.
 
     Args:
-        kind: kind of the job.
         file: one of the kind's.
         job: with its result.
         work: return the job's work, for a table that is made of it.
     """
-    sheet = import_module(f"{kind.room}.tables").SHEETS[file.stem]
-    return judged(sheet(job if file.made_of == "result" else work()), getattr(job.result, "assessment", None))
+    sheet = file.sheet(job if file.made_of == "result" else work())
+    return judged(sheet, getattr(job.result, "assessment", None))

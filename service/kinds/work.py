@@ -1,81 +1,89 @@
-"""The work of a job: done at once, or cut into steps that an engine can share out and keep."""
+"""The work of a job, done at once or cut into steps, and its execution to a finished job. No store."""
 
 from __future__ import annotations
 
 import base64
 import io
-from abc import ABC, abstractmethod
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeAlias, TypeVar
+from datetime import UTC, datetime
+from types import MappingProxyType
+from typing import Any, TypeAlias, TypeVar
+from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.problems.table import http_problem, problem_of
+from jointstiff.service.versions import versions
+from jointstiff.solver.errors import JointstiffError, RequestError
 
 Span = tuple[int, int]
 """First unit of a job's work, and one past the last."""
 
-Part = TypeVar("Part")
-"""What a step computes."""
+Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
+"""What a step computes: arrays by name, which an engine can keep as text."""
+
+AnyJob = TypeVar("AnyJob", bound=Job)
+OnProgress = Callable[[Progress], object]
+
+_logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, eq=False)
-class QuickWork:
-    """Work that is done at once."""
+class Work:
+    """The work of one request, which was checked: a line of units, cut into steps, and what they come to.
 
-    # return the result; raises a RequestError for a request that is refused rather than stored, another
-    # JointstiffError for one that fails
-    compute: Callable[[], Message]
+    Work without steps is done at once, by `conclude` alone.
+    """
+
     input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
     robot_id: str | None  # id of the stored robot; None if it is not stored
-    # fields of the job's message beyond those of every job
-    details: Mapping[str, object] = field(default_factory=dict)
+    details: Mapping[str, object] = MappingProxyType({})  # fields of the job beyond those of every job
+    unit = ""  # unit of its progress
+    activity = ""  # name of what makes progress
 
-
-class SteppedWork(ABC, Generic[Part]):
-    """Work as a line of units, cut into steps whose results can be kept; without steps it is quick."""
-
-    input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
-    robot_id: str  # id of the stored robot
-    unit = "resamples"  # unit of its progress
-    activity = "resampling"  # name of what makes progress
-
-    @abstractmethod
     def steps(self) -> Sequence[Span]:
         """Return all units in order, cut into steps of a fraction of a second; the same for every caller."""
+        return ()
 
-    @abstractmethod
-    def compute(self, span: Span) -> Part:
+    def compute(self, span: Span) -> Arrays:
         """Carry out a step; its numbers do not depend on the worker.
 
         Raises:
             JointstiffError: the job fails.
         """
+        raise ValueError(f"there is no step {span}")
 
-    @abstractmethod
-    def encode(self, part: Part) -> str:
-        """Return the result of a step as text that an engine can keep."""
-
-    @abstractmethod
-    def decode(self, text: str) -> Part:
-        """Return the result of a step that `encode` wrote."""
-
-    @abstractmethod
-    def conclude(self, parts: Sequence[Part]) -> Message:
+    def conclude(self, parts: Sequence[Arrays]) -> Message:
         """Return the result of the job, from those of all steps in order.
 
         Raises:
-            JointstiffError: there is none, and why.
+            RequestError: the request is refused rather than stored.
+            JointstiffError: there is no result, and why.
         """
+        raise NotImplementedError
 
 
-Work: TypeAlias = QuickWork | SteppedWork[Any]
+@dataclass(frozen=True, eq=False)
+class QuickWork(Work):
+    """Work that is done at once."""
+
+    result: Callable[[], Message]  # raises as `Work.conclude` does
+    input_hash: str
+    robot_id: str | None
+    details: Mapping[str, object] = field(default_factory=dict)
+
+    def conclude(self, parts: Sequence[Arrays]) -> Message:  # noqa: ARG002 - there are none
+        """Return the result."""
+        return self.result()
 
 
-def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> str:
-    """Return arrays as text."""
+def pack(arrays: Arrays) -> str:
+    """Return what a step computed as text."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)  # random digits: zlib costs more than it saves
     return base64.b64encode(buffer.getvalue()).decode("ascii")
@@ -85,3 +93,93 @@ def unpack(text: str) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays that `pack` wrote."""
     with np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as archive:
         return dict(archive)
+
+
+def new_job(
+    message: type[AnyJob], request: Message, work: Work, requested_by: Requester | None = None
+) -> AnyJob:
+    """Return a queued job; without progress if it is carried out at once."""
+    progress = None
+    if steps := work.steps():
+        progress = Progress(done=0, total=steps[-1][1], unit=work.unit, activity=work.activity)
+    provenance = Provenance(
+        versions=dict(versions()),
+        input_hash=work.input_hash,
+        created_at=datetime.now(UTC),
+        started_at=None,
+        ended_at=None,
+    )
+    return message.model_validate(
+        {
+            "id": uuid4().hex,
+            "state": "queued",
+            "progress": progress,
+            "request": request,
+            "result": None,
+            "error": None,
+            "provenance": provenance,
+            "requested_by": requested_by,
+            **work.details,
+        }
+    )
+
+
+def carry_out(job: AnyJob, work: Work, on_progress: OnProgress | None = None) -> AnyJob:
+    """Return a job carried out here and now.
+
+    Raises:
+        RequestError: the request is refused.
+    """
+
+    def compute() -> Message:
+        parts = []
+        for span in work.steps():
+            parts.append(work.compute(span))
+            if on_progress is not None and job.progress is not None:
+                on_progress(job.progress.model_copy(update={"done": span[1]}))
+        return work.conclude(parts)
+
+    result, error = outcome_of(compute)
+    progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
+    times = {
+        "started_at": job.provenance.created_at,
+        "ended_at": max(datetime.now(UTC), job.provenance.created_at),
+    }
+    return job.model_copy(
+        update={
+            "state": final_state(error),
+            "progress": progress,
+            "result": result,
+            "error": error,
+            "provenance": job.provenance.model_copy(update=times),
+        }
+    )
+
+
+def outcome_of(compute: Callable[[], Message]) -> tuple[Message | None, Problem | None]:
+    """Return a result, or the problem in its place: the one boundary of a job.
+
+    Raises:
+        RequestError: the request is refused.
+    """
+    try:
+        return compute(), None
+    except RequestError:
+        raise
+    except JointstiffError as error:
+        return None, problem_of(error)
+    except Exception:
+        _logger.exception("a job failed unexpectedly")
+        return None, unexpected_failure()
+
+
+def final_state(error: Problem | None) -> JobState:
+    """Return the state of a job that ends with this error, or none."""
+    return "succeeded" if error is None else "failed"
+
+
+def unexpected_failure() -> Problem:
+    """Return the problem of a fault in the software."""
+    return http_problem(
+        500, "the computation failed with an internal error", "please report this problem, with the data"
+    )

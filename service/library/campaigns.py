@@ -22,9 +22,9 @@ from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
 from jointstiff.service.importing.file_types import file_type
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.inputs.inputs import Inputs
-from jointstiff.service.kinds.execution import carry_out, new_job
 from jointstiff.service.kinds.kind import AnyRequest, Kind
 from jointstiff.service.kinds.run import RUN
+from jointstiff.service.kinds.work import carry_out, new_job
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.results import shown, with_inputs
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
@@ -183,7 +183,7 @@ def carried_out(
         CampaignError: the request cannot be used.
     """
     with as_campaign_error(kind.name if section is None else section):
-        work = kind.work(inputs, request)
+        work = kind.compute(inputs, request)
         job: AnyJob = carry_out(new_job(shown(kind), request, work), work, on_progress)
     with_inputs(job, inputs)
     return job

@@ -60,7 +60,7 @@ class _Shown:
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
         if file.made_of == "work" and self._inputs is None:
             raise ValueError(f"the table of a {kind.name} is made from inputs that only the service has")
-        return written(job_sheet(kind, file, job, lambda: kind.work(self._inputs, job.request)), suffix)
+        return written(job_sheet(file, job, lambda: kind.compute(self._inputs, job.request)), suffix)
 
     def __str__(self) -> str:
         """Return the report of the terminal as text."""

@@ -34,7 +34,7 @@ from sqlalchemy.exc import InterfaceError, OperationalError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from jointstiff.service.jobs.life import Jobs
-from jointstiff.service.kinds.work import Span
+from jointstiff.service.kinds.work import Span, pack
 from jointstiff.service.problems.errors import FilesError, StoreError, StoreUnavailableError
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import JointstiffError
@@ -348,8 +348,7 @@ class _Steps:
         def compute(kind: str, job_id: str, span: Span) -> str:
             if not jobs[kind].goes_on(job_id):
                 return ""
-            work = jobs[kind].work(job_id)
-            computed: str = work.encode(work.compute(span))
+            computed = pack(jobs[kind].work(job_id).compute(span))
             jobs[kind].log.report(job_id, *span)
             return computed
 

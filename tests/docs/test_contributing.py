@@ -18,7 +18,6 @@ from jointstiff.schemas.importing import ImportOptions
 from jointstiff.service.importing.errors import Faults
 from jointstiff.service.importing.grid import Grid, Row
 from jointstiff.service.importing.layout import lay_out
-from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.integrity.values import View
 
@@ -44,13 +43,6 @@ def defined(title: str, name: str):
 )
 def test_a_recipe_has_at_most_ten_steps(title):
     assert 5 <= len(re.findall(r"^\d+\. ", recipe(title), re.MULTILINE)) <= 10
-
-
-@pytest.mark.parametrize("kind", ROOMS)
-def test_every_kind_has_the_files_of_its_recipe(kind):
-    named = re.findall(r"`(service/kinds/<kind>/\w+\.py)`", recipe("Add a kind of work"))
-    assert len(named) == 3
-    assert [name for name in named if not (ROOT / name.replace("<kind>", kind)).is_file()] == []
 
 
 def test_the_finding_of_the_recipe_is_found():

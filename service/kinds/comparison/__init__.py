@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest, ComparisonSummary
 from jointstiff.service.kinds.kind import File, Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.comparison import ComparisonResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
+    from jointstiff.service.tables.table import Sheet
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
@@ -20,11 +27,31 @@ _EXAMPLES: Final[dict[str, Any]] = {
     },
 }
 
+
+def _compute(inputs: Inputs, request: ComparisonRequest) -> Work:
+    from jointstiff.service.kinds.comparison.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Comparison, result: ComparisonResult, view: View) -> Report:
+    from jointstiff.service.kinds.comparison.tables import report
+
+    return report(job, result, view)
+
+
+def _entries_sheet(source: Comparison) -> Sheet:
+    from jointstiff.service.kinds.comparison.tables import entries_sheet
+
+    return entries_sheet(source)
+
+
 COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
-    room=__name__,
     message=Comparison,
     request=ComparisonRequest,
     options=ComparisonOptions,
+    compute=_compute,
+    report=_report,
     sources=("measurement_set",),
     summary=ComparisonSummary,
     title="Comparison of methods",
@@ -39,6 +66,7 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
             "the headers.",
             content="The table as CSV (RFC 4180).",
             media_type="text/csv",
+            sheet=_entries_sheet,
             made_of="result",
         ),
     ),

@@ -282,6 +282,3 @@ def _cell(row: dict[str, Any], path: str) -> Value:
         return "positive" if value else "unconstrained"
     cell: Value = value
     return cell
-
-
-SHEETS: Final = {"table": entries_sheet}

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.finding import Finding
@@ -19,7 +21,7 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.run.work import run_identification
-from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.problems.table import problem_of
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
@@ -40,8 +42,11 @@ class _Fit:
     bounds: Bounds  # on the compliances
 
 
-class ComparisonWork(SteppedWork[Part]):
+class ComparisonWork(Work):
     """The work of a comparison: the draws of each fit that the readings support, one fit after the other."""
+
+    unit = "resamples"
+    activity = "resampling"
 
     def __init__(self, prepared: PreparedSet, request: ComparisonRequest) -> None:
         """Check what is asked for.
@@ -63,28 +68,24 @@ class ComparisonWork(SteppedWork[Part]):
             for start, stop in fit.draws.steps()
         )
 
-    def compute(self, span: Span) -> Part:
+    def compute(self, span: Span) -> Arrays:
         """Fit some of the draws; a failure is that of the method, and the others go on."""
         number, start = divmod(span[0], self._repetitions)
         fit, stop = self._resampled[number], start + span[1] - span[0]
         if fit.draws is None:
             raise ValueError("this comparison has no steps")
         try:
-            return fit.draws.compute((start, stop), fit.bounds)
+            return vars(fit.draws.compute((start, stop), fit.bounds))
         except JointstiffError as error:
-            return problem_of(error)
+            return {"problem": np.array(problem_of(error).model_dump_json())}
 
-    def encode(self, part: Part) -> str:
-        """Return draws or a problem as text."""
-        return part.model_dump_json() if isinstance(part, Problem) else pack(vars(part))
-
-    def decode(self, text: str) -> Part:
-        """Return what `encode` wrote."""
-        return Problem.model_validate_json(text) if text.startswith("{") else Resamples(**unpack(text))
-
-    def conclude(self, parts: Sequence[Part]) -> ComparisonResult:
+    def conclude(self, parts: Sequence[Arrays]) -> ComparisonResult:
         """Return the fits side by side."""
-        draws = dict(zip(self._resampled, self._by_fit(parts), strict=True))
+        decoded: list[Part] = [
+            Problem.model_validate_json(str(part["problem"])) if "problem" in part else Resamples(**part)
+            for part in parts
+        ]
+        draws = dict(zip(self._resampled, self._by_fit(decoded), strict=True))
         outcomes = [self._outcome(fit, draws.get(fit, [])) for fit in self._fits]
         warnings = {(each.code, each.where): each for each in self._prepared.warnings}
         for outcome in outcomes:

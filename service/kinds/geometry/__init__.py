@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.geometry.message import Geometry, GeometryRequest, GeometrySummary
 from jointstiff.service.kinds.kind import READINGS_BYTES, Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.geometry.result import GeometryResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "two joints": {
@@ -90,11 +96,25 @@ _EXAMPLES: Final[dict[str, Any]] = {
     },
 }
 
+
+def _compute(inputs: Inputs, request: GeometryRequest) -> Work:
+    from jointstiff.service.kinds.geometry.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Geometry, result: GeometryResult, view: View) -> Report:
+    from jointstiff.service.kinds.geometry.tables import report
+
+    return report(job, result, view)
+
+
 GEOMETRY: Final = Kind[Geometry, GeometryRequest, GeometrySummary](
-    room=__name__,
     message=Geometry,
     request=GeometryRequest,
     options=GeometryRequest,
+    compute=_compute,
+    report=_report,
     sources=("readings",),
     summary=GeometrySummary,
     title="Geometry of a robot",

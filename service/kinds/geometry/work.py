@@ -56,7 +56,7 @@ def work(inputs: Inputs, request: GeometryRequest) -> QuickWork:
     # Names and ids do not count.
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
-        compute=partial(_identify, request, readings, nominal),
+        result=partial(_identify, request, readings, nominal),
         input_hash=hash_of(robot_hash, options),
         robot_id=request.robot_id,
         details={"name": request.name},

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.map import Map, MapOptions, MapRequest, MapSummary
 from jointstiff.service.kinds.kind import File, Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.map import MapResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.map.work import MapWork
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
+    from jointstiff.service.tables.table import Sheet
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "milling a plate": {
@@ -28,11 +36,31 @@ _EXAMPLES: Final[dict[str, Any]] = {
     },
 }
 
+
+def _compute(inputs: Inputs, request: MapRequest) -> Work:
+    from jointstiff.service.kinds.map.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Map, result: MapResult, view: View) -> Report:
+    from jointstiff.service.kinds.map.tables import report
+
+    return report(job, result, view)
+
+
+def _places_sheet(source: MapWork) -> Sheet:
+    from jointstiff.service.kinds.map.tables import places_sheet
+
+    return places_sheet(source)
+
+
 MAP: Final = Kind[Map, MapRequest, MapSummary](
-    room=__name__,
     message=Map,
     request=MapRequest,
     options=MapOptions,
+    compute=_compute,
+    report=_report,
     sources=("run",),
     summary=MapSummary,
     title="Map of a work area",
@@ -49,6 +77,7 @@ compliance; units in headers.
 The table is computed again from the map's run, which never changes: keep the run as long as the map.""",
             content="One row per place (RFC 4180).",
             media_type="text/csv",
+            sheet=_places_sheet,
             made_of="work",
         ),
         File(
@@ -57,6 +86,7 @@ The table is computed again from the map's run, which never changes: keep the ru
             description="Get all places as numpy's npz, with all digits.",
             content="Arrays `headers`, `table`, `status` and `overall verdict`.",
             media_type="application/octet-stream",
+            sheet=_places_sheet,
             made_of="work",
         ),
         File(
@@ -65,6 +95,7 @@ The table is computed again from the map's run, which never changes: keep the ru
             description="Get the table as JSON, column by column, with units.",
             content="`columns`, each with `name`, `unit` and `values`.",
             media_type="application/json",
+            sheet=_places_sheet,
             made_of="work",
         ),
     ),

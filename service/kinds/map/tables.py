@@ -82,6 +82,3 @@ def places_sheet(work: MapWork) -> Sheet:
         "extrapolation [1]": np.where(np.isinf(table.extrapolation), np.nan, table.extrapolation),
     }
     return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
-
-
-SHEETS: Final = {"map": places_sheet}

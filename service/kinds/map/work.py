@@ -18,7 +18,7 @@ from jointstiff.service.kinds.map.places import (
     to_map_task,
     to_places,
 )
-from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.predict.maps import DeflectionMap, map_places
 from jointstiff.solver.robot.inverse import InverseKinematics
@@ -30,7 +30,7 @@ _ELASTIC: Final = 5
 """Postures in whose time and memory those with elastic links take one."""
 
 
-class MapWork(SteppedWork[DeflectionMap]):
+class MapWork(Work):
     """The work of a map, its units the places; one that takes a single step is quick."""
 
     unit = "places"
@@ -58,30 +58,25 @@ class MapWork(SteppedWork[DeflectionMap]):
         blocks = self._blocks()
         return blocks if len(blocks) > 1 else ()
 
-    def compute(self, span: Span) -> DeflectionMap:
+    def compute(self, span: Span) -> Arrays:
         """Map some of the places.
 
         Raises:
             JointstiffError: a load finds no stable balance.
         """
+        return vars(self._mapped(span))
+
+    def _mapped(self, span: Span) -> DeflectionMap:
         places = self.places[slice(*span)]
         return map_places(self._model, self._error, self._task, self._inverse, places)
 
-    def encode(self, part: DeflectionMap) -> str:
-        """Return places as text."""
-        return pack(vars(part))
-
-    def decode(self, text: str) -> DeflectionMap:
-        """Return the places that `encode` wrote."""
-        return DeflectionMap(**unpack(text))
-
-    def conclude(self, parts: Sequence[DeflectionMap]) -> MapResult:
+    def conclude(self, parts: Sequence[Arrays]) -> MapResult:
         """Return the summary.
 
         Raises:
             JointstiffError: as `compute` does.
         """
-        table = DeflectionMap.joined(list(parts)) if parts else self.table
+        table = DeflectionMap.joined([DeflectionMap(**part) for part in parts]) if parts else self.table
         error, run = self._error, self._run
         return to_map_result(
             self.request,
@@ -96,7 +91,7 @@ class MapWork(SteppedWork[DeflectionMap]):
     @cached_property
     def table(self) -> DeflectionMap:
         """All places; the same numbers each time, as a run never changes."""
-        return DeflectionMap.joined([self.compute(span) for span in self._blocks()])
+        return DeflectionMap.joined([self._mapped(span) for span in self._blocks()])
 
     def _blocks(self) -> tuple[Span, ...]:
         poses = POSES_A_STEP // _ELASTIC if self._model.first_order else POSES_A_STEP

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.pair import Pair, PairOptions, PairRequest, PairSummary
 from jointstiff.service.kinds.kind import File, Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.pair import PairResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
+    from jointstiff.service.tables.table import Sheet
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "two encoders": {
@@ -16,11 +23,31 @@ _EXAMPLES: Final[dict[str, Any]] = {
     "two runs": {"first": {"run_id": "ID_OF_A_RUN"}, "second": {"run_id": "ID_OF_ANOTHER"}},
 }
 
+
+def _compute(inputs: Inputs, request: PairRequest) -> Work:
+    from jointstiff.service.kinds.pair.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Pair, result: PairResult, view: View) -> Report:
+    from jointstiff.service.kinds.pair.tables import report
+
+    return report(job, result, view)
+
+
+def _joints_sheet(source: Pair) -> Sheet:
+    from jointstiff.service.kinds.pair.tables import joints_sheet
+
+    return joints_sheet(source)
+
+
 PAIR: Final = Kind[Pair, PairRequest, PairSummary](
-    room=__name__,
     message=Pair,
     request=PairRequest,
     options=PairOptions,
+    compute=_compute,
+    report=_report,
     sources=("pair",),
     summary=PairSummary,
     title="Comparison of two measurement sets",
@@ -38,6 +65,7 @@ PAIR: Final = Kind[Pair, PairRequest, PairSummary](
             "the headers.",
             content="The table as CSV (RFC 4180).",
             media_type="text/csv",
+            sheet=_joints_sheet,
             made_of="result",
         ),
     ),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from jointstiff.schemas.pair import (
     DeflectionShare,
     OrderedResult,
@@ -151,6 +149,3 @@ def _side(name: str, joint: JointResult) -> dict[str, Value]:
         f"{name} compliance [rad/(N.m)]": joint.compliance,
         f"{name} compliance standard uncertainty [rad/(N.m)]": joint.standard_uncertainty,
     }
-
-
-SHEETS: Final = {"table": joints_sheet}

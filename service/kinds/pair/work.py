@@ -133,7 +133,7 @@ def work(inputs: Inputs, request: PairRequest) -> QuickWork:
     for side in (first, second):
         refuse_unsupported(side.prepared.robot, side.prepared.measurements, side.settings)
     return QuickWork(
-        compute=partial(_compare, first, second, ordered=request.ordered),
+        result=partial(_compare, first, second, ordered=request.ordered),
         input_hash=hash_of(first.content, second.content, str(request.ordered)),
         robot_id=first.prepared.robot_id,
         details={"first_set_id": first.set_id, "second_set_id": second.set_id},

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest, PlanSummary
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.plan import PlanResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
+    from jointstiff.service.tables.table import Sheet
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "begin a campaign": {
@@ -24,11 +31,31 @@ _EXAMPLES: Final[dict[str, Any]] = {
     },
 }
 
+
+def _compute(inputs: Inputs, request: PlanRequest) -> Work:
+    from jointstiff.service.kinds.plan.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Plan, result: PlanResult, view: View) -> Report:
+    from jointstiff.service.kinds.plan.tables import report
+
+    return report(job, result, view)
+
+
+def _readings_sheet(source: Plan) -> Sheet:
+    from jointstiff.service.kinds.plan.tables import readings_sheet
+
+    return readings_sheet(source)
+
+
 PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
-    room=__name__,
     message=Plan,
     request=PlanRequest,
     options=PlanOptions,
+    compute=_compute,
+    report=_report,
     sources=("robot_or_set",),
     summary=PlanSummary,
     title="Plan of a campaign",
@@ -43,6 +70,7 @@ PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
             "headers.",
             content="The table as CSV (RFC 4180).",
             media_type="text/csv",
+            sheet=_readings_sheet,
             made_of="result",
         ),
     ),

@@ -150,6 +150,3 @@ def readings_sheet(plan: Plan) -> Sheet:
         }
         for each in result.readings
     )
-
-
-SHEETS: Final = {"readings": readings_sheet}

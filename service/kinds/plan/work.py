@@ -59,7 +59,7 @@ def work(inputs: Inputs, request: PlanRequest) -> QuickWork:
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
-        compute=partial(_plan, planned, request),
+        result=partial(_plan, planned, request),
         input_hash=hash_of(planned.content, options),
         robot_id=planned.robot_id,
     )

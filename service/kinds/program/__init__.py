@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.program import Program, ProgramOptions, ProgramRequest, ProgramSummary
 from jointstiff.service.kinds.kind import File, Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.program import ProgramResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
+    from jointstiff.service.tables.table import Sheet
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "milling": {
@@ -26,18 +33,44 @@ _EXAMPLES: Final[dict[str, Any]] = {
     }
 }
 
+
+def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
+    from jointstiff.service.kinds.program.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Program, result: ProgramResult, view: View) -> Report:
+    from jointstiff.service.kinds.program.tables import report
+
+    return report(job, result, view)
+
+
+def _points_sheet(source: Program) -> Sheet:
+    from jointstiff.service.kinds.program.tables import points_sheet
+
+    return points_sheet(source)
+
+
+def _without_contents(document: str) -> str:
+    from jointstiff.service.kinds.program.work import without_contents
+
+    return without_contents(document)
+
+
 PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
-    room=__name__,
     message=Program,
     request=ProgramRequest,
     options=ProgramOptions,
+    compute=_compute,
+    report=_report,
     sources=("run", "files"),
     summary=ProgramSummary,
     title="Compensated program",
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
-    hidden="without_contents",
+    answered=_without_contents,
     files=(
         File(
             name="points.csv",
@@ -46,6 +79,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
             "if not corrected.",
             content="One row per point (RFC 4180), in the order of the path.",
             media_type="text/csv",
+            sheet=_points_sheet,
             made_of="result",
         ),
         File(
@@ -54,6 +88,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
             description="Get the table as JSON, column by column, with units.",
             content="`columns`, each with `name`, `unit` and `values`.",
             media_type="application/json",
+            sheet=_points_sheet,
             made_of="result",
         ),
     ),

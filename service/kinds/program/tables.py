@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from jointstiff.schemas.program import Program, ProgramResult
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number
@@ -66,7 +64,7 @@ def _worst(result: ProgramResult) -> Table:
     )
 
 
-def _points(job: Program) -> Sheet:
+def points_sheet(job: Program) -> Sheet:
     """Return all points: place, posture, deflection, correction, intervals, residual, what was left alone."""
     from jointstiff.service.kinds.program.points import points_sheet  # reports do without the solver
     from jointstiff.service.kinds.program.work import unpacked
@@ -74,6 +72,3 @@ def _points(job: Program) -> Sheet:
     if job.result is None:
         raise ValueError("the program has no result")
     return points_sheet(unpacked(job.result.table))
-
-
-SHEETS: Final = {"points": _points}

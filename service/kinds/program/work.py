@@ -7,7 +7,6 @@ import hashlib
 import re
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cached_property
 from typing import Final
@@ -33,7 +32,7 @@ from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.kinds.program.rewriting import rewritten
-from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.solver.arrays import FloatArray
@@ -52,7 +51,7 @@ _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
 
 
-class ProgramWork(SteppedWork[Corrections]):
+class ProgramWork(Work):
     """The work of a compensated program; the postures of its path are found when they are needed first."""
 
     unit = "points"
@@ -110,7 +109,7 @@ class ProgramWork(SteppedWork[Corrections]):
         count = len(self._program.targets)
         return tuple((start, min(start + STEP_POINTS, count)) for start in range(0, count, STEP_POINTS))
 
-    def compute(self, span: Span) -> Corrections:
+    def compute(self, span: Span) -> Arrays:
         """Correct the points of a part of the path.
 
         Raises:
@@ -120,7 +119,7 @@ class ProgramWork(SteppedWork[Corrections]):
         path = self._path
         points = np.flatnonzero(path.loaded[span[0] : span[1]]) + span[0]
         if not len(points):
-            return _NONE
+            return vars(_NONE)
         try:
             cases = path.cases[points]
             compensation = compensate(self._model, cases, self._limits(), self._ramp[points])
@@ -132,24 +131,18 @@ class ProgramWork(SteppedWork[Corrections]):
         bound = None
         if self._error is not None:
             bound = self._error.bound(cases, compensation.leverage, self._request.confidence)
-        return Corrections.of(points, compensation, bound)
+        return vars(Corrections.of(points, compensation, bound))
 
-    def encode(self, part: Corrections) -> str:
-        """Return corrections as text."""
-        return pack(asdict(part))
-
-    def decode(self, text: str) -> Corrections:
-        """Return the corrections that `encode` wrote."""
-        return Corrections(**unpack(text))
-
-    def conclude(self, parts: Sequence[Corrections]) -> ProgramResult:
+    def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
         """Write the program, and certify what was written.
 
         Raises:
             RequestError: as `compute` does.
             ProgramError: a corrected target is not reached.
         """
-        corrections = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
+        corrections = Corrections.joined(
+            [Corrections(**part) for part in parts or map(self.compute, self._spans())]
+        )
         del parts  # as large again
         quantile = self._model.quantile(self._request.confidence)
         contents, points = rewritten(self._path, corrections, self._model, self._inverse, quantile)

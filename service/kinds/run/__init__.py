@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest, RunSummary
 from jointstiff.service.kinds.kind import Kind
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.run.run import RunResult
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.report import Report, View
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
@@ -18,11 +24,25 @@ _EXAMPLES: Final[dict[str, Any]] = {
     },
 }
 
+
+def _compute(inputs: Inputs, request: RunRequest) -> Work:
+    from jointstiff.service.kinds.run.work import work
+
+    return work(inputs, request)
+
+
+def _report(job: Run, result: RunResult, view: View) -> Report:
+    from jointstiff.service.kinds.run.tables import report
+
+    return report(job, result, view)
+
+
 RUN: Final = Kind[Run, RunRequest, RunSummary](
-    room=__name__,
     message=Run,
     request=RunRequest,
     options=RunOptions,
+    compute=_compute,
+    report=_report,
     sources=("measurement_set",),
     summary=RunSummary,
     title="Joint stiffness",

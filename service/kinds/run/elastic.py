@@ -24,7 +24,7 @@ from jointstiff.service.kinds.run.links import (
 )
 from jointstiff.service.kinds.run.results import to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
-from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.estimate import Estimate
@@ -69,7 +69,7 @@ _OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
 """Reasons that remain where links do not explain what joints alone did not."""
 
 
-class ElasticWork(SteppedWork[list[FoldFit]]):
+class ElasticWork(Work):
     """The work of a run beyond joints: each unit is a weight of the penalty in a fold, for all models.
 
     A penalty that is given leaves one weight, which is quick: such work takes no steps.
@@ -116,7 +116,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             for start in range(0, count, _WEIGHTS_A_STEP)
         )
 
-    def compute(self, span: Span) -> list[FoldFit]:
+    def compute(self, span: Span) -> Arrays:
         """Fit all models for some of the weights of a fold.
 
         Raises:
@@ -124,24 +124,13 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         """
         fold, start = divmod(span[0], len(self._plan.weights))
         weights = self._plan.weights[start : start + span[1] - span[0]]
-        return [fit_fold(self._folds, model, fold, weights) for model in self._models]
+        fits = [fit_fold(self._folds, model, fold, weights) for model in self._models]
+        return {
+            "fold_compliances": np.array([fit.compliances for fit in fits]),
+            "error": np.array([fit.error for fit in fits]),
+        }
 
-    def encode(self, part: list[FoldFit]) -> str:
-        """Return fits as text."""
-        return pack(
-            {
-                "fold_compliances": np.array([fit.compliances for fit in part]),
-                "error": np.array([fit.error for fit in part]),
-            }
-        )
-
-    def decode(self, text: str) -> list[FoldFit]:
-        """Return the fits that `encode` wrote."""
-        arrays = unpack(text)
-        pairs = zip(arrays["fold_compliances"], arrays["error"], strict=True)
-        return [FoldFit(compliances, error) for compliances, error in pairs]
-
-    def conclude(self, parts: Sequence[list[FoldFit]]) -> RunResult:
+    def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Choose the penalty, fit the whole set, and report.
 
         Raises:
@@ -154,7 +143,9 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             spans = tuple((fold * count, (fold + 1) * count) for fold in range(self._fold_count))
             parts = [self.compute(span) for span in spans]
         fits = {
-            model.key: self._by_fold(spans, [part[number] for part in parts])
+            model.key: self._by_fold(
+                spans, [FoldFit(part["fold_compliances"][number], part["error"][number]) for part in parts]
+            )
             for number, model in enumerate(self._models)
         }
         options = self._options

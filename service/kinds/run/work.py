@@ -18,7 +18,7 @@ from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_c
 from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
 from jointstiff.service.kinds.run.settings import identified, to_settings
-from jointstiff.service.kinds.work import QuickWork, Span, SteppedWork, pack, unpack
+from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.estimate import refuse_unsupported
@@ -33,8 +33,11 @@ from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.resampling import Resamples, summarise
 
 
-class RunWork(SteppedWork[Resamples]):
+class RunWork(Work):
     """The work of a run of joints alone: its draws, of which a quick run has none."""
+
+    unit = "resamples"
+    activity = "resampling"
 
     def __init__(
         self, prepared: PreparedSet, options: RunOptions, input_hash: str, excluded: str | None = None
@@ -77,7 +80,7 @@ class RunWork(SteppedWork[Resamples]):
         """Return the draws, cut into steps."""
         return () if self._draws is None else self._draws.steps()
 
-    def compute(self, span: Span) -> Resamples:
+    def compute(self, span: Span) -> Arrays:
         """Fit some of the draws.
 
         Raises:
@@ -85,23 +88,15 @@ class RunWork(SteppedWork[Resamples]):
         """
         if self._draws is None:
             raise ValueError("this run has no steps")
-        return self._draws.compute(span)
+        return vars(self._draws.compute(span))
 
-    def encode(self, part: Resamples) -> str:
-        """Return draws as text."""
-        return pack(vars(part))
-
-    def decode(self, text: str) -> Resamples:
-        """Return the draws that `encode` wrote."""
-        return Resamples(**unpack(text))
-
-    def conclude(self, parts: Sequence[Resamples]) -> RunResult:
+    def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Identify from the whole set, with the statistics of the draws and the model that predicts.
 
         Raises:
             JointstiffError: as `run_identification` does.
         """
-        return self.conclude_with(self.screening, parts)
+        return self.conclude_with(self.screening, [Resamples(**part) for part in parts])
 
     def conclude_with(self, screening: Screening, parts: Sequence[Resamples] = ()) -> RunResult:
         """Report joints alone, with what is known of links beside them; raises as `conclude` does."""

@@ -652,7 +652,7 @@ class TestResource:
         hashes = []
         for changes in ({}, {"name": "another"}, {"fit": "one_by_one"}):
             request = GeometryRequest.model_validate(document | changes)
-            hashes.append(GEOMETRY.work(FromFile(), request).input_hash)
+            hashes.append(GEOMETRY.compute(FromFile(), request).input_hash)
         assert hashes[0] == hashes[1] != hashes[2]
 
     def test_filters(self, client):

@@ -23,6 +23,7 @@ from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.comparison.tables import entries_sheet
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run.work import run_identification
+from jointstiff.service.kinds.work import pack
 from jointstiff.service.library import in_process
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
@@ -121,7 +122,7 @@ def test_steps_in_any_order_make_the_comparison_that_one_process_makes(store):
     job = comparisons.create(body, None)
     work = comparisons.work(job.id)
     spans = work.steps()
-    computed = {span: work.encode(work.compute(span)) for span in reversed(spans)}
+    computed = {span: pack(work.compute(span)) for span in reversed(spans)}
     comparisons.start(job.id)
     for span in [*spans, spans[1]]:
         comparisons.log.report(job.id, *span)

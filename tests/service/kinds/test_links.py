@@ -21,9 +21,9 @@ from jointstiff.service.inputs.stored import Stored
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.deflection.work import predict_by_run
-from jointstiff.service.kinds.execution import carry_out, new_job
 from jointstiff.service.kinds.program.work import ProgramWork
 from jointstiff.service.kinds.run import RUN
+from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.resources.composition import Resources
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -195,11 +195,11 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     work = worker.work(record.id)
     steps = work.steps()
     assert [start for start, _ in steps[1:]] == [stop for _, stop in steps[:-1]]
-    computed = {span: work.encode(work.compute(span)) for span in reversed(steps)}
+    computed = {span: pack(work.compute(span)) for span in reversed(steps)}
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    work = RUN.work(Stored(Resources.of(store)), request)
+    work = RUN.compute(Stored(Resources.of(store)), request)
     same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result
@@ -318,7 +318,7 @@ def test_a_run_is_listed_by_what_bends(store, set_id):
     worker = Parts.of(store).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
-    worker.conclude(record.id, [work.encode(work.compute(span)) for span in work.steps()])
+    worker.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])
     run = jobs.current(record.id)
     assert run.elasticity == run.result.links.model != "automatic"
 

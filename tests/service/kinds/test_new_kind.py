@@ -1,4 +1,4 @@
-"""A new kind of work: its messages, declaration, work and tables; all else follows from them."""
+"""A new kind of work: its messages, declaration, work and tables in one file; all else follows from it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CHECK = Path(__file__).parents[2] / "support" / "small_kind" / "check.py"
 
 
 @pytest.mark.process
-def test_four_files_are_a_kind(tmp_path):
+def test_one_file_is_a_kind(tmp_path):
     campaign = tmp_path / "campaign.json"
     campaign.write_text(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=4, seed=1)))
     done = subprocess.run(

@@ -12,6 +12,7 @@ from support.jobs import request, runs_of, stored_set
 from jointstiff.service.jobs import life as module
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.run.resampling import ResamplingWork
+from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
@@ -56,7 +57,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
     run = runs.create(request(set_id), None)
     work = runs.work(run.id)
     spans = [(0, 1), (1, 170), (170, 300)]
-    computed = {span: work.encode(work.compute(span)) for span in reversed(spans)}
+    computed = {span: pack(work.compute(span)) for span in reversed(spans)}
     runs.start(run.id)
     for span in [*spans, spans[1]]:  # one of them twice, as an engine may
         runs.log.report(run.id, *span)
@@ -75,7 +76,7 @@ def test_a_run_ends_once(store, runs):
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
     work = runs.work(run.id)
-    runs.conclude(run.id, [work.encode(work.compute((0, 300)))])
+    runs.conclude(run.id, [pack(work.compute((0, 300)))])
     runs.fail(run.id, RuntimeError("late"))
     assert runs.current(run.id) == cancelled
     assert runs.cancel(run.id) == cancelled

@@ -36,7 +36,7 @@ def identified(document, **options):
     inputs = FromFile()
     set_id = inputs.add_set(campaign.measurement_set, prepare_robot(campaign.robot))
     request = RunRequest(measurement_set_id=set_id, **{**campaign.run.model_dump(), **options})
-    return work(inputs, request).compute()
+    return work(inputs, request).conclude(())
 
 
 def intervals(result):

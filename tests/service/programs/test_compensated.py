@@ -21,6 +21,7 @@ from support.programs import (
 
 from jointstiff.service.kinds.program.points import points_sheet
 from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
+from jointstiff.service.kinds.work import pack, unpack
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
@@ -154,7 +155,7 @@ def test_steps_give_the_same_program():
     text = program_text("krl", tool_poses(path(30)), 4)
     work = work_of("krl", text, limits={"ramp": 20.0})
     whole = work.conclude(())
-    parts = [work.decode(work.encode(work.compute(span))) for span in ((0, 7), (7, 7), (7, 30))]
+    parts = [unpack(pack(work.compute(span))) for span in ((0, 7), (7, 7), (7, 30))]
     assert work.conclude(parts) == whole
 
 

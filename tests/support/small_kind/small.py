@@ -1,0 +1,108 @@
+"""A small kind of work, which tests add to the others: how many readings a measurement set has."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Identifier, Message, Timestamp
+from jointstiff.schemas.job import Job, JobState
+from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.tables.report import Report, View
+from jointstiff.service.tables.table import Column, Sheet, Table
+
+if TYPE_CHECKING:
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+
+
+class SmallOptions(Message):
+    """Options of a count."""
+
+    least: int = Field(default=0, description="Least number of targets of an observation that counts.")
+
+
+class SmallRequest(SmallOptions):
+    """A count as it is posted."""
+
+    measurement_set_id: Identifier
+
+
+class SmallResult(Message):
+    """A count."""
+
+    observations: int
+    readings: int
+
+
+class SmallSummary(Message):
+    """A count in a listing."""
+
+    id: Identifier
+    robot_id: Identifier
+    measurement_set_id: Identifier
+    state: JobState
+    created_at: Timestamp
+
+
+class Small(Job):
+    """A stored count."""
+
+    kind: ClassVar[str] = "small"
+    collection: ClassVar[str] = "smalls"
+
+    request: SmallRequest
+    result: SmallResult | None = Field(description="Present if the count succeeded.")
+
+
+def compute(inputs: Inputs, request: SmallRequest) -> Work:
+    """Return the work of a count."""
+    from jointstiff.service.conversion.readings import hash_of
+    from jointstiff.service.kinds.work import QuickWork
+
+    prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+    counts = prepared.measurements.present.sum(axis=1).tolist()
+    kept = [count for count in counts if count >= request.least]
+    return QuickWork(
+        result=lambda: SmallResult(observations=len(kept), readings=sum(kept)),
+        input_hash=hash_of(prepared.content, str(request.least)),
+        robot_id=prepared.robot_id,
+    )
+
+
+def report(_job: Small, result: SmallResult, _view: View) -> Report:
+    """Return the counts."""
+    columns = [Column("observations", [result.observations]), Column("readings", [result.readings])]
+    return Report([Table(columns, title="Readings of the set")])
+
+
+def counts_sheet(job: Small) -> Sheet:
+    """Return the counts."""
+    return Sheet.of_rows([] if job.result is None else [job.result.model_dump()])
+
+
+SMALL: Final = Kind[Small, SmallRequest, SmallSummary](
+    message=Small,
+    request=SmallRequest,
+    options=SmallOptions,
+    compute=compute,
+    report=report,
+    sources=("measurement_set",),
+    summary=SmallSummary,
+    title="Count of readings",
+    description="Count the readings of a measurement set.",
+    filters={"measurement_set_id": "measurement set"},
+    examples={"all": {"measurement_set_id": "ID_OF_A_STORED_SET"}},
+    files=(
+        File(
+            name="counts.csv",
+            operation="get_small_counts",
+            description="Get the counts as a table.",
+            content="The table as CSV.",
+            media_type="text/csv",
+            sheet=counts_sheet,
+            made_of="result",
+        ),
+    ),
+)
