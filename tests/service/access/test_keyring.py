@@ -14,12 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import select
 from support.examples import examples
+from support.in_process import Client
 from support.processes import until
 
 from jointstiff.service.access.key_text import digest, id_in, mint, without_keys
 from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.access.keys_file import KeysFile, KeysFileError
+from jointstiff.service.api import gate
 from jointstiff.service.api.gate import FORGIVEN, network_of
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
@@ -193,6 +196,19 @@ def test_services_that_count_at_once_count_each_wrong_key(database_url):
         counts = [store.wrong_keys.count for store in (first, second)]
         list(pool.map(lambda number: counts[number % 2]("192.0.2.1"), range(12)))
         assert 11 < counts[0]("192.0.2.1") <= 12
+
+
+def test_services_of_one_database_share_the_throttle(database_url, monkeypatch):
+    monkeypatch.setattr(gate, "SLOW_SECONDS", 0.0)
+    posture = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+    wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
+    with Store.open(database_url) as first, Store.open(database_url) as second:
+        first.keys.add(KEYS[0][1])
+        services = [Client(store, posture) for store in (first, second)]
+        statuses = [services[number % 2].get("/v1/robots", headers=wrong).status_code for number in range(16)]
+        assert statuses == [401] * (FORGIVEN + 1) + [429] * (15 - FORGIVEN)
+        good = {"Authorization": f"Bearer {KEYS[0][0]}"}
+        assert {service.get("/v1/robots", headers=good).status_code for service in services} == {200}
 
 
 def test_one_machine_has_one_count_however_many_addresses():

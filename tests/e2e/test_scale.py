@@ -1,0 +1,103 @@
+"""Two services and two workers on one PostgreSQL, one of each killed: every run is carried out once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+from sqlalchemy import func, select
+from support.in_process import Client
+from support.processes import free_port, ready, serving, until, working
+
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import job_steps, jobs
+from jointstiff.simulator import default_arm, simulate_campaign
+
+pytestmark = pytest.mark.process
+
+RUNS = 24
+SEEDS = 3
+DRAWS = 8_000
+"""Of each run two steps, half a second."""
+
+
+def request(set_id: str, number: int) -> dict[str, Any]:
+    resampling = {"size": 100, "repetitions": DRAWS, "seed": number % SEEDS}
+    return {"measurement_set_id": set_id, "resampling": resampling}
+
+
+def post_campaign(post: Callable[[str, Any], dict[str, Any]], campaign: dict[str, Any]) -> str:
+    robot = post("/v1/robots", campaign["robot"])["id"]
+    return post("/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot})["id"]
+
+
+def on_sqlite(folder: Path, campaign: dict[str, Any]) -> list[Any]:
+    """The results on SQLite, in one process without an engine, by seed."""
+    with Store.open(f"sqlite:///{folder / 'alone.db'}") as store:
+        client = Client(store)
+
+        def post(path: str, body: Any) -> dict[str, Any]:
+            return client.request("POST", path, json=body).json()
+
+        set_id = post_campaign(post, campaign)
+        return [post("/v1/runs", request(set_id, seed))["result"] for seed in range(SEEDS)]
+
+
+def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_with_the_same_bits(
+    new_postgresql_database: Callable[[], str], tmp_path: Path
+) -> None:
+    database, campaign = new_postgresql_database(), simulate_campaign(default_arm(), configurations=200)
+    with ExitStack() as stack:
+        processes = [stack.enter_context(serving(database, 0, free_port())) for _ in range(2)]
+        workers = [stack.enter_context(working(database, name)) for name in ("one", "two")]
+        for process in (*processes, *workers):
+            ready(process)
+        services = [stack.enter_context(httpx2.Client(base_url=each.url, timeout=60)) for each in processes]
+        left = services[0]
+        set_id = post_campaign(
+            lambda path, body: left.post(path, json=body).raise_for_status().json(), campaign
+        )
+
+        def post(number: int, first: int) -> httpx2.Response:
+            """Post to a service, and as a proxy does, to the next one if it is not there."""
+            for service in services[first:] + services[:first]:
+                try:
+                    key = {"Idempotency-Key": f"run {number}"}
+                    body = request(set_id, number)
+                    return service.post("/v1/runs?wait=0", json=body, headers=key).raise_for_status()
+                except httpx2.TransportError:
+                    continue
+            raise AssertionError("no service answers")
+
+        def stored() -> list[dict[str, Any]]:
+            return left.get("/v1/runs", params={"limit": 100}).raise_for_status().json()["items"]
+
+        with ThreadPoolExecutor(4) as pool:
+            # Each run is posted to both services at once, by the same key.
+            posts = [pool.submit(post, number, first) for number in range(RUNS) for first in range(2)]
+            until(lambda: len(stored()) > RUNS // 4)
+            processes[1].kill()
+            until(lambda: any(run["state"] == "running" for run in stored()))
+            workers[0].kill()
+            ids = [each.result().json()["id"] for each in posts]
+        assert ids[::2] == ids[1::2]
+        until(lambda: all(run["state"] not in {"queued", "running"} for run in stored()), seconds=150)
+
+        assert {run["id"] for run in stored()} == set(ids)
+        assert len(set(ids)) == RUNS
+        expected = on_sqlite(tmp_path, campaign)
+        for number, identifier in enumerate(ids[::2]):
+            run = left.get(f"/v1/runs/{identifier}").json()
+            assert run["state"] == "succeeded", run["error"]
+            assert run["result"] == expected[number % SEEDS]
+            assert post(number, 1).json()["id"] == identifier
+    done = select(job_steps.c.job_id, func.sum(job_steps.c.done)).group_by(job_steps.c.job_id)
+    with closing(Database.open(database)) as opened, opened.reading() as connection:
+        assert dict(map(tuple, connection.execute(done))) == dict.fromkeys(ids, DRAWS)
+        assert connection.execute(select(func.count()).select_from(jobs)).scalar_one() == RUNS
