@@ -23,8 +23,8 @@ from sqlalchemy import func, select
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import Service, numbers, post_campaign, postgresql, running
+from jointstiff import identify
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.library.in_process import identify
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs, measurement_sets
 

@@ -28,8 +28,8 @@ from benchmarks.attacks.worker_faults import worker_faults
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
+from jointstiff import identify
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.library.in_process import identify
 from jointstiff.service.workers.doctor import examine
 
 __all__ = ["run"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+import jointstiff
 from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.library import in_process
 from jointstiff.solver.estimate import identify
 
 __all__ = ["run"]
@@ -26,7 +26,7 @@ def run(*, quick: bool) -> list[Section]:
     settings = default_settings(robot)
     times = interleaved(
         {
-            MESSAGE: partial(in_process.identify, campaign, campaign.run),
+            MESSAGE: partial(jointstiff.identify, campaign, campaign.run),
             BARE: lambda: identify(robot, replace(measurements), settings),  # a set keeps its regressors
         },
         rounds=3 if quick else 200,

@@ -12,10 +12,10 @@ from benchmarks.report import Figure, Part, Section
 from benchmarks.studies.assessment import WELL_DETERMINED, clean_campaign, planted_campaign
 from benchmarks.studies.mistakes import Posted
 from benchmarks.studies.verdicts import METHODS
+from jointstiff import identify
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.run import ModelChoice, RunResult
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.library.in_process import identify
 from jointstiff.service.library.results import TabledRun
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+import jointstiff
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.formats import FORMATS, export_model
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.library import in_process
 from jointstiff.simulator import default_arm, random_configurations, simulate_campaign
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.configuration import Configurations
@@ -64,7 +64,7 @@ def run(*, quick: bool) -> list[Section]:
 def _identified() -> ExportedModel:
     document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
     campaign = Campaign.model_validate_json(json.dumps(document))
-    found = in_process.identify(campaign, campaign.run)
+    found = jointstiff.identify(campaign, campaign.run)
     return ExportedModel.of(found, prepare_robot(campaign.robot).robot, campaign.robot.name)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+import jointstiff
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
@@ -22,7 +23,6 @@ from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.program.points import Corrections, points_sheet
 from jointstiff.service.kinds.program.rewriting import rewritten
 from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
-from jointstiff.service.library import in_process
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text
@@ -65,7 +65,7 @@ def exact_run() -> tuple[Robot, Run]:
     document = simulate_campaign(ARM, load="pull", configurations=12, sigma=0.0, noise=False, seed=1)
     document["run"] = {"method": "partial_pose", "complementary_stiffness": "included"}
     campaign = Campaign.model_validate_json(json.dumps(document))
-    return prepare_robot(campaign.robot).robot, in_process.identify(campaign, campaign.run)
+    return prepare_robot(campaign.robot).robot, jointstiff.identify(campaign, campaign.run)
 
 
 def path(count: int) -> Array:
@@ -261,7 +261,7 @@ def _beams(count: int) -> Section:
     }
     campaign = Campaign.model_validate_json(json.dumps(document))
     robot = prepare_robot(campaign.robot).robot
-    stored = in_process.identify(campaign, campaign.run).result
+    stored = jointstiff.identify(campaign, campaign.run).result
     if stored is None or stored.model is None or stored.model.elastic is None:
         raise RuntimeError("no elastic model")
     links, _ = to_forward_model(robot, stored.model)

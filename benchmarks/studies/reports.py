@@ -12,13 +12,13 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
+import jointstiff
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.library import in_process
 from jointstiff.service.reports.document import Document, draft
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
@@ -107,7 +107,7 @@ def _write(folder: Path) -> None:
     document = simulate_campaign(default_arm(), load="pull", configurations=24, seed=1)
     campaign = Campaign.model_validate_json(json.dumps(document))
     (folder / "campaign.json").write_text(json.dumps(document), encoding="utf-8")
-    found = in_process.identify(campaign, campaign.run)
+    found = jointstiff.identify(campaign, campaign.run)
     (folder / "run.json").write_text(found.model_dump_json(), encoding="utf-8")
 
 

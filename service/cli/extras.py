@@ -70,7 +70,7 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> None:  #
 
 
 def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> None:  # noqa: ANN401 - a Plan
-    from jointstiff.service.library.plans import campaign_to_fill_in, read_planned
+    from jointstiff.service.library.files import campaign_to_fill_in, read_planned
 
     if values["campaign"] is not None:
         campaign = campaign_to_fill_in(read_planned(sources[0]), job)

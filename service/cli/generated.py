@@ -148,10 +148,9 @@ def _common(kind: AnyKind, extra: Extra) -> dict[str, tuple[Any, Any]]:
 def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dict[str, Any]) -> Job:
     """Carry the work out, as `import jointstiff` does."""
     from jointstiff.schemas.run.run import Run
-    from jointstiff.service.library.campaigns import read_campaign, read_document
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.library.in_process import function_of
-    from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.library.files import campaign_of, read_document
+    from jointstiff.service.library.verbs import function_of, run_of
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
@@ -161,13 +160,13 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dic
             stated["load_point"] = [1e3 * metres for metres in stated["load_point"]]
         stated = options | stated
     if values.get("run") is not None:
-        run = TabledRun.of(read_document(values["run"], Run), read_campaign(sources[0]))
+        run = run_of(read_document(values["run"], Run), campaign_of(sources[0]))
         sources = [run, *sources[1:]]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     try:
         with progress_bar(shown=kind.stepped) as tell:
-            steps = {"on_progress": tell} if kind.stepped else {}
-            job: Job = function_of(ROOMS[kind.name].command)(*given, **steps, **stated)
+            do = function_of(ROOMS[kind.name].command)
+            job: Job = do(*given, on_progress=tell if kind.stepped else None, **stated)
     except CampaignError as error:
         raise CampaignError(_in_options(kind, error.problem)) from error
     return job

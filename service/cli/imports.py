@@ -104,7 +104,7 @@ def import_readings(
 
 
 def _robot_of(text: str) -> "RobotDocument":
-    from jointstiff.service.library.plans import read_robot
+    from jointstiff.service.library.files import read_robot
 
     return read_robot(text)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from jointstiff.service.cli.answers import refuse_existing, write_bytes, write_text
+from jointstiff.service.cli.answers import refuse_existing, write_text
 from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
@@ -23,17 +23,9 @@ from jointstiff.service.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.run.run import Run
-    from jointstiff.service.exporting.formats import ModelFormat
+    from jointstiff.service.library.results import TabledRun
 
-_FORMATS: Final[dict[str, ModelFormat]] = {
-    ".csv": "csv",
-    ".xlsx": "xlsx",
-    ".urdf": "urdf",
-    ".sdf": "sdf",
-    ".mjcf": "mjcf",
-    ".xml": "mjcf",
-}
+_FORMATS: Final = (".csv", ".xlsx", ".urdf", ".sdf", ".mjcf", ".xml")
 _REPORTS: Final = (".pdf", ".html")
 
 
@@ -73,15 +65,14 @@ def predict(
 ) -> None:
     """Predict deflections in given postures under given loads."""
     from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_parts
-    from jointstiff.service.library import campaigns
+    from jointstiff.service.library import verbs
     from jointstiff.service.tables.terminal import console, printed
 
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
-    result = campaigns.predict(
-        campaigns.read_campaign(file),
-        postures.read_text(encoding="utf-8-sig", errors="replace"),
-        _read_run(run),
+    result = verbs.predict(
+        _identified(file, run),
+        postures,
         load_point=load_point,
         place=place,
         absolute=absolute,
@@ -108,15 +99,11 @@ def export(
     overwrite: Overwrite = False,
 ) -> None:
     """Export a model as a table or for a simulator."""
-    from jointstiff.service.library import models
-    from jointstiff.service.library.campaigns import read_campaign
-
-    format_name = _FORMATS.get(output.suffix.lower())
-    if format_name is None:
+    if output.suffix.lower() not in _FORMATS:
         raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
     refuse_existing(output, overwrite=overwrite)
-    accepted = "do_not_use" if despite_verdict else None
-    _write(output, models.exported(read_campaign(file), format_name, _read_run(run), accepted))
+    _identified(file, run).export(output, "do_not_use" if despite_verdict else None)
+    typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
 def report(
@@ -134,23 +121,34 @@ def report(
     overwrite: Overwrite = False,
 ) -> None:
     """Write a draft report on a campaign or a result."""
-    from jointstiff.service.library import models
-    from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-
     if output.suffix.lower() not in _REPORTS:
         raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
     refuse_existing(output, overwrite=overwrite)
-    settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
-    _write(output, models.reported(file, output.suffix.lower() == ".pdf", settings, _read_run(run)))
+    _reported(file, run).report(output, laboratory)
+    typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
-def _read_run(path: Path | None) -> Run | None:
+def _reported(file: Path, run: Path | None) -> Any:  # noqa: ANN401 - a job that shows itself
+    """Return the run of a campaign, or the job of another kind that a file holds."""
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.library.verbs import read_job
+
+    try:
+        return _identified(file, run)
+    except CampaignError:
+        job = None if run is not None else read_job(file)
+        if job is None:
+            raise
+        return job
+
+
+def _identified(file: Path, run: Path | None) -> TabledRun:
+    """Return the run of a campaign from its file; identified now without one."""
     from jointstiff.schemas.run.run import Run
-    from jointstiff.service.library.campaigns import read_document
+    from jointstiff.service.library.files import campaign_of, read_document
+    from jointstiff.service.library.verbs import function_of, run_of
 
-    return None if path is None else read_document(path, Run)
-
-
-def _write(output: Path, content: bytes) -> None:
-    write_bytes(output, content)
-    typer.echo(f"{output}: {len(content):,} bytes")
+    if run is not None:
+        return run_of(read_document(run, Run), campaign_of(file))
+    identified: TabledRun = function_of("identify")(file)
+    return identified

@@ -147,14 +147,14 @@ def post(
     """
     from jointstiff.service.kinds.report import job_report
     from jointstiff.service.kinds.run import RUN
-    from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.client import Client
+    from jointstiff.service.library.files import campaign_of
     from jointstiff.service.tables.terminal import console
 
     if file.is_dir():
         with Client(server, warn=warn) as client:
             raise typer.Exit(_post_all(client, file))
-    campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
+    campaign = campaign_of(file).model_dump(mode="json", exclude_unset=True)
     with Client(server, warn=warn) as client:
         client.ping()
         robot, stored = client.post_campaign(campaign)

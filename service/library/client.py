@@ -1,55 +1,92 @@
-"""A client of the service, for notebooks and for the command line."""
+"""A client of the service, for notebooks and the command line: verbs, and collections of resources."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
+from urllib.parse import quote
 from uuid import uuid4
 
 import httpx2
+from pydantic import ValidationError
 
-from jointstiff.schemas.comparison import Comparison
 from jointstiff.schemas.deflection import DeflectionResult
-from jointstiff.schemas.fields import Message
-from jointstiff.schemas.geometry.message import Geometry
-from jointstiff.schemas.map import Map
+from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.measurement.measurement_set import MeasurementSet, MeasurementSetSummary
-from jointstiff.schemas.pair import Pair
-from jointstiff.schemas.plan import Plan
-from jointstiff.schemas.program import Program
-from jointstiff.schemas.robot import Robot, RobotSummary
-from jointstiff.schemas.run.run import Run
-from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.kinds.map import MAP
-from jointstiff.service.kinds.pair import PAIR
-from jointstiff.service.kinds.plan import PLAN
-from jointstiff.service.kinds.program import PROGRAM
-from jointstiff.service.library.answers import alien, no_address, problem_in, resource_in, silence
-from jointstiff.service.library.campaigns import read_object
-from jointstiff.service.library.collections import Collection, Document, Jobs, Programs, Runs, plain
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
+from jointstiff.schemas.run.run import CampaignRun, Run, RunSummary
+from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.library import results
 from jointstiff.service.library.errors import AwayError, RefusedError
-from jointstiff.service.library.in_process import AnyCampaign, campaign_of
-from jointstiff.service.library.results import TabledRun
+from jointstiff.service.library.files import as_campaign_error, campaign_of, read_object
+from jointstiff.service.library.results import TabledRun, shown
+from jointstiff.service.library.verbs import OnProgress, Verb, load_cases, verb_of
 from jointstiff.service.problems.table import http_problem
+from jointstiff.solver.errors import RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.comparison import Comparison, ComparisonSummary
+    from jointstiff.schemas.geometry.message import Geometry, GeometrySummary
+    from jointstiff.schemas.map import Map, MapSummary
+    from jointstiff.schemas.pair import Pair, PairSummary
+    from jointstiff.schemas.plan import Plan, PlanSummary
+    from jointstiff.schemas.program import Program, ProgramSummary
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
+_LOOK_SECONDS: Final = 0.2
+_GONE: Final = frozenset({404, 410})
+
+Document = Message | Mapping[str, Any]
+Resource = TypeVar("Resource", bound=Message)
+Summary = TypeVar("Summary", bound=Message)
+
+
+def plain(document: Document) -> dict[str, Any]:
+    """Return a document as JSON objects, with the fields that were set."""
+    if isinstance(document, Message):
+        return document.model_dump(mode="json", exclude_unset=True)
+    return dict(document)
 
 
 class Client:
     """A service, with its resources by kind, such as `client.runs.get(id)`.
 
+    The verbs are those of `import jointstiff`, such as `client.identify("campaign.json")`; where they take a
+    campaign, they take a run or a robot of the service, too.
+
     A service that answered once and does not now is restarting, most of the time: requests are repeated until
     it answers again. Each post carries a key that makes it safe to repeat. Every method raises `RefusedError`
     if the service refuses or does not answer. Used as a context manager, it closes its connections.
     """
+
+    # a kind of work has its verb and its collection without a line here, which is for editors and mypy
+    identify: Verb[TabledRun]
+    compare: Verb[Comparison]
+    pair: Verb[Pair]
+    geometry: Verb[Geometry]
+    plan: Verb[Plan]
+    map: Verb[Map]
+    compensate: Verb[Program]
+    runs: Jobs[TabledRun, RunSummary]
+    comparisons: Jobs[Comparison, ComparisonSummary]
+    pairs: Jobs[Pair, PairSummary]
+    geometries: Jobs[Geometry, GeometrySummary]
+    plans: Jobs[Plan, PlanSummary]
+    maps: Jobs[Map, MapSummary]
+    programs: Jobs[Program, ProgramSummary]
 
     def __init__(
         self,
@@ -74,7 +111,8 @@ class Client:
             RefusedError: there can be no such address, or no such key.
         """
         if not url.startswith(("http://", "https://")):
-            raise RefusedError(no_address(url))
+            remedy = "write the address with http:// before it, such as http://127.0.0.1:8000"
+            raise RefusedError(http_problem(422, f"'{url}' is not the address of a service", remedy))
         key = (os.environ.get("JOINTSTIFF_KEY", "") if key is None else key).strip()
         if not (key.isascii() and key.isprintable()):  # HTTP's own complaint would show the key
             raise RefusedError(http_problem(401, "the text given is not a key", "copy the whole key"))
@@ -82,20 +120,14 @@ class Client:
         try:
             self._http = httpx2.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
         except httpx2.InvalidURL as error:
-            raise RefusedError(silence(url, error)) from error
+            raise RefusedError(_silence(url, error)) from error
         self._warn, self._patience = warn, patience
         self._answered = False
-        self.robots = Collection(self.send, "robots", Robot, RobotSummary)
-        self.measurement_sets = Collection(
-            self.send, "measurement-sets", MeasurementSet, MeasurementSetSummary
-        )
-        self.runs = Runs(self.send)
-        self.comparisons = Jobs(self.send, COMPARISON)
-        self.pairs = Jobs(self.send, PAIR)
-        self.geometries = Jobs(self.send, GEOMETRY)
-        self.plans = Jobs(self.send, PLAN)
-        self.maps = Jobs(self.send, MAP)
-        self.programs = Programs(self.send, PROGRAM)
+        self.robots = Collection(self, "robots", Robot, RobotSummary)
+        self.measurement_sets = Collection(self, "measurement-sets", MeasurementSet, MeasurementSetSummary)
+        for kind in KINDS:
+            setattr(self, kind.collection, Jobs(self, kind))
+            setattr(self, ROOMS[kind.name].command, verb_of(kind, lambda: self))
 
     def __enter__(self) -> Client:
         return self
@@ -111,54 +143,23 @@ class Client:
         """Find out that the service is there; from now on requests are repeated while it is not."""
         self.send("GET", "/health")
 
-    def identify(self, campaign: AnyCampaign, **options: Any) -> TabledRun:  # noqa: ANN401 - of RunOptions
-        """Post a campaign and its run; return the run once it has ended.
-
-        Args:
-            campaign: a file, a document that was read from JSON, or a `Campaign`.
-            options: fields of `RunOptions` that replace the campaign's.
-
-        Raises:
-            CampaignError: the file is no campaign.
-            RefusedError: the service refuses it.
-        """
-        document = plain(campaign_of(campaign))
-        _, stored = self.post_campaign(document)
-        request = document.get("run", {}) | options | {"measurement_set_id": stored.id}
-        return self.runs.done(request)
-
-    def compare(self, run: Run, **options: Any) -> Comparison:  # noqa: ANN401 - of ComparisonOptions
-        """Compare the methods on the measurement set of a run."""
-        return self.comparisons.done({"measurement_set_id": run.request.measurement_set_id, **options})
-
-    def pair(self, first: Run, second: Run, **options: Any) -> Pair:  # noqa: ANN401 - of PairOptions
-        """Compare two runs, each by its own options."""
-        return self.pairs.done({"first": {"run_id": first.id}, "second": {"run_id": second.id}, **options})
-
-    def geometry(self, request: Document) -> Geometry:
-        """Identify a robot's geometry from a `GeometryRequest`."""
-        return self.geometries.done(request)
-
-    def plan(self, source: Run | Robot, **options: Any) -> Plan:  # noqa: ANN401 - of PlanOptions
-        """Plan readings: to go on with the measurement set of a run, or to begin with a stored robot."""
-        if isinstance(source, Run):
-            return self.plans.done({"measurement_set_id": source.request.measurement_set_id, **options})
-        return self.plans.done({"robot_id": source.id, **options})
-
-    def predict(self, run: Run, cases: Sequence[Document], **options: Any) -> DeflectionResult:  # noqa: ANN401
-        """Predict deflections by a run; `cases` are load cases, `options` fields of `DeflectionOptions`."""
-        request = {"run_id": run.id, "cases": [plain(case) for case in cases], **options}
+    def predict(
+        self,
+        run: Any,  # noqa: ANN401 - a run, or a campaign
+        postures: str | PathLike[str] | Sequence[Document],
+        **options: Any,  # noqa: ANN401 - fields of DeflectionOptions
+    ) -> DeflectionResult:
+        """Predict deflections by a run; arguments as of `jointstiff.predict`."""
+        request: dict[str, Any] = {**options, "run_id": self.identified(run)}
+        if isinstance(postures, str | PathLike):
+            joints = [joint.name for joint in self.runs.get(request["run_id"]).joints.values()]
+            with as_campaign_error("prediction"):
+                request |= plain(load_cases(postures, joints, options))
+        else:
+            request["cases"] = [plain(case) for case in postures]
         return resource_in(self.send("POST", "/v1/deflections", None, request), DeflectionResult)
 
-    def map(self, run: Run, options: Document | None = None, **fields: Any) -> Map:  # noqa: ANN401
-        """Map a work area by a run."""
-        return self.maps.done({**plain(options or {}), **fields, "run_id": run.id})
-
-    def compensate(self, run: Run, *files: str | Path, **options: Any) -> Program:  # noqa: ANN401
-        """Correct a robot program by a run; `programs.files` has what it became."""
-        return self.programs.compensate(files, {**options, "run_id": run.id})
-
-    def post_campaign(self, campaign: Message | Mapping[str, Any]) -> tuple[Robot, MeasurementSet]:
+    def post_campaign(self, campaign: Document) -> tuple[Robot, MeasurementSet]:
         """Post the robot and the readings of a campaign, each once; return both as they were stored."""
         document = plain(campaign)
         robot = self.robots.once(document["robot"])
@@ -178,6 +179,33 @@ class Client:
         else:
             self.robots.once(document.get("robot", {}))
 
+    def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
+        """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
+        if isinstance(source, Run):
+            return source.request.measurement_set_id, None
+        campaign = campaign_of(source)
+        return self.post_campaign(campaign)[1].id, campaign.run
+
+    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
+        """Return the id of a stored run, or of a campaign, which is posted once and identified."""
+        run: Run = source if isinstance(source, Run) else self.identify(source)
+        return run.id
+
+    def described(self, robot: RobotDocument) -> str:
+        """Return the id of a stored robot, or of a robot, which is posted once."""
+        return robot.id if isinstance(robot, Robot) else self.robots.once(robot).id
+
+    def done(
+        self,
+        kind: Kind[AnyJob, Any, Any],
+        request: dict[str, Any],
+        files: Mapping[str, bytes],
+        on_progress: OnProgress | None = None,
+    ) -> AnyJob:
+        """Post a request; return the job once it has ended."""
+        jobs: Jobs[AnyJob, Any] = getattr(self, kind.collection)
+        return jobs.wait(jobs.create(request, files=files), on_progress)
+
     def send(
         self,
         verb: str,
@@ -195,13 +223,14 @@ class Client:
             RefusedError: the service refuses, never answered, or has not for as long as its patience.
         """
         parts: dict[str, Any] = {"params": query}
-        if files is not None:
-            parts |= {"headers": {"Idempotency-Key": key or uuid4().hex}}
-            parts |= {"files": [("files", (name, content)) for name, content in files.items()]}
-            parts |= {"data": {"options": json.dumps(plain(document or {}))}}
-        elif document is not None:
-            headers = {"Content-Type": "application/json", "Idempotency-Key": key or uuid4().hex}
-            parts |= {"content": json.dumps(plain(document)), "headers": headers}
+        if document is not None:
+            content = json.dumps(plain(document))
+            parts["headers"] = {"Idempotency-Key": key or uuid4().hex}
+            if files:
+                parts |= {"files": [("files", file) for file in files.items()], "data": {"options": content}}
+            else:
+                parts["headers"]["Content-Type"] = "application/json"
+                parts["content"] = content
         end, pause = time.monotonic() + self._patience, _FIRST_PAUSE
         while True:
             try:
@@ -218,13 +247,194 @@ class Client:
         try:
             response = self._http.request(verb, path, **parts)
         except httpx2.DecodingError as error:
-            raise alien("which cannot be decoded") from error
+            raise _alien("which cannot be decoded") from error
         except httpx2.InvalidURL as error:
-            raise RefusedError(silence(self._http.base_url, error)) from error
+            raise RefusedError(_silence(self._http.base_url, error)) from error
         except httpx2.TransportError as error:
-            raise AwayError(silence(self._http.base_url, error)) from error
+            raise AwayError(_silence(self._http.base_url, error)) from error
         self._answered = True
         if not response.is_success:
             away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
             raise (AwayError if away else RefusedError)(problem_in(response))
         return response
+
+
+class Collection(Generic[Resource, Summary]):
+    """Resources of one kind."""
+
+    def __init__(self, client: Client, name: str, kind: type[Resource], summary: type[Summary]) -> None:
+        """Reach the resources of this name over a client."""
+        self._client, self._path, self._kind, self._summary = client, f"/v1/{name}", kind, summary
+
+    def create(
+        self, document: Document, *, key: str | None = None, files: Mapping[str, bytes] | None = None
+    ) -> Resource:
+        """Post a document; return the resource that it became.
+
+        Args:
+            document: as the API takes it.
+            key: idempotency key; one of its own if absent.
+            files: contents by name, for the kinds of work that take files.
+        """
+        return self._in(self._client.send("POST", self._path, None, document, key, files))
+
+    def once(self, document: Document) -> Resource:
+        """Post a document unless it was posted before and is still there: its content is the key."""
+        content = json.dumps(plain(document), sort_keys=True)
+        posted, mark = json.loads(content), content
+        while True:
+            resource: Any = self.create(posted, key=hashlib.sha256(mark.encode()).hexdigest())
+            if self._is_there(resource.id):
+                return cast("Resource", resource)
+            mark += resource.id  # the key belongs to the deleted one for ever
+
+    def _is_there(self, identifier: str) -> bool:
+        """Return whether a resource was not deleted; HEAD does not say why it is refused, so GET does."""
+        try:
+            self._client.send("HEAD", self._address(identifier))
+        except AwayError:
+            raise
+        except RefusedError:
+            try:
+                self._client.send("GET", self._address(identifier))
+            except RefusedError as refused:
+                if refused.problem.status not in _GONE:
+                    raise
+                return False
+        return True
+
+    def get(self, identifier: str) -> Resource:
+        """Return a resource."""
+        return self._in(self._client.send("GET", self._address(identifier)))
+
+    def list(self, **filters: str) -> Iterator[Summary]:
+        """Yield summaries of the resources, newest first; filters are those of the API."""
+        query: dict[str, str] | None = filters
+        while query is not None:
+            page = resource_in(self._client.send("GET", self._path, query), Page[self._summary])  # type: ignore[name-defined]
+            yield from page.items
+            query = None if page.next is None else filters | {"cursor": page.next}
+
+    def change(self, identifier: str, changes: Document) -> None:
+        """Change what may change of a robot or a measurement set: its name, metadata, archive."""
+        self._client.send("PATCH", self._address(identifier), None, changes)
+
+    def delete(self, identifier: str) -> None:
+        """Delete a resource, which can be restored for 30 days."""
+        self._client.send("DELETE", self._address(identifier))
+
+    def restore(self, identifier: str) -> None:
+        """Restore a deleted resource."""
+        self._client.send("POST", f"{self._address(identifier)}/restore", None, {})
+
+    def _address(self, identifier: str) -> str:
+        return f"{self._path}/{quote(identifier, safe='')}"
+
+    def _in(self, answer: httpx2.Response) -> Resource:
+        return resource_in(answer, self._kind)
+
+
+class Jobs(Collection[AnyJob, AnySummary]):
+    """Jobs of one kind, which may take long; what they apply, export and report goes over the service."""
+
+    campaign = None  # which the service keeps
+
+    def __init__(self, client: Client, kind: Kind[AnyJob, Any, AnySummary]) -> None:
+        """Reach the jobs of a kind over a client."""
+        super().__init__(client, kind.collection, shown(kind), kind.summary)
+
+    def create(
+        self, document: Document, *, key: str | None = None, files: Mapping[str, bytes] | None = None
+    ) -> AnyJob:
+        """Post a request; return the job after a second at most; arguments as of other collections."""
+        return self._in(self._client.send("POST", self._path, {"wait": "1"}, document, key, files))
+
+    def done(self, document: Document, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
+        """Post a request, and return the job once it has ended."""
+        return self.wait(self.create(document), on_progress)
+
+    def wait(self, job: AnyJob, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
+        """Wait for the end of a job; return it as it is then."""
+        while job.state in {"queued", "running"}:
+            if on_progress is not None and job.progress is not None:
+                on_progress(job.progress)
+            time.sleep(_LOOK_SECONDS)
+            job = self.get(job.id)
+        return job
+
+    def file(
+        self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
+    ) -> bytes:
+        """Return a file of a job, such as `model.urdf`, `report.pdf` or `map.npz`, by the query of the API.
+
+        Raises:
+            RequestError: a laboratory is given: the service has its own.
+        """
+        if laboratory is not None:
+            remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
+            raise RequestError("a service reports for its own laboratory", where="laboratory", remedy=remedy)
+        content: bytes = self._client.send("GET", f"{self._address(job.id)}/{name}", query).content
+        return content
+
+    def files(self, program: Program) -> dict[str, bytes]:
+        """Return the corrected files of a program by name."""
+        names = [] if program.result is None else [file.name for file in program.result.files]
+        return {name: self.file(program, "program", {"file": name}) for name in names}
+
+    def apply(self, run: TabledRun, action: str) -> TabledRun:
+        """Apply an action that a reason of a run advises; return the ended run of what it changes."""
+        from jointstiff.service.conversion.mending import advised
+
+        with as_campaign_error(""):
+            chosen = advised(cast("Any", run.result).assessment, action)
+        answer = self._client.send("POST", f"{self._address(run.id)}/apply", {"wait": "1"}, chosen)
+        return cast("TabledRun", self.wait(self._in(answer)))
+
+    def _in(self, answer: httpx2.Response) -> AnyJob:
+        return results.of(super()._in(answer), self)
+
+
+def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:
+    """Return the resource that an answer holds; it may come from anyone.
+
+    Raises:
+        RefusedError: it holds none.
+    """
+    try:
+        return kind.model_validate(_printable(json.loads(response.content)))
+    except (ValidationError, ValueError, RecursionError) as error:
+        raise _alien(f"which is not a {kind.__name__}") from error
+
+
+def problem_in(response: httpx2.Response) -> Problem:
+    """Return the problem that an answer holds, or the problem that it holds none."""
+    try:
+        return resource_in(response, Problem)
+    except RefusedError:
+        return _alien(f"status {response.status_code}").problem
+
+
+def _alien(what: str) -> RefusedError:
+    reason = f"the answer is not from Jointstiff, {what}"
+    return RefusedError(
+        http_problem(502, reason, "check the address, and that client and service have the same version")
+    )
+
+
+def _silence(address: object, error: Exception) -> Problem:
+    return http_problem(
+        503,
+        f"no answer from {address}: {error}",
+        "start it with `jointstiff serve`, or give the address of a running service with --server",
+    )
+
+
+def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
+    """Return JSON without characters that would steer a terminal."""
+    if isinstance(value, str):
+        return "".join(c if c.isprintable() else "\ufffd" for c in value)
+    if isinstance(value, list):
+        return [_printable(item) for item in value]
+    if isinstance(value, dict):
+        return {_printable(name): _printable(item) for name, item in value.items()}
+    return value

@@ -9,7 +9,7 @@
     with jointstiff.Client("http://127.0.0.1:8000") as client:   # the same names against a service
         run = client.identify("campaign.json")
 
-What is heavy is imported when it is used.
+`help(jointstiff.identify)` lists the options of a verb. What is heavy is imported when it is used.
 """
 
 from __future__ import annotations
@@ -18,20 +18,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.comparison import Comparison
+    from jointstiff.schemas.geometry.message import Geometry
+    from jointstiff.schemas.map import Map
+    from jointstiff.schemas.pair import Pair
+    from jointstiff.schemas.plan import Plan
+    from jointstiff.schemas.program import Program
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
-    from jointstiff.service.library.in_process import (
-        compare,
-        compensate,
-        geometry,
-        identify,
-        import_files,
-        map,  # noqa: A004 - the kind's name
-        pair,
-        plan,
-        predict,
-    )
     from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.library.verbs import Verb, import_files, predict
+
+    identify: Verb[TabledRun]
+    compare: Verb[Comparison]
+    pair: Verb[Pair]
+    geometry: Verb[Geometry]
+    plan: Verb[Plan]
+    map: Verb[Map]  # noqa: A001 - the kind's name
+    compensate: Verb[Program]
 
 __all__ = [
     "CampaignError",
@@ -49,21 +53,28 @@ __all__ = [
     "predict",
 ]
 
-_HOMES = {"CampaignError": "errors", "Client": "client", "RefusedError": "errors", "TabledRun": "results"}
-"""Modules of the names that do not stand in `in_process`."""
+_HOMES = {
+    "CampaignError": "errors",
+    "Client": "client",
+    "RefusedError": "errors",
+    "TabledRun": "results",
+    "import_files": "verbs",
+    "predict": "verbs",
+}
+"""Modules of the names that are no kinds of work."""
 
 
 def __getattr__(name: str) -> object:
     """Import a name of this package when it is first used."""
     if name == "__version__":
         return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
-    if name not in __all__:
-        from jointstiff.service.kinds.rooms import ROOMS
+    if name in _HOMES:
+        return getattr(import_module(f"jointstiff.service.library.{_HOMES[name]}"), name)
+    from jointstiff.service.kinds.rooms import ROOMS
 
-        if any(room.command == name for room in ROOMS.values()):
-            return import_module("jointstiff.service.library.in_process").function_of(name)
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"jointstiff.service.library.{_HOMES.get(name, 'in_process')}"), name)
+    if any(room.command == name for room in ROOMS.values()):
+        return import_module("jointstiff.service.library.verbs").function_of(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

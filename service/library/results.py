@@ -2,48 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from pydantic import PrivateAttr
+from pydantic import PrivateAttr, create_model
 from rich.console import Console
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import CampaignRun, Run, RunResult
-from jointstiff.service.inputs.inputs import Inputs
-from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
+from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.report import job_report, job_sheet
-from jointstiff.service.kinds.run import RUN
+from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.service.library.collections import Runs
+    from jointstiff.schemas.campaign import Campaign
 
 _WIDTH = 100
+_MODELS = {"csv", "xlsx", "urdf", "sdf", "mjcf", "xml"}
 
 
-class _Shown:
+class Origin(Protocol):
+    """This process or a service, where a job was done: it makes the job's files, and goes on from it."""
+
+    @property
+    def campaign(self) -> Campaign | None:
+        """Campaign that was identified; None if the origin does not keep it."""
+
+    def file(
+        self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
+    ) -> bytes:
+        """Return a file of a job, such as `report.pdf`, by the query of the API."""
+
+    def apply(self, run: TabledRun, action: str) -> TabledRun:
+        """Apply an action that a reason of a run advises; return the run of what it changes."""
+
+
+class Shown:
     """A job that shows itself as tables: to be mixed with its message."""
 
-    declared: ClassVar[AnyKind]
-    _inputs: Any  # inputs of the work, where it was done in this process
+    _origin: Any  # where it was done; None if that is not known
 
     def __eq__(self, other: object) -> bool:
         """Return whether the other is the same job, whether it shows itself or not."""
-        return (
-            isinstance(other, Job) and other.kind == self.declared.name and dict(self._job()) == dict(other)
-        )
+        return isinstance(other, Job) and other.kind == self._job.kind and dict(self._job) == dict(other)
 
     def __hash__(self) -> int:
         """Return the hash of the id, which is the job's alone."""
-        return hash(self._job().id)
+        return hash(self._job.id)
 
+    @property
     def _job(self) -> Job:
         return cast("Job", self)
 
@@ -51,68 +65,65 @@ class _Shown:
         """Return the table of the job as a file: `csv`, and for maps `npz` and `json`.
 
         Raises:
-            ValueError: the kind has no such table, or its inputs are a service's.
+            ValueError: the kind has no such table, or its inputs are not known.
         """
-        job, kind = self._job(), self.declared
+        job, kind = self._job, kind_of(self._job.kind)
         file = next((file for file in kind.files if file.suffix == suffix), None)
         if file is None:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
-        if file.made_of == "work" and self._inputs is None:
-            raise ValueError(f"the table of a {kind.name} is made from inputs that only the service has")
-        return written(job_sheet(file, job, lambda: kind.compute(self._inputs, job.request)), suffix)
+        if file.made_of == "work":
+            return self._known_origin().file(job, file.name)
+        return written(job_sheet(file, job, lambda: cast("Any", None)), suffix)
+
+    def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
+        """Write the report, a draft, as PDF or HTML.
+
+        Args:
+            path: file to write, ending in `.pdf` or `.html`.
+            laboratory: TOML file of the laboratory that issues it; a service has its own.
+
+        Raises:
+            CampaignError: the report cannot be made, or Typst is not installed.
+            RefusedError: the service refuses it.
+        """
+        name = f"report.{_suffix(path, {'pdf', 'html'})}"
+        settings = None if laboratory is None else Path(laboratory)
+        Path(path).write_bytes(self._known_origin().file(self._job, name, None, settings))
 
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
         console = Console(file=StringIO(), width=_WIDTH, highlight=False)
-        console.print(job_report(self.declared, self._job()))
+        console.print(job_report(kind_of(self._job.kind), self._job))
         return cast("StringIO", console.file).getvalue()
 
     def _repr_html_(self) -> str:
         """Return the report of the terminal as HTML, which notebooks display."""
         console = Console(record=True, file=StringIO(), width=_WIDTH)
-        console.print(job_report(self.declared, self._job()))
+        console.print(job_report(kind_of(self._job.kind), self._job))
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )
 
-
-class Joints(Mapping[str, JointResult]):
-    """The joints of a run by name, in order."""
-
-    def __init__(self, joints: list[JointResult]) -> None:
-        """Hold the joints of a result."""
-        self._joints = {joint.name: joint for joint in joints}
-
-    def __getitem__(self, name: str) -> JointResult:
-        """Return a joint."""
-        return self._joints[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Yield the names."""
-        return iter(self._joints)
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self._joints)
+    def _known_origin(self) -> Origin:
+        if self._origin is None:
+            raise ValueError(f"it is not known where the {self._job.kind} was done: use what a verb returned")
+        return cast("Origin", self._origin)
 
 
-class TabledRun(_Shown, Run):
+class TabledRun(Shown, Run):
     """A run with its joints by name, as a table where it is displayed, and as a report or a model file."""
 
-    declared: ClassVar[AnyKind] = RUN
-    _inputs: Any = PrivateAttr(default=None)
-    _campaign: Campaign | None = PrivateAttr(default=None)  # campaign that was identified in this process
-    _service: Runs | None = PrivateAttr(default=None)  # service that the run comes from, of a client
+    _origin: Any = PrivateAttr(default=None)
 
     @property
-    def joints(self) -> Joints:
-        """Joints by name, such as `run.joints["joint_2"].stiffness` [N·m/rad].
+    def joints(self) -> Mapping[str, JointResult]:
+        """Joints by name, in order, such as `run.joints["joint_2"].stiffness` [N·m/rad].
 
         Raises:
             RequestError: the run has no result.
         """
-        return Joints(self._found().joints)
+        return MappingProxyType({joint.name: joint for joint in self._found().joints})
 
     def to_frame(self) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
         """Return a row a joint, in SI units, as a data frame of pandas, or of polars without it.
@@ -141,13 +152,14 @@ class TabledRun(_Shown, Run):
         Raises:
             RequestError: the run comes from elsewhere.
         """
-        if self._campaign is None:
+        campaign = None if self._origin is None else self._known_origin().campaign
+        if campaign is None:
             raise RequestError(
                 "the run has no reference to its campaign",
                 where="run",
                 remedy="use a run that `jointstiff.identify` returned, or the client of its service",
             )
-        return self._campaign
+        return campaign
 
     def apply(self, action: str) -> TabledRun:
         """Apply an action that a reason advises, and identify what it changes, here or in the run's service.
@@ -159,58 +171,12 @@ class TabledRun(_Shown, Run):
             The run of the mended campaign, by the options of this one; in this process its `campaign`.
 
         Raises:
-            RequestError: the run has no result, or comes from elsewhere.
+            RequestError: the run has no result.
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
             RefusedError: the service refuses it.
         """
-        from jointstiff.service.conversion.mending import advised, mended
-        from jointstiff.service.library.campaigns import as_campaign_error
-        from jointstiff.service.library.in_process import identify
-
-        assessment = self._found().assessment
-        if self._service is not None:
-            with as_campaign_error(""):
-                chosen = advised(assessment, action)
-            return self._service.apply(self, chosen)
-        options = self.request.model_dump(exclude={"measurement_set_id", "variant_of"})
-        campaign = self.campaign.model_copy(update={"run": CampaignRun.model_validate(options)})
-        with as_campaign_error(""):
-            campaign = mended(campaign, advised(assessment, action))
-        return identify(campaign)
-
-    def _found(self) -> RunResult:
-        if self.result is None:
-            reason = self.error.detail if self.error else f"the run is {self.state}"
-            raise RequestError(reason, where="run", remedy="read `run.error`")
-        return self.result
-
-    @classmethod
-    def of(cls, run: Run, campaign: Campaign) -> TabledRun:
-        """Return a run that knows its campaign."""
-        tabled = cls.model_validate(dict(run))
-        tabled._campaign = campaign
-        return tabled
-
-    def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
-        """Write the report, a draft, as PDF or HTML.
-
-        Args:
-            path: file to write, ending in `.pdf` or `.html`.
-            laboratory: TOML file of the laboratory that issues it; a service has its own.
-
-        Raises:
-            CampaignError: the report cannot be made, or Typst is not installed.
-        """
-        from jointstiff.service.library.models import reported_run
-        from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-
-        if self._service is not None and laboratory is None:
-            name = f"report.{_suffix(path, {'pdf', 'html'})}"
-            Path(path).write_bytes(self._service.file(self, name, {}))
-            return
-        settings = LaboratorySettings() if laboratory is None else read_laboratory(Path(laboratory))
-        as_pdf = _suffix(path, {"pdf", "html"}) == "pdf"
-        Path(path).write_bytes(reported_run(self.campaign, as_pdf, settings, self))
+        self._found()
+        return self._known_origin().apply(self, action)
 
     def export(self, path: str | Path, accept_verdict: str | None = None) -> None:
         """Write the identified model.
@@ -223,21 +189,15 @@ class TabledRun(_Shown, Run):
             CampaignError: the run has no model for this format, or is not to be used.
             RefusedError: the service refuses it.
         """
-        from jointstiff.service.exporting.formats import FORMATS
-        from jointstiff.service.library.models import exported
+        suffix = _suffix(path, _MODELS).replace("xml", "mjcf")
+        query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
+        Path(path).write_bytes(self._known_origin().file(self, f"model.{suffix}", query))
 
-        suffix = _suffix(path, {*FORMATS, "xml"})
-        name = cast("Any", suffix.replace("xml", "mjcf"))
-        if self._service is not None:
-            query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
-            Path(path).write_bytes(self._service.file(self, f"model.{name}", query))
-            return
-        Path(path).write_bytes(exported(self.campaign, name, self, accept_verdict))
-
-    def over(self, service: Runs) -> TabledRun:
-        """Return the run, which goes over a service from now on."""
-        self._service = service
-        return self
+    def _found(self) -> RunResult:
+        if self.result is None:
+            reason = self.error.detail if self.error else f"the run is {self.state}"
+            raise RequestError(reason, where="run", remedy="read `run.error`")
+        return self.result
 
 
 @cache
@@ -245,19 +205,17 @@ def shown(kind: Kind[AnyJob, Any, Any]) -> type[AnyJob]:
     """Return the message of a kind that shows itself as tables."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
-    members = {
-        "__doc__": kind.message.__doc__,
-        "__module__": __name__,
-        "__annotations__": {"declared": ClassVar[AnyKind], "_inputs": Any},
-        "declared": kind,
-        "_inputs": PrivateAttr(default=None),
-    }
-    return cast("type[AnyJob]", type(kind.message.__name__, (_Shown, kind.message), members))
+    bases: Any = (Shown, kind.message)
+    origin: Any = (Any, PrivateAttr(default=None))
+    made = create_model(kind.message.__name__, __base__=bases, __doc__=kind.message.__doc__, _origin=origin)
+    return cast("type[AnyJob]", made)
 
 
-def with_inputs(job: Job, inputs: Inputs) -> None:
-    """Let a job that shows itself know its inputs, from which tables are made."""
-    cast("Any", job)._inputs = inputs
+def of(job: AnyJob, origin: Origin) -> AnyJob:
+    """Return a job that was done there, and shows itself."""
+    known = shown(kind_of(job.kind)).model_validate(dict(job))
+    cast("Any", known)._origin = origin
+    return cast("AnyJob", known)
 
 
 def _suffix(path: str | Path, known: set[str]) -> str:

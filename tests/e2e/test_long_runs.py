@@ -21,10 +21,10 @@ import pytest
 from sqlalchemy import func, select
 from support.processes import free_port, ready, serving, until, workers_of, working
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.run.resampling import MAX_REPETITIONS
-from jointstiff.service.library import in_process
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -49,7 +49,7 @@ def campaign() -> dict[str, Any]:
 def undisturbed(campaign: dict[str, Any]) -> dict[str, Any]:
     """The numbers of the run, carried out here without engine and workers."""
     document = Campaign.model_validate_json(json.dumps(campaign | {"run": {"resampling": RESAMPLING}}))
-    run = in_process.identify(document, document.run)
+    run = jointstiff.identify(document, document.run)
     assert run.state == "succeeded"
     return numbers(json.loads(run.model_dump_json()))
 
@@ -168,7 +168,7 @@ def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
     assert told[-1][1]["progress"]["done"] == 8 * 5_000
     found = client.get(address).json()
     document = Campaign.model_validate_json(json.dumps(campaign))
-    here = in_process.compare(document, ComparisonOptions.model_validate(options))
+    here = jointstiff.compare(document, ComparisonOptions.model_validate(options))
     assert numbers(found) == numbers(json.loads(here.model_dump_json()))
     table = client.get(f"{address}/table.csv")
     assert table.headers["content-type"].startswith("text/csv")

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.program.work import ProgramWork, packed
-from jointstiff.service.library import in_process
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
 from jointstiff.solver.robot.model import Robot
@@ -38,7 +38,7 @@ def exact_run() -> tuple[Robot, Run]:
     document = simulate_campaign(ARM, load="pull", configurations=12, sigma=0.0, noise=False, seed=1)
     document["run"] = {"method": "partial_pose", "complementary_stiffness": "included"}
     campaign = Campaign.model_validate_json(json.dumps(document))
-    return prepare_robot(campaign.robot).robot, in_process.identify(campaign, campaign.run)
+    return prepare_robot(campaign.robot).robot, jointstiff.identify(campaign, campaign.run)
 
 
 def path(count: int) -> np.ndarray:

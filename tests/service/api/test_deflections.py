@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection.models import to_load_cases
 from jointstiff.service.kinds.deflection.tables import read_load_cases
-from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.chain import DhRow, dh_chain
@@ -127,13 +127,15 @@ def test_a_point_that_no_tool_reaches_is_refused(client, pulled, field):
     post(client, "/v1/deflections", request(pulled, **{field: [0, 0, 5_000.0]}), expected=200)
 
 
-def test_the_reason_for_no_bound_is_the_true_one():
+def test_the_reason_for_no_bound_is_the_true_one(tmp_path):
     robot_and_set = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
     observations = robot_and_set["measurement_set"]["observations"]
     for observation in observations:
         observation["joints"] = observations[0]["joints"]
     campaign = Campaign.model_validate_json(json.dumps(robot_and_set))
-    result = campaigns.predict(campaign, TABLE, load_point=POINT)
+    table = tmp_path / "table.csv"
+    table.write_text(TABLE)
+    result = jointstiff.predict(campaign, table, load_point=POINT)
     assert any("the model error needs two postures under load" in remark for remark in result.remarks)
     assert not any("there are 0" in remark for remark in result.remarks)
 
@@ -208,7 +210,7 @@ class TestTables:
         assert found.cases[0].force == (200e3, 300e3, -800.0)
         assert found.cases[0].label == "drill"
 
-    def test_options_and_cells_each_have_their_units(self):
+    def test_options_and_cells_each_have_their_units(self, tmp_path):
         """Cells those of their headers, options those of `units`, which SI completes."""
         masses = [{"joint": "joint_3", "mass": 10.0, "centre": (300, 0, 0)}]
         campaign = Campaign.model_validate(simulate_campaign(ARM, load="pull", configurations=24, seed=1))
@@ -217,9 +219,11 @@ class TestTables:
             + ","
             + ",".join(f"M{axis} [N.m]" for axis in "xyz")
         )
-        table = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,0.2,0,1,0\n")
+        table = tmp_path / "table.csv"
+        cells = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,0.2,0,1,0\n")
+        table.write_text(cells)
         stated, si = (
-            campaigns.predict(campaign, table, **options)
+            jointstiff.predict(campaign, table, **options)
             for options in (
                 {
                     "load_point": (0, 0, 120),
@@ -231,10 +235,10 @@ class TestTables:
         )
         for case, other in zip(stated.cases, si.cases, strict=True):
             np.testing.assert_allclose(case.displacement, other.displacement, rtol=1e-12)
-        short = read_load_cases(table, NAMES, load_point=(0, 0, 120), units={"length": "mm"})
+        short = read_load_cases(cells, NAMES, load_point=(0, 0, 120), units={"length": "mm"})
         assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
         assert short.cases[0].place == (0.0, 0.0, 200.0)
-        assert read_load_cases(table, NAMES, units=short.units).units == short.units
+        assert read_load_cases(cells, NAMES, units=short.units).units == short.units
 
     @pytest.mark.parametrize(
         ("units", "where"), [({"length": "inch"}, "units.length"), ("mm", "units"), (None, "units")]

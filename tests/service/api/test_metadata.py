@@ -7,8 +7,8 @@ from datetime import UTC, datetime, timedelta, timezone
 import pytest
 from support.in_process import Client
 
+from jointstiff import identify
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.library.in_process import identify
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.store.records import MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store

@@ -11,6 +11,7 @@ from support.campaigns import prepare
 from support.gauges import by_gauges, triads
 from support.importing_samples import sources_of
 
+from jointstiff import identify, plan
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportRequest
@@ -19,8 +20,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.mending import mended
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.plan.tables import readings_sheet
-from jointstiff.service.library.in_process import identify, plan
-from jointstiff.service.library.plans import campaign_to_fill_in
+from jointstiff.service.library.files import campaign_to_fill_in
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -12,13 +12,13 @@ import openpyxl
 import pytest
 from typer.testing import CliRunner
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.formats import FORMATS, export_model
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.library import in_process
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -30,7 +30,7 @@ HOSTILE = '=HYPERLINK("http://x")--><!ENTITY & "\'<b>'
 
 def model_of(document):
     campaign = Campaign.model_validate_json(json.dumps(document))
-    run = in_process.identify(campaign, campaign.run)
+    run = jointstiff.identify(campaign, campaign.run)
     return ExportedModel.of(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
 
 

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from support.shared_data import shared
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.geometry.message import GeometryRequest
@@ -26,7 +27,6 @@ from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
-from jointstiff.service.library import in_process
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS
@@ -68,7 +68,7 @@ def first_line(report):
 
 
 def test_a_clean_run_is_for_use(clean):
-    run = in_process.identify(of(clean), INCLUDED)
+    run = jointstiff.identify(of(clean), INCLUDED)
     assert run.result.assessment.verdict == "use"
     assert run.result.assessment.reasons == []
     assert {joint.verdict for joint in run.result.joints} == {"use"}
@@ -76,7 +76,7 @@ def test_a_clean_run_is_for_use(clean):
 
 
 def test_exchanged_columns_cap_every_joint_and_can_be_exchanged_back(exchanged):
-    run = in_process.identify(of(exchanged), INCLUDED)
+    run = jointstiff.identify(of(exchanged), INCLUDED)
     assessment = run.result.assessment
     assert assessment.verdict == "do_not_use"
     (reason,) = [each for each in assessment.reasons if each.code == "alternative_explains_better"]
@@ -92,7 +92,7 @@ def test_places_are_labels_of_the_set(clean):
     document["measurement_set"].pop("noise", None)
     bumped = document["measurement_set"]["observations"][5]
     bumped["readings"][1]["deflection"][1] += 1e-3
-    run = in_process.identify(of(document), INCLUDED)
+    run = jointstiff.identify(of(document), INCLUDED)
     (reason,) = [each for each in run.result.assessment.reasons if each.code == "suspicious_readings"]
     assert run.result.assessment.verdict == "use_with_care"
     assert reason.where == f"observations[5] '{bumped['label']}'"
@@ -105,14 +105,14 @@ def test_the_target_of_an_action_is_its_name(clean):
     document["measurement_set"]["load_point"] = list(TARGETS["P11"])
     for observation in document["measurement_set"]["observations"]:
         observation.pop("load_point", None)
-    run = in_process.identify(of(document), INCLUDED)
+    run = jointstiff.identify(of(document), INCLUDED)
     targets = {each.action.target for each in run.result.assessment.reasons if each.code == "load_at_target"}
     assert targets == {"P11"}
 
 
 def test_elastic_runs_are_assessed(exchanged):
     options = RunOptions(elasticity="coupled_joints", link_penalty=1e-2)
-    result = in_process.identify(of(exchanged), options).result
+    result = jointstiff.identify(of(exchanged), options).result
     assert result.assessment.verdict == "do_not_use"
     assert {joint.verdict for joint in result.joints} == {"do_not_use"}
 
@@ -120,7 +120,7 @@ def test_elastic_runs_are_assessed(exchanged):
 @pytest.mark.parametrize("elasticity", ["joints", "joints_and_links"])
 def test_bending_links_are_no_suspicious_readings(elasticity):
     options = RunOptions(elasticity=elasticity, link_penalty=None if elasticity == "joints" else 1e-3)
-    result = in_process.identify(of(shared("simulated/flexible_links_20")), options).result
+    result = jointstiff.identify(of(shared("simulated/flexible_links_20")), options).result
     codes = {reason.code for reason in result.assessment.reasons}
     assert "suspicious_readings" not in codes
     if elasticity == "joints":
@@ -136,7 +136,7 @@ def test_a_run_that_identifies_no_joint_explains_nothing(clean):
     readings = document["measurement_set"]
     readings["observations"] = readings["observations"][:1]
     del readings["observations"][0]["readings"][1:]
-    result = in_process.identify(of(document), INCLUDED).result
+    result = jointstiff.identify(of(document), INCLUDED).result
     assert {joint.status for joint in result.joints} == {"not_observable"}
     assert result.assessment.verdict == "do_not_use"
     assert {"no_joint_identified", "no_residual_freedom", "few_postures"} == {
@@ -151,7 +151,7 @@ def test_a_rigid_flange_seen_once_contradicts_no_six_joints(clean):
     document = deepcopy(clean)
     document["measurement_set"].pop("noise")
     del document["measurement_set"]["observations"][1:]
-    result = in_process.identify(of(document), INCLUDED).result
+    result = jointstiff.identify(of(document), INCLUDED).result
     assert result.assessment.verdict == "do_not_use"
     assert result.compensation is None
 
@@ -166,7 +166,7 @@ def test_a_sigma_of_zero_says_what_to_do(clean):
 def test_a_penalty_under_which_no_link_bends_is_noted(clean):
     document = deepcopy(clean)
     del document["measurement_set"]["observations"][12:]
-    result = in_process.identify(
+    result = jointstiff.identify(
         of(document), RunOptions(elasticity="coupled_joints", loss="absolute")
     ).result
     noted = {warning.code for warning in result.warnings}
@@ -176,7 +176,7 @@ def test_a_penalty_under_which_no_link_bends_is_noted(clean):
 
 def test_a_comparison_has_the_worst_verdict_of_its_fits(clean, exchanged):
     for document, verdict in ((clean, "use"), (exchanged, "do_not_use")):
-        comparison = in_process.compare(of(document), ComparisonOptions())
+        comparison = jointstiff.compare(of(document), ComparisonOptions())
         verdicts = [entry.assessment.verdict for entry in comparison.result.entries]
         assert comparison.result.assessment.verdict == max(
             verdicts, key=["use", "use_with_care", "do_not_use"].index
@@ -192,14 +192,14 @@ def test_a_comparison_without_a_fit_is_not_for_use(clean):
     for observation in document["measurement_set"]["observations"]:
         del observation["readings"][1:]
     methods = [{"method": "complete_pose"}, {"method": "decoupled_partial_pose"}]
-    comparison = in_process.compare(of(document), ComparisonOptions.model_validate({"methods": methods}))
+    comparison = jointstiff.compare(of(document), ComparisonOptions.model_validate({"methods": methods}))
     assert {entry.assessment for entry in comparison.result.entries} == {None}
     assert comparison.result.assessment.verdict == "do_not_use"
     assert comparison.result.summary.joints_identified == 0
 
 
 def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
-    pair = in_process.pair(of(clean), of(exchanged), PairOptions(options=INCLUDED))
+    pair = jointstiff.pair(of(clean), of(exchanged), PairOptions(options=INCLUDED))
     result = pair.result
     assert result.assessment.verdict == "do_not_use"
     places = {reason.code: reason.where for reason in result.assessment.reasons}
@@ -214,7 +214,7 @@ def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
 def test_a_geometry_is_assessed_by_its_findings():
     document = shared("simulated/sweeps") | {"name": "simulated"}
     request = GeometryRequest.model_validate_json(json.dumps(document))
-    geometry = in_process.geometry(request)
+    geometry = jointstiff.geometry(request)
     worst = {finding.weight for finding in geometry.result.findings} - {"use"}
     assert (geometry.result.assessment.verdict == "use") == (not worst)
     assert len(geometry.result.assessment.reasons) == geometry.result.summary.warning_count

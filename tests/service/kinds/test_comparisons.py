@@ -13,6 +13,7 @@ from rich.console import Console
 from support.jobs import runs_of, stored_set
 from support.shared_data import shared
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparedMethod, ComparisonOptions, ComparisonRequest
 from jointstiff.schemas.run.options import RunOptions
@@ -24,7 +25,6 @@ from jointstiff.service.kinds.comparison.tables import entries_sheet
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.service.kinds.work import pack
-from jointstiff.service.library import in_process
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -50,7 +50,7 @@ def request(set_id, **changes):
 
 def compared(document, **options):
     campaign = Campaign.model_validate_json(json.dumps(document))
-    return in_process.compare(campaign, ComparisonOptions.model_validate(options))
+    return jointstiff.compare(campaign, ComparisonOptions.model_validate(options))
 
 
 def test_only_a_run_takes_the_time_for_a_model():
@@ -58,7 +58,7 @@ def test_only_a_run_takes_the_time_for_a_model():
     document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
     campaign = Campaign.model_validate_json(json.dumps(document))
     options = RunOptions(method="complete_pose")
-    alone = in_process.identify(campaign, options).result
+    alone = jointstiff.identify(campaign, options).result
     compared = run_identification(
         prepare_set(campaign.measurement_set, prepare_robot(campaign.robot), "robot"), options
     )
@@ -341,10 +341,10 @@ def test_a_stored_comparison_reads_back(comparison):
 def test_where_links_bend_the_entries_have_the_intervals_and_reasons_of_their_runs():
     document = elastic_campaign(beam_arm(default_arm()), configurations=24, seed=1)
     campaign = Campaign.model_validate_json(json.dumps(document))
-    (entry,) = in_process.compare(
+    (entry,) = jointstiff.compare(
         campaign, ComparisonOptions(methods=[{"method": "partial_pose"}], constraints=["positive"])
     ).result.entries
-    alone = in_process.identify(campaign, RunOptions(elasticity="joints")).result
+    alone = jointstiff.identify(campaign, RunOptions(elasticity="joints")).result
     assert "lack_of_fit" in {reason.code for reason in alone.assessment.reasons}
     assert all(joint.budget.model_error > 0.0 for joint in entry.joints)
     assert (entry.assessment, entry.joints) == (alone.assessment, alone.joints)

@@ -12,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from jointstiff import identify
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
@@ -21,7 +22,6 @@ from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.kinds.plan.tables import readings_sheet
-from jointstiff.service.library.in_process import identify
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf

@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.geometry.message import GeometryRequest
@@ -16,8 +17,8 @@ from jointstiff.schemas.pair import PairOptions, PairRequest
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.library import campaigns, in_process
 from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.library.verbs import run_of
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -32,7 +33,7 @@ def campaign(seed=1, **changes):
 @pytest.mark.process
 def test_nothing_of_the_service_is_imported():
     program = (
-        "import sys; from jointstiff.service.library import campaigns; "
+        "import sys; from jointstiff.service.library import verbs; "
         f"print([name for name in {HEAVY} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -52,10 +53,10 @@ def test_numbers_and_hashes_are_those_of_a_service():
         stored = run.current(run.create(RunRequest(measurement_set_id=sets[0]), None).id)
         sides = {name: {"measurement_set_id": s} for name, s in zip(("first", "second"), sets, strict=True)}
         paired = pair.current(pair.create(PairRequest.model_validate(sides), None).id)
-    here = in_process.identify(one, one.run)
+    here = jointstiff.identify(one, one.run)
     assert (here.state, here.result) == (stored.state, stored.result)
     assert here.provenance.input_hash == stored.provenance.input_hash
-    beside = in_process.pair(one, other, PairOptions())
+    beside = jointstiff.pair(one, other, PairOptions())
     assert beside.result == paired.result
     assert beside.provenance.input_hash == paired.provenance.input_hash
 
@@ -66,40 +67,41 @@ def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_th
     run = whole.run.model_copy(update={"leave_out": held})
     leaving, less = whole.model_copy(update={"run": run}), campaign()
     del less.measurement_set.observations[9:]
-    found, expected = (in_process.compare(each, ComparisonOptions()).result for each in (leaving, less))
+    found, expected = (jointstiff.compare(each, ComparisonOptions()).result for each in (leaving, less))
     assert found.entries == expected.entries
-    found, expected = (in_process.pair(each, campaign(2), PairOptions()) for each in (leaving, less))
+    found, expected = (jointstiff.pair(each, campaign(2), PairOptions()) for each in (leaving, less))
     assert found.result.joints == expected.result.joints
-    given = in_process.identify(leaving, RunOptions())
+    given = jointstiff.identify(leaving, RunOptions())
     assert given.request.leave_out == held
-    assert given.result.joints == in_process.identify(less).result.joints
+    assert given.result.joints == jointstiff.identify(less).result.joints
 
 
 def test_a_job_is_the_message_of_a_service():
-    found = in_process.compare(campaign(), ComparisonOptions())
+    found = jointstiff.compare(campaign(), ComparisonOptions())
     assert found.state == "succeeded"
     assert found.id != found.request.measurement_set_id
     assert type(found).model_validate_json(found.model_dump_json()) == found
     assert found.provenance.created_at <= found.provenance.ended_at
 
 
-def test_a_run_of_other_readings_does_not_predict():
+def test_a_run_of_other_readings_does_not_predict(tmp_path):
     """Its robot has the same joints."""
-    table = (
+    table = tmp_path / "postures.csv"
+    table.write_text(
         "J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]\n" + "0," * 8 + "-100\n"
     )
     one, other = campaign(1), campaign(2)
-    run = in_process.identify(one, RunOptions(complementary_stiffness="included"))
-    found = campaigns.predict(one, table, run, load_point=(0.0, 0.0, 0.1))
+    run = jointstiff.identify(one, RunOptions(complementary_stiffness="included"))
+    found = jointstiff.predict(run, table, load_point=(0.0, 0.0, 0.1))
     assert len(found.cases) == 1
     with pytest.raises(CampaignError) as caught:
-        campaigns.predict(other, table, run, load_point=(0.0, 0.0, 0.1))
+        jointstiff.predict(run_of(run, other), table, load_point=(0.0, 0.0, 0.1))
     assert caught.value.problem.where == "prediction.run_id"
     assert "other readings" in caught.value.problem.detail
     label = one.measurement_set.observations[0].label
     left_out = run.model_copy(update={"request": run.request.model_copy(update={"leave_out": [label]})})
     with pytest.raises(CampaignError):
-        campaigns.predict(one, table, left_out, load_point=(0.0, 0.0, 0.1))
+        jointstiff.predict(run_of(left_out, one), table, load_point=(0.0, 0.0, 0.1))
 
 
 def test_stored_resources_are_refused_with_their_place():
@@ -107,7 +109,7 @@ def test_stored_resources_are_refused_with_their_place():
     document["measurement_set"]["frame"] = {"geometry_id": "g1"}
     framed = Campaign.model_validate_json(json.dumps(document))
     with pytest.raises(CampaignError) as caught:
-        in_process.identify(framed, framed.run)
+        jointstiff.identify(framed, framed.run)
     assert caught.value.problem.where == "measurement_set.frame.geometry_id"
     assert "rotation and translation" in caught.value.problem.remedy
     sweep = {"joints": [0.0], "targets": {"P": [1, 0, 1]}}
@@ -119,5 +121,5 @@ def test_stored_resources_are_refused_with_their_place():
         }
     )
     with pytest.raises(CampaignError) as caught:
-        in_process.geometry(request)
+        jointstiff.geometry(request)
     assert caught.value.problem.where == "robot_id"

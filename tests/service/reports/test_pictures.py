@@ -8,9 +8,9 @@ import re
 
 import pytest
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.library import in_process
 from jointstiff.service.reports.pictures import arm, intervals
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -21,7 +21,7 @@ def campaign():
 
 
 def test_both_ends_of_each_interval_have_a_tick(campaign):
-    run = in_process.identify(campaign)
+    run = jointstiff.identify(campaign)
     svg = intervals(run.result.joints, 0.95).svg
     lines = [dict(re.findall(r'(\S+)="([^"]*)"', line)) for line in re.findall(r"<line [^>]*>", svg)]
     bars = [line for line in lines if line["stroke-width"] == "2.20"]

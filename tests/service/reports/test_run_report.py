@@ -18,6 +18,7 @@ import pypdf
 import pytest
 from typer.testing import CliRunner
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
 from jointstiff.schemas.run.run import Run
@@ -25,7 +26,6 @@ from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel, joints_csv
-from jointstiff.service.library import in_process
 from jointstiff.service.reports.document import draft, state_of
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
@@ -69,7 +69,7 @@ def campaign(document):
 
 @pytest.fixture(scope="module")
 def run(campaign):
-    return in_process.identify(campaign, campaign.run)
+    return jointstiff.identify(campaign, campaign.run)
 
 
 def subject_of(campaign, run, laboratory=LABORATORY, **changes):

@@ -11,13 +11,13 @@ import pytest
 from rich.console import Console
 from support.shared_data import shared
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
 from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
-from jointstiff.service.library import in_process
 from jointstiff.service.reports.run import assessment
 from jointstiff.service.tables.report import support
 from jointstiff.service.tables.stiffness import UNITS
@@ -31,7 +31,7 @@ def printed(report):
 
 
 def identified(document, **options):
-    return in_process.identify(Campaign.model_validate_json(json.dumps(document)), RunOptions(**options))
+    return jointstiff.identify(Campaign.model_validate_json(json.dumps(document)), RunOptions(**options))
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ from jointstiff.service.access.signing import signature
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.library.answers import problem_in
+from jointstiff.service.library.client import problem_in
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems.errors import WorkerLostError
 from jointstiff.service.server import forgetting

@@ -18,9 +18,7 @@ from typer.testing import CliRunner  # noqa: E402
 
 from jointstiff.service.app import create_app  # noqa: E402
 from jointstiff.service.cli.app import app  # noqa: E402
-from jointstiff.service.kinds.small import SMALL  # noqa: E402
 from jointstiff.service.library.client import Client  # noqa: E402
-from jointstiff.service.library.collections import Jobs  # noqa: E402
 from jointstiff.service.store.store import Store  # noqa: E402
 
 campaign = sys.argv[1]
@@ -30,12 +28,11 @@ with Store.open("sqlite://") as store:
     service = create_app(store)
     with TestClient(service, base_url="http://127.0.0.1") as http:
         with Client("http://127.0.0.1", transport=http._transport) as client:
-            _, stored = client.post_campaign(json.loads(Path(campaign).read_text()))
-            smalls = Jobs(client.send, SMALL)  # the typed line of a kind in `Client`
-            posted = smalls.done({"measurement_set_id": stored.id})
+            posted = client.count(campaign)
             found["client"] = posted.result.readings
             found["text"] = "Readings of the set" in str(posted)
-            found["listing"] = [each.id for each in smalls.list(measurement_set_id=stored.id)] == [posted.id]
+            listed = client.smalls.list(measurement_set_id=posted.request.measurement_set_id)
+            found["listing"] = [each.id for each in listed] == [posted.id]
         address = f"/v1/smalls/{posted.id}"
         found["route"] = http.get(address).json()["result"]["readings"]
         found["csv"] = http.get(f"{address}/counts.csv").text

@@ -1,0 +1,205 @@
+"""Documents from files: campaigns, robots, requests; and what a file is instead, if it is none of them."""
+
+from __future__ import annotations
+
+import json
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.plan import Plan, PlannedReading
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
+from jointstiff.service.importing.file_types import file_type
+from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
+from jointstiff.solver.errors import JointstiffError, RequestError
+
+Document = TypeVar("Document", bound=BaseModel)
+AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
+"""A campaign, its document, or the name of its file."""
+
+
+def campaign_of(campaign: AnyCampaign) -> Campaign:
+    """Return a campaign from a file, or from a document that was read already.
+
+    Raises:
+        CampaignError: the file is too large, or the document is no campaign.
+        OSError: the file cannot be read.
+    """
+    if isinstance(campaign, Campaign):
+        return campaign
+    if isinstance(campaign, Mapping):
+        return parse_document(campaign, Campaign)
+    return read_document(Path(campaign), Campaign)
+
+
+def read_document(path: Path, message: type[Document], section: str | None = None) -> Document:
+    """Read a file of JSON.
+
+    Args:
+        path: of the file.
+        message: what it should have.
+        section: of a larger document, which may be given in its place.
+
+    Raises:
+        CampaignError: the file is too large, or not such a document.
+    """
+    with path.open("rb") as file:  # which may be a pipe, of no size
+        content = file.read(MAX_SET_BYTES + 1)
+    if len(content) > MAX_SET_BYTES:
+        limit = f"{MAX_SET_BYTES // 1024**2} MiB"
+        raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
+    return _parsed(message, content.removeprefix(BOM_UTF8), section)
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Read a file with a JSON object; what it should hold is checked later.
+
+    Raises:
+        CampaignError: the file is too large, or no JSON object.
+    """
+    return read_document(path, _AnyObject).model_dump(mode="json")
+
+
+class _AnyObject(BaseModel):
+    model_config = ConfigDict(extra="allow")
+
+
+def parse_document(document: Mapping[str, Any], message: type[Document]) -> Document:
+    """Validate a document that was read already.
+
+    Raises:
+        CampaignError: it is not such a document, or holds what is no JSON.
+    """
+    try:
+        content = json.dumps(dict(document)).encode()
+    except (TypeError, ValueError) as error:
+        remedy = "use only strings, numbers, lists and dictionaries; convert arrays to lists"
+        raise CampaignError(
+            http_problem(422, f"the document cannot be written as JSON: {error}", remedy)
+        ) from None
+    return _parsed(message, content)
+
+
+def _parsed(message: type[Document], content: bytes, section: str | None = None) -> Document:
+    try:
+        return parse(message, content, section)
+    except MalformedError as error:
+        raise CampaignError(_instead(message, content, error) or invalid_request(error.faults)) from None
+
+
+def _instead(message: type[BaseModel], content: bytes, error: MalformedError) -> Problem | None:
+    """Return what the file is instead, if it is of a kind that we know; None if it is not."""
+    tables = "to read tables and point lists use `jointstiff import FILE`"
+    if error.keys is NOT_JSON:
+        if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            return http_problem(422, "the file is a text in UTF-16, not a JSON document", "save it as UTF-8")
+        kind = file_type(content)
+        if kind is not None:
+            return http_problem(422, f"the file is {kind}, not a JSON document", tables)
+        return http_problem(422, str(error.faults[0]["msg"]), f"correct the JSON there; {tables}")
+    for others, what, remedy in _OTHERS:
+        if others <= error.keys and not others <= set(message.model_fields):
+            return http_problem(422, f"the file is {what}", remedy)
+    return None
+
+
+_OTHERS: Final = (
+    (
+        {"observations"},
+        "a measurement set without a robot",
+        'make a campaign of it: {"robot": …, "measurement_set": …}, or use `jointstiff import --robot`',
+    ),
+    ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
+    ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
+)
+
+
+@contextmanager
+def as_campaign_error(section: str) -> Iterator[None]:
+    """Turn errors of the input into one that says in which section of the file."""
+    try:
+        yield
+    except JointstiffError as error:
+        problem = problem_of(error)
+        where = ".".join(part for part in (section, problem.where) if part)
+        raise CampaignError(problem.model_copy(update={"where": where or None})) from error
+
+
+def read_robot(text: str) -> RobotDocument:
+    """Return the robot of a file that has one, or of a campaign; else the nominal arm of that name.
+
+    Raises:
+        CampaignError: the file is neither; or there is no such file, and no such arm.
+    """
+    from jointstiff.service.resources.nominal_arms import find_arm, nominal_robot
+
+    if Path(text).is_file():
+        return read_document(Path(text), RobotDocument, section="robot")
+    try:
+        return nominal_robot(find_arm(text, "--robot"))
+    except RequestError as error:
+        problem = problem_of(error)
+        detail = f"there is no file '{text}', and {problem.detail}"
+        raise CampaignError(problem.model_copy(update={"detail": detail})) from error
+
+
+def read_planned(text: str) -> RobotDocument | Campaign:
+    """Return the campaign of a file, or a robot as `read_robot` does.
+
+    Raises:
+        CampaignError: the file is too large, or neither; there is no such file, and no such arm.
+    """
+    path = Path(text)
+    if not path.is_file():
+        return read_robot(text)
+    try:
+        is_campaign = "measurement_set" in json.loads(path.read_bytes())
+    except (ValueError, TypeError):
+        is_campaign = True  # whose reader says what is wrong
+    return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)
+
+
+def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
+    """Return a campaign file with the planned readings, whose positions are still null."""
+    options, result = plan.request, plan.result
+    robot = source.robot if isinstance(source, Campaign) else source
+    encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
+    targets = {} if result is None else result.targets
+    observations = [
+        {
+            "label": each.label,
+            "joints": each.joints,
+            "force": each.force,
+            "readings": [{"target": target, **_unread(each)} for target in targets],
+        }
+        for each in ([] if result is None else result.readings)
+    ]
+    return {
+        "robot": robot.model_dump(mode="json", exclude_none=True),
+        "measurement_set": {
+            "name": f"planned for {robot.name}"[:200],
+            "units": {"length": "m", "angle": "rad", "force": "N"},
+            "encoders": encoders,
+            **({"flange_targets": targets} if options.directions else {}),
+            **({} if options.sigma is None else {"noise": {"sigma": options.sigma}}),
+            "load_point": (0.0, 0.0, 0.0) if result is None else result.load_point,
+            "observations": observations,
+        },
+        "run": {"method": "partial_pose"},
+    }
+
+
+def _unread(planned: PlannedReading) -> dict[str, Any]:
+    """Return the fields of a reading that is still to be taken."""
+    if planned.direction is not None:
+        return {"displacement": None, "direction": planned.direction}
+    return {"unloaded": None, "loaded": None}
