@@ -24,7 +24,7 @@ def test_a_long_program_is_corrected_in_steps_by_workers(services):
         _, stored = client.post_campaign(campaign)
         run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
         stated = options("csv") | {"run_id": run.id}
-        found = client.programs.compensate({"path.csv": text}, stated, seen.append)
+        found = client.programs.wait(client.programs.create(stated, files={"path.csv": text}), seen.append)
         assert found.state == "succeeded", found.error
         assert (found.progress.done, found.progress.total) == (POINTS, POINTS)
         assert found.result.corrected == POINTS
@@ -34,5 +34,5 @@ def test_a_long_program_is_corrected_in_steps_by_workers(services):
         old = read_program([("path.csv", text)])
         moved = program.targets.values[:, :3] - old.targets.values[:, :3]
         assert 0.1 < np.linalg.norm(moved, axis=1).max() < 5.0  # mm
-        assert client.programs.points(found).count("\n") == POINTS + 1
+        assert client.programs.file(found, "points.csv").count(b"\n") == POINTS + 1
         assert found.id in {listed.id for listed in client.programs.list(robot_id=stored.robot_id)}
