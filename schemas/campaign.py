@@ -5,9 +5,9 @@ from __future__ import annotations
 from pydantic import Field
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import CampaignRun
+from jointstiff.schemas.run import CampaignRun
 
 
 class Campaign(Message):

@@ -10,11 +10,9 @@ from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Timestamp
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Job, JobState, Result
+from jointstiff.schemas.options import Method, Resampling, Weighting
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run.joints import JointResult, identified_in
-from jointstiff.schemas.run.options import Method, Weighting
-from jointstiff.schemas.run.resampling import Resampling, ResamplingResult
-from jointstiff.schemas.run.run import MAX_LEFT_OUT
+from jointstiff.schemas.run import MAX_LEFT_OUT, JointResult, ResamplingResult, identified_in
 from jointstiff.schemas.terminal import Terminal, draws_of
 
 MAX_METHODS = 8

@@ -24,9 +24,9 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.job import FromRun
-from jointstiff.schemas.measurement.measurement_set import Units
+from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run.budget import BudgetSource, Evaluation
+from jointstiff.schemas.run import BudgetSource, Evaluation
 
 MAX_CASES = 2_000
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from jointstiff.schemas.fields import Message, Name
-from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS, AngleUnit
+from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit
 
 MAX_PREVIEW_ROWS = 5
 MAX_HEADER_CELLS = 256

@@ -8,19 +8,9 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry.message import (
-    MAX_GEOMETRY_READINGS,
-    GeometryNoise,
-    GeometryUnits,
-    TrackedPosition,
-)
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, GeometryNoise, GeometryUnits, TrackedPosition
 from jointstiff.schemas.importing import ImportFault, ImportOptions, ImportPreview, MissingField
-from jointstiff.schemas.measurement.measurement_set import (
-    MAX_TARGETS,
-    LengthUnit,
-    MeasurementSetDocument,
-)
-from jointstiff.schemas.measurement.noise import Noise
+from jointstiff.schemas.measurement import MAX_TARGETS, LengthUnit, MeasurementSetDocument, Noise
 
 
 class ImportRequest(ImportOptions):

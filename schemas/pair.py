@@ -18,9 +18,8 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import MAX_LEFT_OUT, Certificate
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import MAX_LEFT_OUT, Certificate, JointResult
 
 
 class PairSide(Message):

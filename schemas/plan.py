@@ -23,11 +23,9 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
-from jointstiff.schemas.measurement.noise import Uncertainty
+from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
+from jointstiff.schemas.options import StiffnessPrior, Weight
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run.options import StiffnessPrior
-from jointstiff.schemas.run.weight import Weight
 from jointstiff.schemas.terminal import Terminal, numbers_of, planned_load_of, prior_of
 
 MAX_CANDIDATES = 50_000

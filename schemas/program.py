@@ -21,7 +21,7 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.job import FromRun, Job, JobState
-from jointstiff.schemas.measurement.measurement_set import Units
+from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.terminal import Terminal, force_of, frame_of, numbers_of
 

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
 from jointstiff.schemas.job import JobState
-from jointstiff.schemas.measurement.metadata import Moment
+from jointstiff.schemas.measurement import Moment
 
 MAX_PAGE = 100
 MAX_WAIT_SECONDS = 60

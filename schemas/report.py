@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
-from jointstiff.schemas.measurement.metadata import Notes
+from jointstiff.schemas.measurement import Notes
 
 Lines = Annotated[list[Name], Field(max_length=8)]
 

@@ -11,8 +11,8 @@ from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.measurement.metadata import Notes
-from jointstiff.schemas.run.options import Method, Weighting
+from jointstiff.schemas.measurement import Notes
+from jointstiff.schemas.options import Method, Weighting
 
 LEAST_BASELINE = 3
 MOST_BASELINE = 20

@@ -33,7 +33,7 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import Service, cpu, locked, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.reading import SourceFile

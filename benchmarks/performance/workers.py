@@ -19,7 +19,7 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.services import Service, ServiceError, numbers, post_campaign, postgresql
 from benchmarks.timing import Times, interleaved
-from jointstiff.schemas.run.resampling import MAX_REPETITIONS
+from jointstiff.schemas.options import MAX_REPETITIONS
 from jointstiff.service.threads import ONE_THREAD
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 

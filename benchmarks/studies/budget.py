@@ -15,7 +15,7 @@ from benchmarks.designs import SIGMA, Design, planned_design, with_compliances
 from benchmarks.report import Figure, Section
 from benchmarks.studies.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
 from jointstiff import identify
-from jointstiff.schemas.run.budget import Budget
+from jointstiff.schemas.run import Budget
 from jointstiff.simulator import (
     TARGETS,
     SpringArm,

@@ -17,7 +17,7 @@ import jointstiff
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.program.points import Corrections, points_sheet

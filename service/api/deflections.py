@@ -8,7 +8,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
 
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute, large_bodies
 from jointstiff.service.api.examples import DEFLECTIONS, shown

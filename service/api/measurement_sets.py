@@ -7,12 +7,12 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.measurement.measurement_set import (
+from jointstiff.schemas.measurement import (
     MeasurementSet,
     MeasurementSetRequest,
     MeasurementSetSummary,
+    SetChange,
 )
-from jointstiff.schemas.measurement.metadata import SetChange
 from jointstiff.schemas.query import SetQuery
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key

@@ -11,9 +11,9 @@ from fastapi import APIRouter, HTTPException, Response
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Action
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.examples import shown

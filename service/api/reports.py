@@ -14,7 +14,7 @@ from fastapi import APIRouter, HTTPException, Path, Query, Request, Response
 from jointstiff.schemas.assessment import AcceptingOptions
 from jointstiff.schemas.report import Authorisation, AuthorisationList, AuthorisationRequest
 from jointstiff.schemas.robot import Robot
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.api.access import ADMIN, VIEWER, asked_of
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.jobs import JobId

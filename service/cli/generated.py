@@ -147,7 +147,7 @@ def _common(kind: AnyKind, extra: Extra) -> dict[str, tuple[Any, Any]]:
 
 def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: dict[str, Any]) -> Job:
     """Carry the work out, as `import jointstiff` does."""
-    from jointstiff.schemas.run.run import Run
+    from jointstiff.schemas.run import Run
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.files import campaign_of, read_document
     from jointstiff.service.library.verbs import function_of, run_of

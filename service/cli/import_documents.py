@@ -11,7 +11,7 @@ from jointstiff.service.cli.answers import failed, refuse_existing, refused, wri
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
-    from jointstiff.schemas.measurement.metadata import SetMetadata
+    from jointstiff.schemas.measurement import SetMetadata
     from jointstiff.schemas.robot import RobotDocument
 
 
@@ -71,7 +71,7 @@ def noted_in(texts: Sequence[str]) -> SetMetadata:
     """
     from pydantic import ValidationError
 
-    from jointstiff.schemas.measurement.metadata import SetMetadata
+    from jointstiff.schemas.measurement import SetMetadata
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.problems.table import invalid_request
 

@@ -144,7 +144,7 @@ def _reported(file: Path, run: Path | None) -> Any:  # noqa: ANN401 - a job that
 
 def _identified(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign from its file; identified now without one."""
-    from jointstiff.schemas.run.run import Run
+    from jointstiff.schemas.run import Run
     from jointstiff.service.library.files import campaign_of, read_document
     from jointstiff.service.library.verbs import function_of, run_of
 

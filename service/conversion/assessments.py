@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from jointstiff.schemas import assessment as messages
 from jointstiff.schemas.finding import Finding, Verdict
-from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget
+from jointstiff.schemas.run import JointResult, OneSidedBounds, UncertaintyBudget
 from jointstiff.service.conversion.message import messages_of
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.estimate import JointCompliance

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jointstiff.schemas.measurement.measurement_set import Reading
+from jointstiff.schemas.measurement import Reading
 from jointstiff.service.conversion.array_group import ArrayGroup
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.robot.configuration import Configurations

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from jointstiff.schemas.measurement.measurement_set import EncoderReading, Observation
+from jointstiff.schemas.measurement import EncoderReading, Observation
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.conversion.array_group import ArrayGroup
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray

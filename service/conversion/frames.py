@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetHeader
-from jointstiff.schemas.measurement.noise import Noise
+from jointstiff.schemas.measurement import Frame, MeasurementSetHeader, Noise, ResolvedFrame
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.readings import ReadingArrays
@@ -20,7 +18,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.geometry.message import GeometryRequest
+    from jointstiff.schemas.geometry import GeometryRequest
     from jointstiff.solver.geometry.charts import RigidTransform
     from jointstiff.solver.geometry.frames import BaseTargets
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointstiff.schemas.measurement import measurement_set as sets
+from jointstiff.schemas import measurement as sets
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.point_noise import to_common_uncertainty, to_noise
 from jointstiff.service.conversion.readings import ReadingArrays

@@ -12,8 +12,7 @@ from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.finding import Action
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading, Units
-from jointstiff.schemas.measurement.noise import Noise
+from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.schemas.robot import JointMap
 from jointstiff.service.conversion.prepared import prepare_robot, without
 from jointstiff.service.conversion.units import FORCE, LENGTH

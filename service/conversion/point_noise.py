@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jointstiff.schemas.measurement.measurement_set import Reading
-from jointstiff.schemas.measurement.noise import Matrix3, Noise
+from jointstiff.schemas.measurement import Matrix3, Noise, Reading
 from jointstiff.service.conversion.array_group import ArrayGroup
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.measurement.frame import ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, ResolvedFrame
 from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
 from jointstiff.service.conversion import robots
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jointstiff.schemas.measurement.frame import ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import (
+from jointstiff.schemas.measurement import (
     MAX_TARGETS,
     MeasurementSetHeader,
     Observation,
     Reading,
+    ResolvedFrame,
 )
 from jointstiff.service.conversion.array_group import ArrayGroup
 from jointstiff.service.conversion.directions import Directions

@@ -9,8 +9,8 @@ import numpy as np
 from jointstiff.solver.readings.tracker_noise import Instrument
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.geometry.message import TrackerSheet
-    from jointstiff.schemas.measurement.noise import Instrument as StatedInstrument
+    from jointstiff.schemas.geometry import TrackerSheet
+    from jointstiff.schemas.measurement import Instrument as StatedInstrument
 
 KGF: Final = 9.80665
 """Standard gravity: newtons in a kilogram-force, exactly."""

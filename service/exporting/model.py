@@ -8,8 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.kinds.deflection.work import result_of
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import VERDICTS, judged

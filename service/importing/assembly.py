@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from jointstiff.schemas.importing import State
-from jointstiff.schemas.measurement.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
+from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.records import Point, Record, Vector
 from jointstiff.service.importing.words import Kind

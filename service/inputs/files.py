@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 from uuid import uuid4
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
 from jointstiff.service.inputs.inputs import MeasuredRun
 from jointstiff.solver.errors import RequestError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.solver.robot.model import Robot
 

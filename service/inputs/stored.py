@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.inputs.inputs import MeasuredRun
 from jointstiff.service.problems.errors import NotFoundError, Resource

@@ -19,10 +19,10 @@ from pydantic import ValidationError
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, Progress
-from jointstiff.schemas.measurement.measurement_set import MeasurementSet, MeasurementSetSummary
+from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
-from jointstiff.schemas.run.run import CampaignRun, Run, RunSummary
+from jointstiff.schemas.run import CampaignRun, Run, RunSummary
 from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS
@@ -36,7 +36,7 @@ from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison, ComparisonSummary
-    from jointstiff.schemas.geometry.message import Geometry, GeometrySummary
+    from jointstiff.schemas.geometry import Geometry, GeometrySummary
     from jointstiff.schemas.map import Map, MapSummary
     from jointstiff.schemas.pair import Pair, PairSummary
     from jointstiff.schemas.plan import Plan, PlanSummary

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison
-    from jointstiff.schemas.geometry.message import Geometry
+    from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.map import Map
     from jointstiff.schemas.pair import Pair
     from jointstiff.schemas.plan import Plan

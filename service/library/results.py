@@ -13,8 +13,7 @@ from pydantic import PrivateAttr, create_model
 from rich.console import Console
 
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.report import job_report, job_sheet
 from jointstiff.service.kinds.rooms import kind_of

@@ -14,7 +14,7 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import CampaignRun, Run
+from jointstiff.schemas.run import CampaignRun, Run
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind

@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import RunResult
+from jointstiff.schemas.run import JointResult, RunResult
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.reports.document import Picture
 from jointstiff.solver.arrays import FloatArray

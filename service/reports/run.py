@@ -14,13 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
-from jointstiff.schemas.measurement.metadata import SetMetadata
-from jointstiff.schemas.measurement.noise import Noise
+from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, SetMetadata
 from jointstiff.schemas.report import Laboratory, Party
-from jointstiff.schemas.run.budget import Budget
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import RunRequest, RunResult
+from jointstiff.schemas.run import Budget, JointResult, RunRequest, RunResult
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 from jointstiff.service.exporting.model import ExportedModel, joints_csv, why_no_stiffness
 from jointstiff.service.reports.document import (

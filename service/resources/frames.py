@@ -9,10 +9,8 @@ import numpy as np
 
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
-from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
-from jointstiff.schemas.geometry.result import GeometryResult
-from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
+from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame
 from jointstiff.schemas.robot import Robot
 from jointstiff.service.conversion.frames import stated_transform, to_base_targets, to_resolved
 from jointstiff.service.conversion.units import LENGTH

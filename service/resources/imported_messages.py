@@ -9,9 +9,9 @@ from typing import Any, Final, cast
 from pydantic import ValidationError
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Vector3
-from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
 from jointstiff.schemas.imports import ImportRequest, UnloadedPoses
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.service.importing.assembly import Gathered
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import Imported

@@ -12,7 +12,7 @@ from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.importing import MAX_PREVIEW_ROWS, FilePreview, ImportFault, MissingField
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 from jointstiff.service.problems.errors import FilesError

@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import Final
 from uuid import uuid4
 
-from jointstiff.schemas.measurement import measurement_set as messages
-from jointstiff.schemas.measurement.metadata import SetChange, SetMetadata
+from jointstiff.schemas import measurement as messages
+from jointstiff.schemas.measurement import SetChange, SetMetadata
 from jointstiff.service.conversion.frames import in_base
 from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.prepared import PreparedSet, check_set, without

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from jointstiff.schemas.geometry.message import Geometry
-from jointstiff.schemas.geometry.result import GeometryResult
+from jointstiff.schemas.geometry import Geometry, GeometryResult
 from jointstiff.schemas.job import Job
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.store import Store

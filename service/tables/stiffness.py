@@ -8,7 +8,7 @@ from math import radians
 from types import MappingProxyType
 from typing import Final
 
-from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run import JointResult
 from jointstiff.service.tables.table import NO_NUMBER, Line, concise, figure, rounded
 from jointstiff.solver.text import rounded_down
 

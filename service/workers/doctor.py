@@ -11,7 +11,7 @@ from typing import Any, Final
 from sqlalchemy import Connection, MetaData, Select, Table, exists, func, select
 from sqlalchemy.exc import NoSuchTableError
 
-from jointstiff.schemas.measurement import measurement_set as messages
+from jointstiff.schemas import measurement as messages
 from jointstiff.schemas.robot import Robot, RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import httpx2
 
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.access.addresses import receiver_addresses
 from jointstiff.service.access.signing import signature
 from jointstiff.service.kinds.trend.trends import Trends

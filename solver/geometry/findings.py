@@ -19,7 +19,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas.finding import Finding, FindingCode, Verdict
-from jointstiff.schemas.geometry.result import LinkComparison
+from jointstiff.schemas.geometry import LinkComparison
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.frames import BaseDrift, WristCentre
 from jointstiff.solver.geometry.model import DhTable

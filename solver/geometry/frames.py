@@ -42,7 +42,7 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.fields import Square3
-from jointstiff.schemas.geometry.result import AxisPlace, IdentifiedAxis, WristDistance
+from jointstiff.schemas.geometry import AxisPlace, IdentifiedAxis, WristDistance
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform, minimise

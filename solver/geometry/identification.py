@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry.result import IdentifiedAxis, LinkComparison, SweepEvidence
+from jointstiff.schemas.geometry import IdentifiedAxis, LinkComparison, SweepEvidence
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.findings import (

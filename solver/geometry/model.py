@@ -21,7 +21,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jointstiff.schemas.geometry.result import LinkComparison, NearlyParallel
+from jointstiff.schemas.geometry import LinkComparison, NearlyParallel
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import special
 from scipy.linalg import qr
 
-from jointstiff.schemas.geometry.result import PoseEvidence
+from jointstiff.schemas.geometry import PoseEvidence
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit, RigidTransform, minimise

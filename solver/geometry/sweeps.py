@@ -39,7 +39,7 @@ import numpy as np
 from scipy import special
 from scipy.linalg import helmert
 
-from jointstiff.schemas.geometry.result import SweptTarget
+from jointstiff.schemas.geometry import SweptTarget
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit

@@ -10,9 +10,9 @@ import pytest
 from sqlalchemy import MetaData, create_engine, func, select
 from support.processes import until, working
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import JobQueue, engine_url, schema_of

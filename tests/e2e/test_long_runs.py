@@ -24,7 +24,7 @@ from support.processes import free_port, ready, serving, until, workers_of, work
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
-from jointstiff.schemas.run.resampling import MAX_REPETITIONS
+from jointstiff.schemas.options import MAX_REPETITIONS
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.simulator import default_arm, simulate_campaign

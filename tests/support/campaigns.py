@@ -11,8 +11,8 @@ import numpy as np
 from support.shared_data import shared as shared
 
 from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
-from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.robots import build_robot, dh_kinematics

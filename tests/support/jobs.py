@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -11,7 +11,7 @@ import numpy as np
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.program.work import ProgramWork, packed
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any, Final
 
 from jointstiff.schemas.comparison import ComparedFit, Comparison, ComparisonResult
-from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
+from jointstiff.schemas.run import ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.run.resampling_table import moments
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.stiffness import StiffnessUnit

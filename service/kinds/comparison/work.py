@@ -11,9 +11,9 @@ import numpy as np
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import RunResult
+from jointstiff.schemas.run import RunResult
 from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of

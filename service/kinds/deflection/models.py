@@ -10,11 +10,11 @@ import numpy as np
 from jointstiff.schemas import deflection as messages
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.map import MapOptions
-from jointstiff.schemas.measurement.measurement_set import Units
+from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.model import ElasticPart, IdentifiedModel, ScoreStep, WeightPart
+from jointstiff.schemas.model import ModelError as StoredModelError
 from jointstiff.schemas.program import ProgramOptions
-from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep, WeightPart
-from jointstiff.schemas.run.model import ModelError as StoredModelError
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.message import finite, message, rows
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
-from jointstiff.schemas.measurement.measurement_set import Units
+from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.report import judged, verdict_lines

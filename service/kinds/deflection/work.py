@@ -9,8 +9,8 @@ import numpy as np
 from jointstiff.schemas import deflection as messages
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult
-from jointstiff.schemas.run.model import IdentifiedModel
-from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.schemas.model import IdentifiedModel
+from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.message import finite
 from jointstiff.service.kinds.deflection.models import (
     to_directions,

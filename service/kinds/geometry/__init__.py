@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.geometry.message import Geometry, GeometryRequest, GeometrySummary
+from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
 from jointstiff.service.kinds.kind import READINGS_BYTES, Kind
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.geometry.result import GeometryResult
+    from jointstiff.schemas.geometry import GeometryResult
     from jointstiff.service.inputs.inputs import Inputs
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.tables.report import Report, View

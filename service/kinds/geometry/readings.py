@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.schemas.geometry.message import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
+from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
 from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError

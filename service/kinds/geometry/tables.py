@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import degrees, sqrt
 
-from jointstiff.schemas.geometry.message import Geometry
-from jointstiff.schemas.geometry.result import (
+from jointstiff.schemas.geometry import (
     BaseFrameResult,
     Drift,
+    Geometry,
     GeometryResult,
     LinkComparison,
     SweepEvidence,

@@ -8,9 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from jointstiff.schemas.geometry import result as results
-from jointstiff.schemas.geometry.message import GeometryRequest
-from jointstiff.schemas.geometry.result import GeometryResult
+from jointstiff.schemas import geometry as results
+from jointstiff.schemas.geometry import GeometryRequest, GeometryResult
 from jointstiff.schemas.robot import JointMap, RobotDocument, UrdfModel
 from jointstiff.service.conversion.assessments import to_geometry_assessment
 from jointstiff.service.conversion.frames import to_base_targets

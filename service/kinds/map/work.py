@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Final
 
 from jointstiff.schemas.map import MapOptions, MapRequest, MapResult
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.acceptance import accepted_run

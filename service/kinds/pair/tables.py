@@ -9,7 +9,7 @@ from jointstiff.schemas.pair import (
     PairedJoint,
     PairResult,
 )
-from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run import JointResult
 from jointstiff.service.tables.report import Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (

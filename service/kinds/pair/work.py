@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 from jointstiff.schemas import pair as pairs
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairRequest, PairResult
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run import JointResult
 from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.prepared import PreparedSet

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.assessment import Assessment
-from jointstiff.schemas.measurement.measurement_set import LEAST_DIRECTION
+from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.service.conversion.message import finite
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index

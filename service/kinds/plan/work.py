@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import OwnWeight, PlanRequest, PlanResult
-from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.assessments import to_assessment
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of

@@ -21,7 +21,7 @@ from jointstiff.schemas.program import (
     ProgramRequest,
     ProgramResult,
 )
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.inputs.inputs import Inputs

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import Run, RunRequest, RunSummary
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import Run, RunRequest, RunSummary
 from jointstiff.service.kinds.kind import Kind
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.run.run import RunResult
+    from jointstiff.schemas.run import RunResult
     from jointstiff.service.inputs.inputs import Inputs
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.tables.report import Report, View

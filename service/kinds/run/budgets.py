@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas import run as messages
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionComponent
-from jointstiff.schemas.run import joints as messages
-from jointstiff.schemas.run.budget import Budget, BudgetComponent
+from jointstiff.schemas.run import Budget, BudgetComponent
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 

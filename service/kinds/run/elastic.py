@@ -9,9 +9,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from jointstiff.schemas.run.model import IdentifiedModel
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import RunResult
+from jointstiff.schemas.model import IdentifiedModel
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.deflection.models import to_elastic_model
 from jointstiff.service.kinds.run.links import (

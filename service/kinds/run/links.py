@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jointstiff.schemas.run import links as messages
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import ModelChoice, PlainModel, RunResult
+from jointstiff.schemas import model as messages
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import ModelChoice, PlainModel, RunResult
 from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.schemas.run.links import LinkCompliance, LinksResult, ModelSelection, ScoredModel
+from jointstiff.schemas.model import LinkCompliance, LinksResult, ModelSelection, ScoredModel
 from jointstiff.service.tables.table import Column, Line, Part, Table, number, percent
 
 _MODEL_NAMES = {

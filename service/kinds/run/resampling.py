@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Final
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.resampling import Resampling
+from jointstiff.schemas.options import Resampling, RunOptions
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.run.settings import identified, to_settings
 from jointstiff.service.kinds.work import Span

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import ResampledJoint, ResamplingResult, Run
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import NO_NUMBER, Column, Table, percent, rounded
 

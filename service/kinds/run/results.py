@@ -7,11 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas import run as identifiabilities
+from jointstiff.schemas import run as runs
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.run import identifiability as identifiabilities
-from jointstiff.schemas.run import run as runs
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
+from jointstiff.schemas.run import JointResult, ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.kinds.run.budgets import to_budget, to_joint_budgets

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.options import RunOptions
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.solver.convex.problem import Bounds, Order
 from jointstiff.solver.errors import RequestError, SolverError

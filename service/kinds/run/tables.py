@@ -6,10 +6,7 @@ from collections.abc import Iterator
 from math import degrees, sqrt
 from typing import Final
 
-from jointstiff.schemas.run.identifiability import Advice, Identifiability
-from jointstiff.schemas.run.joints import JointResult
-from jointstiff.schemas.run.run import Run, RunResult
-from jointstiff.schemas.run.weight import WeightResult
+from jointstiff.schemas.run import Advice, Identifiability, JointResult, Run, RunResult, WeightResult
 from jointstiff.service.kinds.run.links_table import links_line, links_report, selection_table
 from jointstiff.service.kinds.run.resampling_table import resampling_table
 from jointstiff.service.tables.report import VERDICTS, Report, View, joint_reason_lines

@@ -7,10 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.run import run as runs
-from jointstiff.schemas.run.identifiability import Identifiability
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.weight import Weight, WeightResult, WeightShare
+from jointstiff.schemas import run as runs
+from jointstiff.schemas.options import RunOptions, Weight
+from jointstiff.schemas.run import Identifiability, WeightResult, WeightShare
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.prepared import PreparedSet

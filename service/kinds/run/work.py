@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import EncoderResidual, RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs

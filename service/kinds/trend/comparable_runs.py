@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.run.options import Method, Weighting
+from jointstiff.schemas.options import Method, Weighting
 from jointstiff.service.kinds.trend.work import Campaign, JointNumbers
 from jointstiff.service.store.records import JobEntry, MeasurementSetEntry, TrendNote
 

@@ -11,7 +11,7 @@ from typing import Final
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.alarm import OpenAlarm, TrendChange
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.trend.comparable_runs import (
     Candidate,
     ReadRun,

@@ -16,7 +16,7 @@ from support.shared_data import shared
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.evidence.prediction import predict

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
-from jointstiff.schemas.measurement.measurement_set import Units
+from jointstiff.schemas.measurement import Units
 from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection.models import to_load_cases
 from jointstiff.service.kinds.deflection.tables import read_load_cases

@@ -17,10 +17,10 @@ from support.figures import length_in
 from support.shared_data import shared
 from typer.testing import CliRunner
 
-from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.jobs.parts import Parts

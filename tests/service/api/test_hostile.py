@@ -11,8 +11,8 @@ import pytest
 from fastapi import HTTPException
 from fastapi.exceptions import RequestValidationError
 
-from jointstiff.schemas.geometry.message import GeometryRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
 from jointstiff.service.api.limits import refuse_structure
 from jointstiff.service.problems.table import MAX_PROBLEM_BYTES

@@ -9,8 +9,8 @@ import pytest
 from support.campaigns import prepare
 from typer.testing import CliRunner
 
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.run.work import run_identification

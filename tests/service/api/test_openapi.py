@@ -7,7 +7,7 @@ from support.in_process import Client
 
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotRequest
 from jointstiff.service.api.examples import DEFLECTIONS, IMPORTS, MEASUREMENT_SETS, ROBOTS
 from jointstiff.service.importing.reading import SourceFile

@@ -15,7 +15,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from support.records import RUN, job_record
 
 from jointstiff.schemas.job import Progress, Provenance
-from jointstiff.schemas.run.run import Run, RunRequest
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.jobs import answer
 from jointstiff.service.kinds.registry import KINDS

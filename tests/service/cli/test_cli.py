@@ -14,7 +14,7 @@ from support.shared_data import shared
 from typer.testing import CliRunner
 
 from jointstiff.schemas.comparison import Comparison
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.cli.app import app
 
 

@@ -11,9 +11,9 @@ from support.workbooks import table_of
 from typer.testing import CliRunner
 
 from jointstiff.schemas.imports import ImportAnswer
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.limits import MAX_FILE_BYTES

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.campaigns import estimate, prepare
 from support.examples import examples
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.evidence.estimate import stiffness_interval

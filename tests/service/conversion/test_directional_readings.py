@@ -15,7 +15,7 @@ from jointstiff import identify, plan
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Reading
+from jointstiff.schemas.measurement import MeasurementSetDocument, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.mending import mended
 from jointstiff.service.conversion.readings import ReadingArrays

@@ -8,7 +8,7 @@ import pytest
 from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, sources_of, values_of
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.limits import (

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from scipy import stats
 
 import jointstiff
-from jointstiff.schemas.measurement.noise import Noise
+from jointstiff.schemas.measurement import Noise
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 

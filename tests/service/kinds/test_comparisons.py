@@ -16,8 +16,8 @@ from support.shared_data import shared
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparedMethod, ComparisonOptions, ComparisonRequest
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.comparison import COMPARISON

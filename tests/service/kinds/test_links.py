@@ -11,11 +11,11 @@ from support.programs import path, request, tool_poses
 from typer.testing import CliRunner
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import Run, RunRequest
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.inputs.stored import Stored
 from jointstiff.service.jobs.parts import Parts

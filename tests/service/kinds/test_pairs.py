@@ -13,10 +13,10 @@ from support.shared_data import shared
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.pair import Pair, PairRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.pair import PAIR

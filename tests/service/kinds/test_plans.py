@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from jointstiff import identify
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app

@@ -10,9 +10,9 @@ import pytest
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonRequest
-from jointstiff.schemas.measurement.measurement_set import Reading
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.measurement import Reading
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs.files import FromFile

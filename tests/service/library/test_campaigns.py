@@ -11,11 +11,11 @@ import pytest
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
-from jointstiff.schemas.geometry.message import GeometryRequest
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairOptions, PairRequest
-from jointstiff.schemas.run.options import RunOptions
-from jointstiff.schemas.run.run import RunRequest
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.verbs import run_of

@@ -15,7 +15,7 @@ import pytest
 
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.measurement.metadata import SetChange
+from jointstiff.schemas.measurement import SetChange
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.library import client as module
 from jointstiff.service.library.client import Client

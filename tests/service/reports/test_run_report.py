@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
-from jointstiff.schemas.run.run import Run
+from jointstiff.schemas.run import Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot

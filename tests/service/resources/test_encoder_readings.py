@@ -11,7 +11,7 @@ import pytest
 from pydantic import ValidationError
 from support.encoders import with_encoders
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import equilibrium

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from jointstiff.schemas.geometry.message import GeometryRequest
+from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.plan import PlanRequest
 from jointstiff.service.tables.report import requested
 from jointstiff.service.tables.table import figure, number, rounded

@@ -13,7 +13,7 @@ from support.shared_data import shared
 
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
 from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.kinds.report import job_report

@@ -9,7 +9,7 @@ import pytest
 from support.campaigns import prepare
 from support.springs import SpringCampaign
 
-from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.campaign import Experiment

@@ -10,7 +10,7 @@ from support.campaigns import METHODS, first_target, only_deflections, prepare
 from support.shared_data import shared
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS

@@ -16,7 +16,7 @@ from support.campaigns import (
     twins,
 )
 
-from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run import JointResult
 from jointstiff.service.conversion.message import message as message_of
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify

@@ -10,7 +10,7 @@ import pytest
 from support.campaigns import ARM, METHODS, SIGMA, estimate, prepare
 from support.springs import SpringCampaign, robot_of
 
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import simulate_campaign
 from jointstiff.solver.errors import MeasurementError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.campaigns import estimate, prepare
 
-from jointstiff.schemas.run.budget import BudgetComponent
+from jointstiff.schemas.run import BudgetComponent
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import PlanRequest, whitened_rows

@@ -1,22 +1,112 @@
-"""Options of an identification: method, weighting, constraints and priors."""
+"""Options of an identification: method, weighting, what may bend, constraints, priors, draws, own weight."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from jointstiff.schemas.fields import Message, Metres, Name, Stiffness
+from jointstiff.schemas.fields import (
+    Message,
+    Metres,
+    Name,
+    Stiffness,
+    Vector3,
+)
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run.links import CrossValidation, Elasticity
-from jointstiff.schemas.run.resampling import Resampling
-from jointstiff.schemas.run.weight import Weight
 from jointstiff.schemas.terminal import Terminal, chain_of, draws_of, prior_of
+
+ElasticModel = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links", "automatic"]
+Loss = Literal["squared", "huber", "absolute"]
+
+
+class CrossValidation(Message):
+    """Settings of the cross-validation, which chooses the penalty of the links and compares the models."""
+
+    folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
+        default=5, description="Number of folds, each held out once; fewer if there are fewer postures."
+    )
+    draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
+        default=4,
+        description="Number of times that the configurations are assigned to folds anew; once if "
+        "`link_penalty` is given.",
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
+        default=0, description="Random seed of the assignment of configurations to folds."
+    )
+    rule: Literal["best", "one_standard_error"] = Field(
+        default="best",
+        description="`best`: the penalty of least held-out residual (mean length; beyond 500 targets root "
+        "mean square). `one_standard_error`: the largest within one standard error of the best.",
+    )
+
+
+MAX_REPETITIONS = 100_000
+
+
+class Resampling(Message):
+    """Size, number and seed of the draws."""
+
+    size: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
+        description="Number of configurations per draw, at most those of the set.", examples=[10]
+    )
+    repetitions: Annotated[int, Field(strict=True, ge=1, le=MAX_REPETITIONS)] = Field(
+        default=1000, description="Number of draws."
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
+        default=0, description="Random seed: the same seed gives the same numbers on any machine."
+    )
+    replacement: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="True if a configuration may be drawn more than once (bootstrap)."
+    )
+
+
+_Bounds = tuple[Annotated[float, Field(strict=True, ge=0.0, le=1e9)], Annotated[float, Field(gt=0.0, le=1e9)]]
+
+
+class Balancer(Message):
+    """A spring between the base and a link, pulled from its free length."""
+
+    joint: Name = Field(description="Name of the joint that carries the spring's further end.")
+    on_base: Metres[Vector3] = Field(description="End on the base, in R0.")
+    on_link: Metres[Vector3] = Field(
+        description="Further end in the frame that moves with the joint (as of a body's centre of mass)."
+    )
+    rate: _Bounds = Field(description="Least and greatest rate of the spring, in N/m.")
+    pull: _Bounds = Field(description="Least and greatest rate times free length, in N.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Balancer:
+        if self.rate[0] > self.rate[1] or self.pull[0] > self.pull[1]:
+            raise ValueError("give the least, then the greatest value of `rate` and of `pull`")
+        return self
+
+
+class Weight(Message):
+    """Own weight as the load. Geometry of the robot and places of the targets are estimated, too."""
+
+    gravity: Vector3 = Field(
+        default=(0.0, 0.0, -9.80665),
+        description="Acceleration of gravity in R0, in m/s²; default: along −z of R0.",
+    )
+    estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="True to estimate the direction of gravity, as for a tracker that is not levelled.",
+    )
+    balancers: Annotated[list[Balancer], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=list, description="Spring balancers, whose bounds are stated."
+    )
+
+    @model_validator(mode="after")
+    def _pulls(self) -> Weight:
+        if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
+            raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
+        return self
+
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
-
-
 PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
 StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
 

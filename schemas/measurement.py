@@ -1,0 +1,545 @@
+"""Measurement sets: observations under load, their noise, frame and metadata."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from math import hypot
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, FailFast, Field, model_validator
+
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Quantity,
+    Radians,
+    Timestamp,
+    Vector3,
+)
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.robot import MAX_JOINTS
+
+LEAST_SIGMA = 1e-9
+
+
+def _stated(sigma: object) -> object:
+    if isinstance(sigma, int | float) and not isinstance(sigma, bool) and sigma < LEAST_SIGMA:
+        raise ValueError(
+            f"must be positive, at least {LEAST_SIGMA:g}: omit `noise` to estimate sigma from the residuals"
+        )
+    return sigma
+
+
+Sigma = Annotated[float, Field(strict=True, ge=LEAST_SIGMA, le=1e3), BeforeValidator(_stated)]
+"""Standard uncertainty of a length, in the set's unit of length."""
+Place = Annotated[float, Field(strict=True, gt=0.0, le=1e3)]
+"""Standard uncertainty of a place, in the set's unit of length."""
+Matrix3 = Annotated[tuple[Vector3, Vector3, Vector3], Field(description="Row by row, symmetric.")]
+_PerDistance = Annotated[float, Field(strict=True, ge=0.0, le=0.1)]
+
+
+class Uncertainty(Message):
+    """Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument."""
+
+    constant: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
+        description="Constant part, in the set's unit of length.", examples=[1e-5]
+    )
+    per_distance: Dimensionless[_PerDistance] = Field(
+        description="Part per distance: 5e-6 is 5 µm per metre, in any unit of length.", examples=[5e-6]
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Uncertainty:
+        if self.constant == 0.0 and self.per_distance == 0.0:
+            raise ValueError("give a positive `constant` or `per_distance`: no instrument is exact")
+        return self
+
+
+class Instrument(Message):
+    """A laser tracker, with different uncertainties along and across its line of sight.
+
+    Standard uncertainties (coverage factor 1). Sheets often state a maximum permissible error; divide it as
+    the sheet states, or by 2 otherwise.
+    """
+
+    station: Vector3 = Field(description="Position of the tracker in R0, in units.length.")
+    range: Uncertainty = Field(description="Uncertainty along the line of sight.")
+    transverse: Uncertainty = Field(
+        description="Uncertainty across the line of sight, in each of two directions."
+    )
+
+
+class ForceUncertainty(Message):
+    """Standard uncertainties of the load, each common to all observations of the set.
+
+    They belong to the one scale or load cell that every observation used, so no number of readings averages
+    them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
+    """
+
+    scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.0,
+        description="Relative standard uncertainty of the magnitude of forces and moments: 0.01 is one per "
+        "cent. Every stiffness has the same relative error.",
+        examples=[0.005],
+    )
+    direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.0,
+        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, "
+        "in rad whatever the "
+        "set's unit of angle.",
+        examples=[0.002],
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ForceUncertainty:
+        if self.scale == 0.0 and self.direction == 0.0:
+            raise ValueError("give a positive `scale` or `direction`, or leave `force` out")
+        return self
+
+
+class AxisUncertainty(Message):
+    """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
+
+    A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
+    or the greatest. Each axis has one error for all observations.
+    """
+
+    position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
+        default=0.0,
+        description="Standard uncertainty of an axis's position in each direction across it, in the set's "
+        "unit of length.",
+        examples=[1e-4],
+    )
+    direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.0,
+        description="Standard uncertainty of an axis's direction about each direction across it, in rad "
+        "whatever the set's unit "
+        "of angle.",
+        examples=[1e-4],
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> AxisUncertainty:
+        if self.position == 0.0 and self.direction == 0.0:
+            raise ValueError("give a positive `position` or `direction`, or leave `axes` out")
+        return self
+
+
+class Noise(Message):
+    """Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
+
+    Give the tracker's as `sigma` or as `instrument`, or as neither if every reading has its own.
+    """
+
+    sigma: Sigma | None = Field(
+        default=None,
+        description="Standard uncertainty of one coordinate of one position reading, in the set's unit of "
+        "length. The uncertainty of a deflection, a difference of two, is √2 times larger.",
+        examples=[2e-5],
+    )
+    encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
+        default=None,
+        description="Standard uncertainty of one reading of a secondary encoder, in the set's unit of "
+        "angle; needed with encoder readings.",
+        examples=[5e-6],
+    )
+    instrument: Instrument | None = Field(
+        default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
+    )
+    force: ForceUncertainty | None = Field(
+        default=None, description="Uncertainty of the load; if absent, forces and moments count as exact."
+    )
+    load_point: Place | None = Field(
+        default=None,
+        description="Standard uncertainty of each coordinate of the load point in the flange frame, in the "
+        "set's unit of length; the error is the same in all observations. If absent, 10 mm is assumed, with "
+        "a note in the assessment.",
+        examples=[5e-4],
+    )
+    target_places: Place | None = Field(
+        default=None,
+        description="Standard uncertainty of each coordinate of each target's position in the flange frame, "
+        "in the set's unit of length; each target has one error for all observations. Errors of the "
+        "readings are in `sigma`. If absent, these positions count as exact.",
+        examples=[5e-4],
+    )
+
+    axes: AxisUncertainty | None = Field(
+        default=None,
+        description="Uncertainty of the robot's geometry; if absent, its model counts as exact.",
+    )
+    refuted: bool = Field(
+        default=False,
+        strict=True,
+        description="True if the residuals refuted the tracker's noise as `noise` or the readings state it. "
+        "The statement stays on record, sigma is estimated from the residuals, and the verdict is at most "
+        "*use with care*.",
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Noise:
+        if self.sigma is not None and self.instrument is not None:
+            raise ValueError("give either `sigma` or `instrument`, not both")
+        if not self.states_something:
+            raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
+        return self
+
+    @property
+    def states_something(self) -> bool:
+        """Return whether anything is stated."""
+        return any(getattr(self, name) != field.default for name, field in type(self).model_fields.items())
+
+
+def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None) -> None:
+    """Refuse a reading that states its noise twice, or that of one state only.
+
+    Raises:
+        ValueError: saying which.
+    """
+    if (unloaded is None) != (loaded is None):
+        raise ValueError("give both `unloaded_covariance` and `loaded_covariance`, or neither")
+    if sigma is not None and unloaded is not None:
+        raise ValueError("give either `sigma` or the two covariances, not both")
+
+
+Rotation = tuple[Vector3, Vector3, Vector3]
+
+
+class Frame(Message):
+    """Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0."""
+
+    geometry_id: Identifier | None = Field(
+        default=None,
+        description="Geometry of the same robot, measured by the same tracker from the same station.",
+    )
+    rotation: Dimensionless[Rotation | None] = Field(
+        default=None, description="Rotation matrix row by row, tracker to R0."
+    )
+    translation: Vector3 | None = Field(
+        default=None, description="The tracker's origin in R0, in units.length."
+    )
+    base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
+        default=None,
+        description="Base targets of the geometry (needs `geometry_id`), read again with this set, in "
+        "units.length. The motion between tracker and robot since then is corrected, with a "
+        "warning.",
+    )
+    forces: Literal["base", "tracker"] = Field(
+        default="base",
+        description="Frame of forces and moments: R0, or the tracker's frame, for instance if a weight pulls "
+        "along the vertical of a levelled tracker.",
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Frame:
+        explicit = self.rotation is not None and self.translation is not None
+        partly = self.rotation is not None or self.translation is not None
+        if (self.geometry_id is not None) == partly or partly != explicit:
+            raise ValueError("give either `geometry_id`, or both `rotation` and `translation`")
+        if self.base_targets is not None and self.geometry_id is None:
+            raise ValueError("give `geometry_id` with `base_targets`: they are compared with the geometry's")
+        return self
+
+
+class ResolvedFrame(Message):
+    """Frame as resolved when the set was stored; it remains valid if the geometry is deleted."""
+
+    rotation: Dimensionless[Rotation] = Field(description="Rotation matrix row by row, tracker to R0.")
+    translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
+    flange_targets: Metres[dict[Name, Vector3]] = Field(
+        description="Targets of the geometry in the flange frame, used for deflections of targets "
+        "that the set "
+        "does not place; empty if it has another flange frame."
+    )
+
+
+MAX_NOTES_LENGTH = 2_000
+
+
+_FIRST_YEAR, _LAST_YEAR = 1980, 2200
+
+
+def _refuse_number(value: object) -> object:
+    """Refuse seconds since 1970, which could as well be milliseconds or a date written as a number."""
+    if isinstance(value, int | float) or (isinstance(value, str) and value.strip().lstrip("+-").isdecimal()):
+        raise ValueError("must be a date and a time with its zone, such as 2026-11-20T14:30:00+01:00")
+    return value
+
+
+def _in_utc(value: datetime) -> datetime:
+    if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
+        raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
+    return value.astimezone(UTC)
+
+
+def _lines(text: str) -> str:
+    if text != text.strip() or not all(line.isprintable() for line in text.split("\n")):
+        raise ValueError("must be printable lines without leading or trailing blanks")
+    return text
+
+
+Moment = Annotated[AwareDatetime, BeforeValidator(_refuse_number), AfterValidator(_in_utc)]
+"""A time that was stated with its zone; kept in UTC."""
+Notes = Annotated[str, Field(min_length=1, max_length=MAX_NOTES_LENGTH), AfterValidator(_lines)]
+"""Plain text of several lines."""
+
+
+class SetMetadata(Message):
+    """Metadata of a measurement set; all of it is optional."""
+
+    measured_at: Moment | None = Field(
+        default=None,
+        description="Time of the measurement, ISO 8601 with its zone; kept in UTC.",
+        examples=["2026-11-20T14:30:00+01:00"],
+    )
+    operator: Name | None = Field(default=None, description="Person or team that measured.")
+    instrument: Name | None = Field(
+        default=None,
+        description="Instrument, for people; its uncertainty is in `noise`.",
+        examples=["Leica AT960, 750123"],
+    )
+    serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
+    item_condition: Name | None = Field(
+        default=None,
+        description="Condition of the robot when it was measured.",
+        examples=["as found, 12,000 h of operation"],
+    )
+    conditions: Name | None = Field(
+        default=None,
+        description="Conditions of the measurement.",
+        examples=["21 °C, warmed up for 30 min"],
+    )
+    notes: Notes | None = Field(
+        default=None, description=f"Anything else, at most {MAX_NOTES_LENGTH} characters in lines."
+    )
+
+
+class SetChange(SetMetadata):
+    """Changes of a measurement set beside its readings. Omitted fields remain unchanged."""
+
+    name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
+    archived: bool | None = Field(
+        default=None, description="True to archive the set: listings omit it; null or absent: unchanged."
+    )
+
+
+MAX_OBSERVATIONS = 10_000
+MAX_TARGETS = 16
+LEAST_DIRECTION = 1e-6
+LengthUnit = Literal["m", "mm"]
+AngleUnit = Literal["rad", "deg"]
+ForceUnit = Literal["N", "kN", "kgf"]
+MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
+
+
+class Units(Message):
+    """Units of every number in the set; mandatory, because kg instead of N cannot be detected later."""
+
+    length: LengthUnit = Field(description="Unit of positions, deflections, load points and sigma.")
+    angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
+    force: ForceUnit = Field(description="Unit of forces; 1 kgf = 9.80665 N.")
+    moment: MomentUnit | None = Field(
+        default=None,
+        description="Unit of moments. Optional if there is no moment, or if lengths are in m: then it is the "
+        "unit of force times m.",
+    )
+
+
+_KINDS_OF_READING = ("unloaded", "loaded", "deflection", "displacement")
+
+
+class Reading(Message):
+    """One target in one observation: two positions, a deflection, its part along a direction, or a position.
+
+    A dial gauge or a laser that measures one distance reads along a direction; a position alone is without a
+    load.
+    """
+
+    target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
+    unloaded: Vector3 | None = Field(
+        default=None,
+        description="Position in R0 without load, in units.length. Alone, only for runs with `weight`, "
+        "whose load is the robot's own weight.",
+    )
+    loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
+    deflection: Vector3 | None = Field(
+        default=None,
+        description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's position in "
+        "`flange_targets`.",
+    )
+    displacement: Quantity | None = Field(
+        default=None,
+        description="Loaded minus unloaded reading of a dial gauge or 1-D laser, positive along `direction` "
+        "or `flange_direction`, in units.length. Needs the target's position in `flange_targets`.",
+    )
+    direction: Vector3 | None = Field(
+        default=None,
+        description="Direction of `displacement`, of any length from 1e-6 on, axes of R0; of `frame`, if the "
+        "set has one.",
+        examples=[[0.0, 0.0, 1.0]],
+    )
+    flange_direction: Vector3 | None = Field(
+        default=None, description="Direction of `displacement` in the flange frame, instead of `direction`."
+    )
+    sigma: Sigma | None = Field(
+        default=None,
+        description="Standard uncertainty of one coordinate of either position of this reading, or of the "
+        "gauge before and under load, in units.length. All readings of the tracker state their own noise, "
+        "or none and `noise` does; a reading along a direction may state its own beside them.",
+    )
+    unloaded_covariance: Matrix3 | None = Field(
+        default=None,
+        description="Covariance of the unloaded position, axes of R0, in units.length squared, instead of "
+        "`sigma`. A deflection, the difference of two positions, needs both covariances.",
+    )
+    loaded_covariance: Matrix3 | None = Field(
+        default=None, description="Covariance of the position under load."
+    )
+
+    @model_validator(mode="after")
+    def _one_kind_of_noise(self) -> Reading:
+        refuse_two_kinds(self.sigma, self.unloaded_covariance, self.loaded_covariance)
+        return self
+
+    @model_validator(mode="after")
+    def _one_kind_of_reading(self) -> Reading:
+        given = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
+        if given not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
+            raise ValueError(
+                "give `unloaded` and `loaded`, or `deflection`, or `displacement` with its direction, or "
+                "`unloaded` alone for runs with `weight`"
+            )
+        directions = [d for d in (self.direction, self.flange_direction) if d is not None]
+        short = any(hypot(*direction) < LEAST_DIRECTION for direction in directions)
+        if short or len(directions) != (self.displacement is not None):
+            raise ValueError(
+                "give a `displacement` exactly one of `direction` and `flange_direction`, of a length of at "
+                f"least {LEAST_DIRECTION:g}"
+            )
+        if self.displacement is not None and self.unloaded_covariance is not None:
+            raise ValueError("give `sigma` with a `displacement`: it has no covariance")
+        return self
+
+
+class EncoderReading(Message):
+    """A joint's angle behind its gearbox, read by a secondary encoder before and under load.
+
+    The motor's encoder closes the loop meanwhile, so the difference is how far the joint itself bent.
+    """
+
+    joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
+    unloaded: Quantity = Field(
+        description="Unloaded angle of the model's joint, in units.angle: with the sign of its "
+        "axis, after the "
+        "joint map. A constant offset does not matter."
+    )
+    loaded: Quantity = Field(description="Angle under load, in units.angle.")
+
+
+_EncoderReadings = Annotated[list[EncoderReading], Field(min_length=1, max_length=MAX_JOINTS)]
+
+
+class Observation(Message):
+    """One configuration under one load."""
+
+    label: Name = Field(description="Label, unique in the set.", examples=["c01"])
+    joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
+        description="Joint angles as displayed by the controller, in units.angle."
+    )
+    force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
+    moment: Vector3 | None = Field(
+        default=None,
+        description="Moment on the robot about the load point, axes of R0, in units.moment.",
+    )
+    load_point: Vector3 | None = Field(
+        default=None,
+        description="Load point in the flange frame, in units.length; default: that of the set.",
+    )
+    readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
+        description="Readings of the targets, at most one per target."
+    )
+    encoder_readings: _EncoderReadings | None = Field(
+        default=None,
+        description="Readings of secondary encoders, at most one per joint. Omit them if these encoders "
+        "close the loop, because they then show no deflection.",
+    )
+
+
+class MeasurementSetHeader(SetMetadata):
+    """Fields common to all observations of a set."""
+
+    name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
+    units: Units
+    encoders: Literal["motor", "secondary"] = Field(
+        description="Encoders that close the position loop: those of the motors, or secondary "
+        "encoders behind "
+        "the gearboxes."
+    )
+    noise: Noise | None = Field(
+        default=None,
+        description="Noise of the readings; if absent, and no reading states its own, sigma is "
+        "estimated from "
+        "the residuals.",
+    )
+    frame: Frame | None = Field(
+        default=None,
+        description="Frame of positions, deflections, covariances and the tracker's station, if it is a "
+        "tracker's; default: R0.",
+    )
+    flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
+        default_factory=dict,
+        description="Targets in the flange frame, in units.length; needed for deflections.",
+    )
+    load_point: Vector3 | None = Field(
+        default=None,
+        description="Load point in the flange frame, in units.length; an observation may have its own.",
+    )
+
+
+class MeasurementSetDocument(MeasurementSetHeader):
+    """A measurement set in a campaign file."""
+
+    observations: Annotated[
+        list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS), FailFast()
+    ] = Field(description=f"One to {MAX_OBSERVATIONS} observations.")
+
+
+class MeasurementSetRequest(MeasurementSetDocument):
+    """A measurement set as it is posted."""
+
+    robot_id: Identifier = Field(description="Id of the robot that was measured.")
+
+
+class MeasurementSetSummary(SetMetadata):
+    """A measurement set in a listing."""
+
+    id: Identifier
+    robot_id: Identifier
+    name: Name
+    encoders: Literal["motor", "secondary"]
+    observation_count: int
+    warning_count: int
+    archived: bool = Field(description="True if archived: listings omit the set.")
+    content_hash: str = Field(description="SHA-256 of the readings, as in the set.")
+    created_at: Timestamp
+
+
+class StoredMeasurementSet(MeasurementSetHeader):
+    """A stored measurement set without its observations."""
+
+    robot_id: Identifier = Field(description="Id of the robot that was measured.")
+    id: Identifier
+    resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
+    warnings: list[Finding]
+    archived: bool = Field(default=False, description="True if archived: listings omit the set.")
+    content_hash: str = Field(
+        description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
+    )
+    created_at: Timestamp
+
+
+class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
+    """A stored measurement set with its findings."""

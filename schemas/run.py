@@ -1,0 +1,612 @@
+"""A run: one identification of one measurement set, with its evidence and provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from jointstiff.schemas.assessment import Assessment, ResultSummary
+from jointstiff.schemas.fields import (
+    Compliance,
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Newtons,
+    Point,
+    Radians,
+    Stiffness,
+    Timestamp,
+    Torque,
+)
+from jointstiff.schemas.finding import Finding, Verdict
+from jointstiff.schemas.job import Job, JobState, Result
+from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
+from jointstiff.schemas.options import Elasticity, ElasticModel, Loss, Method, RunOptions, Weighting
+
+
+class OneSidedBounds(Message):
+    """One-sided bounds, each at the run's confidence level; both together have a lower level."""
+
+    compliance_at_least: Compliance[float]
+    compliance_at_most: Compliance[float]
+    stiffness_at_least: Stiffness[float | None] = Field(
+        description="Lower end; null if the compliance may be negative."
+    )
+    stiffness_at_most: Stiffness[float | None] = Field(
+        description="Upper end; null: no upper limit, the readings cannot distinguish the joint from rigid."
+    )
+
+
+class UncertaintyBudget(Message, extra="allow"):
+    """Contributions to a standard uncertainty by source; their squares add up to its square."""
+
+    __pydantic_extra__: dict[str, float]
+    readings: Compliance[float] = Field(description="Noise of tracker and encoders.")
+    force_scale: Compliance[float] = Field(
+        default=0.0, description="Scale of the force: fully correlated over all joints and observations."
+    )
+    force_direction: Compliance[float] = Field(
+        default=0.0, description="Direction of the force: correlated as its scale."
+    )
+    load_point: Compliance[float] = Field(
+        default=0.0, description="Load point: one error for all observations."
+    )
+    assumed_load_point: Compliance[float] = Field(
+        default=0.0,
+        description="Load point, with 10 mm in each direction if no uncertainty is stated.",
+    )
+    target_places: Compliance[float] = Field(
+        default=0.0, description="Positions of the targets: one error per target for all observations."
+    )
+    axes: Compliance[float] = Field(
+        default=0.0, description="Axes of the robot's model: one error per axis for all observations."
+    )
+    model_error: Compliance[float] = Field(
+        default=0.0, description="Model error by fits without single postures, if joints alone do not fit."
+    )
+
+
+class JointResult(Message):
+    """Result of one joint. A joint that is not observable has no numbers."""
+
+    name: Name
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
+    verdict: Verdict = Field(
+        description="Verdict on the use of the stiffness, limited by its status and by the reasons about it "
+        "or the whole result."
+    )
+    compliance: Compliance[float | None]
+    stiffness: Stiffness[float | None] = Field(
+        description="Stiffness, 1 / compliance; null if the compliance is zero."
+    )
+    standard_uncertainty: Compliance[float | None] = Field(
+        description="Standard uncertainty of the compliance, from the covariance of the "
+        "unconstrained estimate."
+    )
+    compliance_interval: Compliance[tuple[float, float] | None] = Field(
+        description="Profile-likelihood interval of the compliance under the constraints, at the run's "
+        "confidence level."
+    )
+    stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
+        description="Interval of the stiffness; an upper end of null means no upper limit."
+    )
+    one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
+    prior_to_data: float | None = Field(
+        default=None,
+        description="Ratio of information, prior to readings, on this compliance; above 1 the "
+        "prior dominates. "
+        "Null without a prior. Dimensionless.",
+    )
+    budget: UncertaintyBudget | None = Field(
+        default=None,
+        description="Budget of the standard uncertainty; null if it has only the readings. "
+        "Correlations are in the `budget` of the result.",
+    )
+    reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
+
+
+def identified_in(joints: Sequence[JointResult]) -> int:
+    """Count the joints that are identified."""
+    return sum(joint.status == "identified" for joint in joints)
+
+
+BudgetSource = Annotated[
+    str,
+    Field(
+        description="Source of uncertainty: `readings`, the name of a stated error (`force_scale`, "
+        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, `model_error` or "
+        "`complementary_stiffness`."
+    ),
+]
+BudgetGap = Literal["model_error", "lack_of_fit"]
+Evaluation = Annotated[
+    Literal["A", "B"],
+    Field(description="Type of evaluation: A by statistics of these readings, B as stated with them."),
+]
+
+
+class BudgetComponent(Message):
+    """One source of uncertainty."""
+
+    source: BudgetSource
+    evaluation: Evaluation
+    included: bool = Field(
+        description="True if the component is part of the joints' standard uncertainty. Model error is "
+        "included only if joints alone do not fit; a neglected complementary stiffness never is."
+    )
+    degrees_of_freedom: Dimensionless[float | None] = Field(
+        description="Degrees of freedom of an evaluation of type A; null for infinitely many."
+    )
+    contributions: Compliance[list[float]] = Field(
+        description="Contribution to the standard uncertainty of each joint of the budget."
+    )
+    correlation: Dimensionless[list[list[float]]] = Field(
+        description="Correlation coefficients between the joints by this source; 0 if a contribution is 0."
+    )
+
+
+class Budget(Message):
+    """Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same."""
+
+    joints: list[Name] = Field(description="Joints with an estimate, in the order of all numbers here.")
+    components: list[BudgetComponent]
+    standard_uncertainty: Compliance[list[float]] = Field(
+        description="Combined standard uncertainty: the root of the sum of the included squares."
+    )
+    correlation: Dimensionless[list[list[float]]] = Field(
+        description="Correlation coefficients of the combined uncertainty between the joints."
+    )
+    probability: Dimensionless[float] = Field(description="Coverage probability.")
+    coverage_factor: Dimensionless[float] = Field(
+        description="Factor for that probability: normal, or Student's if sigma comes from the residuals or "
+        "the model error is included."
+    )
+    expanded_uncertainty: Compliance[list[float]] = Field(
+        description="Expanded uncertainty: factor times the combined standard uncertainty."
+    )
+    expanded_with_model_error: Compliance[list[float]] = Field(
+        description="Expanded uncertainty of all components, including those not in the intervals."
+    )
+    missing: list[BudgetGap] = Field(
+        description="Sources without a component: with one of them an expanded uncertainty is partial. "
+        "`model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a lack of "
+        "fit, such as links that bend."
+    )
+
+
+class StageIdentifiability(Message):
+    """Observability in one stage of a method, over the joints of that stage."""
+
+    rank: int = Field(
+        description="Rank: number of compliances, or combinations, that the readings determine."
+    )
+    condition_number: float | None = Field(
+        description="Condition number of the weighted regressor with columns of unit norm; null if "
+        "rank-deficient. Dimensionless."
+    )
+    singular_values: list[float] = Field(
+        description="Singular values of the same matrix, largest first. Dimensionless."
+    )
+
+
+class ObservabilityIndices(Message):
+    """Observability indices of the parameters in a set of postures (Sun & Hollerbach 2008).
+
+    Of the singular values s of the regressor with each column divided by what it would have been had the
+    force pulled across the joint's lever and the moment turned about its axis, in every observation: no
+    unit, no frame, and sets of any size compare. They concern the readings of all targets, whatever the
+    method made of them. Larger is better; none exceeds 1.
+    """
+
+    o1: float = Field(description="Geometric mean of s (Borm & Menq 1991). Dimensionless.")
+    o2: float = Field(description="Least over greatest s (Driels & Pathre 1990). Dimensionless.")
+    o3: float = Field(description="Least s (Nahvi, Hollerbach & Hayward 1994). Dimensionless.")
+    o4: float = Field(
+        description="Least s squared over the greatest (Nahvi & Hollerbach 1996). Dimensionless."
+    )
+    o5: float = Field(description="1 / sum of 1/s (Sun & Hollerbach 2008). Dimensionless.")
+
+
+class Advice(Message):
+    """A measurement that would reduce a joint's uncertainty."""
+
+    joint: Name
+    message: str = Field(description="Advice in words: posture, load, and the expected gain.")
+    joints: Radians[list[float]] = Field(description="Joint angles as displayed by the controller.")
+    observation: Name | None = Field(
+        description="Label of the observation with this posture, if there is one."
+    )
+    force: Newtons[Point] = Field(
+        description="Force on the robot, axes of R0, with the magnitude of the set's largest force, at the "
+        "load point of that observation, or for a new posture at that of the largest force."
+    )
+    uncertainty_ratio: float | None = Field(
+        description="Ratio of the standard uncertainties of the compliance, after one such reading of all "
+        "targets to before, with partial pose, without constraints and priors; null if the "
+        "readings so far do not determine the compliance. Dimensionless."
+    )
+    standard_uncertainty: Compliance[float | None] = Field(
+        default=None,
+        description="Standard uncertainty of the compliance after that reading; null if sigma is unknown.",
+    )
+
+
+class Identifiability(Message):
+    """Observability of the parameters of the joint model."""
+
+    parameters: int = Field(description="Number of joints of the robot.")
+    rank: int = Field(
+        description="Rank: number of compliances, or combinations, that the readings determine."
+    )
+    condition_number: float | None = Field(
+        description="Condition number, the largest of all stages; null if rank-deficient. Dimensionless."
+    )
+    combinations: list[list[Name]] = Field(
+        description="Groups of joints of which only combinations are observable."
+    )
+    observability: ObservabilityIndices | None = Field(
+        default=None, description="Observability indices of the observable joints; null if rank-deficient."
+    )
+    advice: list[Advice] = Field(
+        default_factory=list,
+        description="Advice on the next measurements, for at most three joints: those without a number, at "
+        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces of advice "
+        "per joint, the better first: another load in a posture of the set, and a new posture.",
+    )
+    weakest: list[str] = Field(
+        default_factory=list,
+        description="Messages for each stage with a condition number above 100: joints that are hard to "
+        "distinguish, and in which proportion.",
+    )
+    stages: list[StageIdentifiability] = Field(
+        description="Stages of the method: two for the decoupled one, arm then wrist."
+    )
+
+
+class ResampledJoint(Message):
+    """One joint over all draws."""
+
+    name: Name
+    compliance_mean: Compliance[float | None]
+    compliance_deviation: Compliance[float | None] = Field(description="Standard deviation of one draw.")
+    compliance_interval: Compliance[tuple[float, float] | None] = Field(
+        description="Percentile interval at the run's confidence."
+    )
+    stiffness_mean: Stiffness[float | None] = Field(
+        description="Mean of the finite stiffnesses; see also `share_infinite`."
+    )
+    stiffness_deviation: Stiffness[float | None] = Field(
+        description="Standard deviation of one draw, of the finite stiffnesses."
+    )
+    share_negative: float = Field(description="Share of the draws with a negative stiffness.")
+    share_infinite: float = Field(description="Share of the draws with compliance zero.")
+    share_undetermined: float = Field(description="Share of the draws in which the joint is not observable.")
+
+
+class ResampledCompensation(Message):
+    """Compensation on all configurations, drawn or not. Dimensionless."""
+
+    mean: float | None
+    deviation: float | None = Field(description="Standard deviation of one draw.")
+    interval: tuple[float, float] | None = Field(description="Percentile interval.")
+
+
+class ResamplingResult(Message):
+    """Dispersion due to the choice of configurations. Joints that are not observable have no numbers."""
+
+    repetitions: int
+    joints: list[ResampledJoint]
+    share_any_negative: float = Field(description="Share of the draws with at least one negative stiffness.")
+    compensation: ResampledCompensation
+
+
+class WeightShare(Message):
+    """Causes of the width of a joint's interval."""
+
+    joint: Name
+    torque: Torque[tuple[float, float]] = Field(
+        description="Least and greatest torque of weights and loads about the joint over the observations."
+    )
+    largest_sag: Radians[float | None] = Field(
+        description="Greatest sag of the joint; null without a number."
+    )
+    readings: Dimensionless[float | None] = Field(
+        description="Share of the width of the compliance's interval that exact masses would leave; null "
+        "without a number."
+    )
+    masses: Dimensionless[float | None] = Field(
+        description="Share of the interval's width due to the uncertain masses; null without a number."
+    )
+
+
+class WeightResult(Message):
+    """Additional results of a run with `weight`."""
+
+    joints: list[WeightShare]
+    gravity: Point = Field(description="Acceleration of gravity in R0, in m/s², stated or estimated.")
+    rms_without_sag: Metres[float] = Field(
+        description="Root mean square of a coordinate's residual for the best geometry without sag."
+    )
+    rms_residual: Metres[float] = Field(description="Root mean square of a coordinate's residual with sag.")
+    steps: int = Field(description="Number of Gauss-Newton steps.")
+
+
+MAX_LEFT_OUT = 1_000
+
+
+class CampaignRun(RunOptions):
+    """Options of the run in a campaign file."""
+
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list,
+        description="Labels of observations to omit; the others are checked again without them.",
+        examples=[["c07"]],
+    )
+
+
+class RunRequest(CampaignRun):
+    """A run as it is posted."""
+
+    measurement_set_id: Identifier
+    variant_of: Identifier | None = Field(
+        default=None,
+        description="Run that this one tries to improve by other options or corrected readings; listings "
+        "can group both. It changes no number.",
+    )
+
+
+SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
+
+
+class Certificate(Message):
+    """Proof of optimality, recomputed from the data. Dimensionless; zero is exact up to rounding."""
+
+    primal: float = Field(description="Largest violation of a bound.")
+    dual: float = Field(description="Largest gradient of the wrong sign.")
+    complementarity: float = Field(description="Largest min(slack, multiplier).")
+    solved_by: list[SupportFinder] = Field(
+        description="Algorithms that found the active bounds, for the robust loss if there is one, then for "
+        "each stage of the method: least squares (none), principal pivoting, Clarabel, the exact "
+        "active-set method, or, with an order of the joints, the least-distance problem."
+    )
+
+
+class Goodness(Message):
+    """Chi-square of the readings' residuals under sigma."""
+
+    chi_square: float = Field(
+        description="Sum of squared whitened residuals; with the robust loss each is cut at the threshold, "
+        "and the sum scaled to the same expectation. Dimensionless."
+    )
+    degrees_of_freedom: float
+    sigma_source: Literal["given", "residuals"] = Field(
+        description="Source of sigma: stated with the set, or estimated from these residuals."
+    )
+    test: SigmaTest | None = Field(
+        default=None, description="Test of the stated sigma; null without residual degrees of freedom."
+    )
+
+
+class SigmaTest(Message):
+    """Chi-square test of the sigma that was stated, against the residuals (two-sided)."""
+
+    p_value: float = Field(
+        description="p-value: probability of residuals at least as extreme if model and sigma are right."
+    )
+    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"] = Field(
+        description="Result of the test at a significance level of 1 %."
+    )
+
+
+class ComplementaryStiffness(Message):
+    """Effect of the change of the load's joint torques with the deflection."""
+
+    included: bool
+    iterations: int = Field(description="Number of fits until the iteration converged; 0 if neglected.")
+    largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set. Dimensionless.")
+    largest_shift: float | None = Field(
+        description="Largest change of a compliance between neglecting and including it, in units of its "
+        "standard uncertainty; null if that is unknown. Dimensionless."
+    )
+
+
+class SuspiciousReading(Message):
+    """A reading that the robust loss gives less weight; one good reading in a thousand is like it."""
+
+    observation: Name
+    target: Name
+    weight: float = Field(description="Weight of the reading, 1 for a good one. Dimensionless.")
+    residual_norm: float = Field(
+        description="Norm of the whitened residual, in units of sigma. Dimensionless."
+    )
+
+
+class RobustLoss(Message):
+    """Weights and suspicious readings of the Huber loss."""
+
+    threshold: float = Field(description="Threshold in units of sigma. Dimensionless.")
+    suspicious: list[SuspiciousReading] = Field(description="Suspicious readings, worst first, at most 100.")
+    suspicious_count: int
+
+
+class Residual(Message):
+    """One target in one observation."""
+
+    observation: Name
+    target: Name
+    deflection: Metres[Point]
+    predicted: Metres[Point]
+    residual: Metres[Point] = Field(description="Measured minus predicted, axes of R0.")
+
+
+class Contribution(Message):
+    """Part of one joint in the predicted deflection, projected on that deflection."""
+
+    joint: Name
+    share: Dimensionless[float] = Field(
+        description="Contribution to the mean length of the predicted deflections; those of all "
+        "joints sum to "
+        "1. Zero for a joint without a number."
+    )
+    mean: Metres[float] = Field(
+        description="Contribution of the joint, mean over all readings of the targets."
+    )
+    by_observation: Metres[list[float]] = Field(
+        description="Contributions in each observation, means over its targets, in the order of the set."
+    )
+
+
+class EncoderResidual(Message):
+    """One secondary encoder in one observation."""
+
+    observation: Name
+    joint: Name
+    deflection: Radians[float] = Field(description="Deflection of the joint, loaded minus unloaded.")
+    predicted: Radians[float]
+    residual: Radians[float] = Field(description="Residual, measured minus predicted.")
+
+
+class PlainModel(Message):
+    """Result for joints alone under squared residuals, with K_c as in the run."""
+
+    joints: list[JointResult]
+    compensation: Dimensionless[float | None]
+    rms_residual: Metres[float]
+
+
+class ModelChoice(Message):
+    """Elastic elements and loss of this run, with the evidence for both."""
+
+    elasticity: ElasticModel
+    loss: Loss
+    source: Literal["given", "screening", "cross_validation", "options"] = Field(
+        description="`given`: named in the request. `screening`: joints alone, because no test shows that "
+        "something besides them bends. `cross_validation`: compared on held-out postures. `options`: joints "
+        "alone, because other options exclude more."
+    )
+    links_p_value: Dimensionless[float | None] = Field(
+        description="p-value of the F test of links beside joints; null if it was not made."
+    )
+    message: str = Field(description="Choice in a sentence, with its figures.")
+    plain: PlainModel | None = Field(
+        default=None, description="Joints alone under squared residuals; null if the run has only joints."
+    )
+
+
+class RunResult(Result):
+    """Result of the job."""
+
+    assessment: Assessment
+    joints: list[JointResult]
+    compensation: float | None = Field(
+        description="Compensation: share of the mean deflection that the model predicts, 1 - "
+        "mean‖residual‖ / mean‖deflection‖; null if nothing moved, or if there are as many parameters as "
+        "readings. Dimensionless."
+    )
+    rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
+    sigma: Metres[float | None] = Field(
+        description="Standard uncertainty of one coordinate of one reading; null if not given and "
+        "there are no "
+        "residual degrees of freedom."
+    )
+    goodness: Goodness
+    identifiability: Identifiability
+    certificate: Certificate = Field(description="Largest violations over the stages.")
+    characteristic_length: Metres[float | None] = Field(
+        description="Length that was used, if the weighting needs one."
+    )
+    complementary_stiffness: ComplementaryStiffness | None = Field(
+        description="Effect of K_c; null with elastic links or coupling, whose model neglects it."
+    )
+    robust: RobustLoss | None = Field(
+        default=None, description="Suspicious readings and weights, if the loss is `huber`."
+    )
+    resampling: ResamplingResult | None = Field(
+        default=None, description="Results of the resampling, if requested."
+    )
+    links: LinksResult | None = Field(
+        default=None,
+        description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
+        "the joint and its link's rotation about its axis together. Their intervals are ranges of what fits "
+        "the readings under 0.3 times the penalty, which predicts best; they are null if `link_penalty` is "
+        "given.",
+    )
+    selection: ModelSelection | None = Field(
+        default=None, description="Held-out compensation of each model, if links or coupling are elastic."
+    )
+    choice: ModelChoice | None = Field(
+        default=None, description="Elastic elements and loss of this run, with the reason."
+    )
+    residuals: list[Residual]
+    contributions: list[Contribution] = Field(
+        default_factory=list,
+        description="Contribution of each joint to the predicted deflection; empty if links or coupling are "
+        "elastic, or if no joint is identified.",
+    )
+    encoder_residuals: list[EncoderResidual] = Field(
+        default_factory=list, description="Fit of the secondary encoders, if they were read."
+    )
+    model: IdentifiedModel | None = Field(
+        default=None,
+        description="Model for predictions; null if no joint is determined by own weight.",
+    )
+    budget: Budget | None = Field(
+        default=None,
+        description="Uncertainty budget of the compliances; null with elastic links or coupling, or if the "
+        "uncertainty of the readings is unknown.",
+    )
+    weight: WeightResult | None = Field(
+        default=None,
+        description="Result of a run with `weight`: deflections are relative to the geometry without sag, "
+        "and intervals are outer bounds over all masses within their bounds; null for other runs.",
+    )
+    warnings: list[Finding] = Field(description="Warnings of the measurement set, then of the fit.")
+
+    @property
+    def summary(self) -> ResultSummary:
+        """Excerpt for listings."""
+        return ResultSummary(
+            verdict=self.assessment.verdict,
+            compensation=self.compensation,
+            joints_identified=identified_in(self.joints),
+            joint_count=len(self.joints),
+            warning_count=len(self.warnings),
+        )
+
+
+class RunSummary(ResultSummary):
+    """A run in a listing."""
+
+    id: Identifier
+    measurement_set_id: Identifier
+    robot_id: Identifier
+    method: Method
+    weighting: Weighting
+    positive: bool
+    elasticity: Elasticity = Field(description="Parts that bend.")
+    leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
+    variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")
+    state: JobState
+    created_at: Timestamp
+
+
+class Run(Job):
+    """A stored run. It never changes once ended."""
+
+    kind: ClassVar[str] = "run"
+    collection: ClassVar[str] = "runs"
+
+    request: RunRequest
+    result: RunResult | None = Field(description="Result; present if the run has succeeded.")
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """Elements that bend in the numbers; while there are none, those of the request."""
+        choice = None if self.result is None else self.result.choice
+        if self.request.weight is not None:
+            return "joints"
+        return self.request.elasticity if choice is None else choice.elasticity
