@@ -16,7 +16,6 @@ from sqlalchemy import (
     Integer,
     Select,
     Table,
-    and_,
     bindparam,
     delete,
     exists,
@@ -72,6 +71,10 @@ _MAX_INDEXED: Final = 500
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
 _KEY: Final = insert(idempotency_keys)
+KEEP_DELETED: Final = timedelta(days=30)
+"""Time for which a deleted resource can be restored."""
+_NAMED: Final = 5
+"""Resources that a refusal to delete names."""
 
 
 class Collection(Generic[Record, Entry]):
@@ -95,6 +98,14 @@ class Collection(Generic[Record, Entry]):
         shown, keys = table.c, idempotency_keys.c
         self._insert = insert(table)
         self._mine = [table.c.kind == resource.name] if table is jobs else []
+        self._ended = [jobs.c.state.not_in(OPEN_STATES)] if table is jobs else []
+        # columns that refer to other tables, with these; and columns of others that refer to this one
+        self._references: list[tuple[Column[Any], Table]] = [
+            (each, reference.column.table) for each in shown for reference in each.foreign_keys
+        ]
+        self._children: list[Column[Any]] = [
+            each for child in (measurement_sets, jobs) for each in child.c if each.references(shown.id)
+        ]
         columns = [shown[field.name] for field in fields(record)]
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
         self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
@@ -134,7 +145,9 @@ class Collection(Generic[Record, Entry]):
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first, as the loser of a race waits here
-                    connection.execute(_KEY, self._key_row(record, key))
+                    own = {"resource": self.resource.collection, "key_hash": _hash(key.key)}
+                    of_record = {"resource_id": record.id, "created_at": record.created_at}
+                    connection.execute(_KEY, {**own, **of_record, "body_hash": key.body_hash})
                 self._hold_parents(connection, record)
                 connection.execute(self._insert, asdict(record))
                 if also is not None:
@@ -235,20 +248,101 @@ class Collection(Generic[Record, Entry]):
         records = tuple(self._entry(**dict(zip(names, row[1:], strict=True))) for row in rows[:limit])
         return RecordPage(records, str(rows[limit - 1].sequence) if len(rows) > limit else None)
 
+    def delete(self, identifier: str, now: datetime) -> None:
+        """Hide a resource; of one that is hidden the time of the first deletion stays.
+
+        Args:
+            identifier: its id.
+            now: aware; from here on it is kept for `KEEP_DELETED`.
+
+        Raises:
+            NotFoundError: there is no such resource.
+            NotEndedError: it is a job that has not ended.
+            ReferencedError: others refer to it.
+            AuthorisedError: it is a run whose report was authorised.
+        """
+        self._refuse_unindexable(identifier)
+        hide = update(self._table).where(*self._is(identifier), *self._ended, self._visible)
+        with self._database.writing() as connection:
+            if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
+                self._refuse_referenced(connection, identifier)  # none comes from now on
+                self._refuse_authorised(connection, identifier)
+                return
+            hidden = select(self._hidden).where(*self._is(identifier))
+            record = connection.execute(hidden).scalar_one_or_none()
+        if record is None:
+            raise NotFoundError(self.resource, identifier)
+        if not record:
+            raise NotEndedError(self.resource, identifier)
+
+    def restore(self, identifier: str) -> None:
+        """Bring a resource back; one that is not hidden stays as it is.
+
+        Raises:
+            NotFoundError: there is no such resource, or it has been removed.
+            DeletedError: it refers to a robot or measurement set that is deleted.
+        """
+        self._refuse_unindexable(identifier)
+        back = update(self._table).where(*self._is(identifier)).values(deleted_at=None)
+        named = [self._table.c.id, *(column for column, _ in self._references)]
+        with self._database.writing() as connection:
+            row = connection.execute(back.returning(*named)).one_or_none()
+            if row is None:
+                raise NotFoundError(self.resource, identifier)
+            self._hold_parents(connection, row)
+
+    def refuse_deleted(self, identifier: str) -> None:
+        """Do nothing, unless a resource is hidden.
+
+        Raises:
+            DeletedError: it is.
+        """
+        if self._finds(self._exists.where(self._hidden), identifier):
+            raise DeletedError(self.resource, identifier)
+
+    def purge(self, before: datetime, limit: int) -> list[str]:
+        """Remove for good what was deleted before a time, with the keys and steps that name it.
+
+        Args:
+            before: aware.
+            limit: resources at most, those deleted first.
+
+        Returns:
+            Ids of the resources that are no more; what deleted ones still refer to stays until they are gone.
+        """
+        keys, columns = idempotency_keys.c, self._table.c
+        free: list[ColumnElement[bool]] = [~exists().where(column == columns.id) for column in self._children]
+        old = [*self._mine, columns.deleted_at < before, *free]
+        first = select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
+        with self._database.reading() as connection:
+            expired = [str(row.id) for row in connection.execute(first)]
+        if not expired:
+            return []
+        with self._database.writing() as connection:
+            # Asked again in the transaction: one may have been restored meanwhile.
+            remove = delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
+            gone = [str(row.id) for row in connection.execute(remove).all()]
+            connection.execute(
+                delete(idempotency_keys).where(
+                    keys.resource == self.resource.collection, keys.resource_id.in_(gone)
+                )
+            )
+            if self._table is jobs:
+                connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
+        return gone
+
     def _narrows(self, name: str) -> bool:
         """Return whether a listing can be narrowed by a column: only by one with an index."""
         return any(name in index.columns and "sequence" in index.columns for index in self._table.indexes)
 
-    def _parents(self, record: Record) -> Iterator[tuple[Table, Resource, str]]:
-        """Yield the records that this one names: table, resource, id."""
-        for column in self._table.c:
-            for reference in column.foreign_keys:
-                parent = reference.column.table
-                if (identifier := getattr(record, column.name)) is not None:
-                    yield parent, PARENTS[parent], identifier
+    def _parents(self, record: object) -> Iterator[tuple[Table, Resource, str]]:
+        """Yield the records that this one, or its row, names: table, resource, id."""
+        for column, parent in self._references:
+            if (identifier := getattr(record, column.name)) is not None:
+                yield parent, PARENTS[parent], identifier
 
-    def _hold_parents(self, connection: Connection, record: Record) -> None:
-        """Keep the records that this one names from being deleted until it is stored."""
+    def _hold_parents(self, connection: Connection, record: object) -> None:
+        """Keep what this one names from being deleted until it is stored; refuse it if it was."""
         for table, parent, identifier in self._parents(record):
             held = select(table.c.deleted_at).where(table.c.id == identifier).with_for_update(read=True)
             row = connection.execute(held).one_or_none()
@@ -267,18 +361,33 @@ class Collection(Generic[Record, Entry]):
             f"a {self.resource.name} {record.id} already exists", "give each record a unique id"
         ) from error
 
+    def _refuse_referenced(self, connection: Connection, identifier: str) -> None:
+        users: dict[str, str] = {}
+        for column in self._children:
+            table = column.table
+            kind = table.c.kind if table is jobs else literal(MEASUREMENT_SET.name)
+            visible = select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
+            users |= {row[0]: row[1] for row in connection.execute(visible.limit(_NAMED + 1))}
+        if users:
+            named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
+            raise ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
+
+    def _refuse_authorised(self, connection: Connection, identifier: str) -> None:
+        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
+        if self._table is jobs and connection.execute(own).one_or_none() is not None:
+            raise AuthorisedError(identifier)
+
+    def _is(self, identifier: str) -> list[ColumnElement[bool]]:
+        return [*self._mine, self._table.c.id == identifier]
+
+    def _refuse_unindexable(self, identifier: str) -> None:
+        """Refuse an id that a database may not even take as a text; none of ours is."""
+        if not is_indexable(identifier):
+            raise NotFoundError(self.resource, identifier)
+
     def _finds(self, query: Select[Any], identifier: str) -> bool:
         with self._database.reading() as connection:
             return connection.execute(query, {"id": identifier}).one_or_none() is not None
-
-    def _key_row(self, record: Record, key: IdempotencyKey) -> dict[str, object]:
-        return {
-            "resource": self.resource.collection,
-            "key_hash": _hash(key.key),
-            "body_hash": key.body_hash,
-            "resource_id": record.id,
-            "created_at": record.created_at,
-        }
 
 
 def parse_cursor(cursor: str) -> int:
@@ -307,153 +416,6 @@ def is_indexable(text: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
-
-
-KEEP_DELETED: Final = timedelta(days=30)
-"""Time for which a deleted resource can be restored."""
-_NAMED: Final = 5
-
-
-class Deletions:
-    """The deleted resources of one kind. Every change is safe to repeat."""
-
-    def __init__(self, database: Database, resource: Resource, table: Table) -> None:
-        """Hide and bring back rows of a table; of that of jobs, those of the resource's kind."""
-        self._database = database
-        self._resource = resource
-        self._table = table
-        self._hidden = table.c.deleted_at.is_not(None)
-        self._kind = jobs.c.kind == resource.name if table is jobs else true()
-        self._ended = jobs.c.state.not_in(OPEN_STATES) if table is jobs else true()
-        self._children = list(_children(table))
-
-    def delete(self, identifier: str, now: datetime) -> None:
-        """Hide a resource; of one that is hidden the time of the first deletion stays.
-
-        Args:
-            identifier: its id.
-            now: aware; from here on it is kept for `KEEP_DELETED`.
-
-        Raises:
-            NotFoundError: there is no such resource.
-            NotEndedError: it is a job that has not ended.
-            ReferencedError: others refer to it.
-            AuthorisedError: it is a run whose report was authorised.
-        """
-        self._refuse_odd(identifier)
-        hide = update(self._table).where(self._is(identifier), self._ended, ~self._hidden)
-        with self._database.writing() as connection:
-            if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
-                self._refuse_referenced(connection, identifier)  # none comes from now on
-                self._refuse_authorised(connection, identifier)
-                return
-            hidden = select(self._hidden).where(self._is(identifier))
-            record = connection.execute(hidden).scalar_one_or_none()
-        if record is None:
-            raise NotFoundError(self._resource, identifier)
-        if not record:
-            raise NotEndedError(self._resource, identifier)
-
-    def restore(self, identifier: str) -> None:
-        """Bring a resource back; one that is not hidden stays as it is.
-
-        Raises:
-            NotFoundError: there is no such resource, or it has been removed.
-            DeletedError: it refers to a robot or measurement set that is deleted.
-        """
-        self._refuse_odd(identifier)
-        back = update(self._table).where(self._is(identifier)).values(deleted_at=None)
-        with self._database.writing() as connection:
-            if connection.execute(back).rowcount == 0:
-                raise NotFoundError(self._resource, identifier)
-            self._refuse_orphan(connection, identifier)
-
-    def refuse_deleted(self, identifier: str) -> None:
-        """Do nothing, unless a resource is hidden.
-
-        Raises:
-            DeletedError: it is.
-        """
-        hidden = select(self._table.c.id).where(self._is(identifier), self._hidden)
-        with self._database.reading() as connection:
-            if connection.execute(hidden).one_or_none() is not None:
-                raise DeletedError(self._resource, identifier)
-
-    def purge(self, before: datetime, limit: int) -> list[str]:
-        """Remove for good what was deleted before a time, with the keys and steps that name it.
-
-        Args:
-            before: aware.
-            limit: resources at most, those deleted first.
-
-        Returns:
-            Ids of the resources that are no more; what deleted ones still refer to stays until they are gone.
-        """
-        keys, columns = idempotency_keys.c, self._table.c
-        free = [~exists().where(column == columns.id) for _, column in self._children]
-        old = [self._kind, columns.deleted_at < before, *free]
-        first = select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
-        with self._database.reading() as connection:
-            expired = [str(row.id) for row in connection.execute(first)]
-        if not expired:
-            return []
-        with self._database.writing() as connection:
-            # Asked again in the transaction: one may have been restored meanwhile.
-            remove = delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
-            gone = [str(row.id) for row in connection.execute(remove).all()]
-            connection.execute(
-                delete(idempotency_keys).where(
-                    keys.resource == self._resource.collection, keys.resource_id.in_(gone)
-                )
-            )
-            if self._table is jobs:
-                connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
-        return gone
-
-    def _refuse_odd(self, identifier: str) -> None:
-        """Refuse an id that a database may not even take as a text; none of ours is."""
-        if not is_indexable(identifier):
-            raise NotFoundError(self._resource, identifier)
-
-    def _refuse_referenced(self, connection: Connection, identifier: str) -> None:
-        users: dict[str, str] = {}
-        for table, column in self._children:
-            kind = table.c.kind if table is jobs else literal(MEASUREMENT_SET.name)
-            visible = select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
-            users |= {row[0]: row[1] for row in connection.execute(visible.limit(_NAMED + 1))}
-        if users:
-            named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
-            raise ReferencedError(self._resource, identifier, named, more=len(users) > _NAMED)
-
-    def _refuse_authorised(self, connection: Connection, identifier: str) -> None:
-        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
-        if self._table is jobs and connection.execute(own).one_or_none() is not None:
-            raise AuthorisedError(identifier)
-
-    def _refuse_orphan(self, connection: Connection, identifier: str) -> None:
-        """Refuse what refers to a deleted resource; hold that resource, so that it stays."""
-        for column in self._table.c:
-            for reference in column.foreign_keys:
-                parent = reference.column.table
-                query = (
-                    select(parent.c.id, parent.c.deleted_at)
-                    .where(parent.c.id == select(column).where(self._is(identifier)).scalar_subquery())
-                    .with_for_update(read=True)
-                )
-                row = connection.execute(query).one_or_none()
-                if row is not None and row.deleted_at is not None:
-                    raise DeletedError(PARENTS[parent], row.id)
-
-    def _is(self, identifier: str) -> ColumnElement[bool]:
-        return and_(self._kind, self._table.c.id == identifier)
-
-
-def _children(parent: Table) -> Iterator[tuple[Table, Column[Any]]]:
-    """Yield tables and columns that refer to a table."""
-    for table in (measurement_sets, jobs):
-        for column in table.c:
-            if column.references(parent.c.id):
-                yield table, column
 
 
 Noted = TypeVar("Noted", AuditEntry, TrendNote, AuthorisationRecord)

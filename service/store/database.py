@@ -133,6 +133,13 @@ class Database:
         now: datetime = connection.execute(select(func.now())).scalar_one()
         return now
 
+    def schema(self) -> str | None:
+        """Return the schema that tables are looked for in on PostgreSQL, None on SQLite."""
+        if self.dialect == "sqlite":
+            return None
+        with self.reading() as connection:
+            return str(connection.execute(select(func.current_schema())).scalar_one())
+
     @contextmanager
     def _errors_translated(self) -> Iterator[None]:
         """Let broken constraints pass, which the store explains; the rest is the database's."""

@@ -17,13 +17,11 @@ class RobotRecord:
 
     id: str
     name: str
-    created_at: datetime
-    """Aware, UTC, to the microsecond; so are all times of this module."""
+    created_at: datetime  # aware, UTC, to the microsecond; so are all times of this module
     content_hash: str
     document: str
     """JSON text of `jointstiff.schemas.robot.Robot`; `name` and `archived` are those of the columns."""
-    archived: bool = field(default=False, kw_only=True)
-    """Whether listings leave it out; nothing else changes."""
+    archived: bool = field(default=False, kw_only=True)  # whether listings leave it out; nothing else changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +36,7 @@ class MeasurementSetEntry:
     warning_count: int
     created_at: datetime
     content_hash: str
-    archived: bool = field(default=False, kw_only=True)
-    """Whether listings leave it out; nothing else changes."""
+    archived: bool = field(default=False, kw_only=True)  # whether listings leave it out; nothing else changes
     measured_at: datetime | None = field(default=None, kw_only=True)
     operator: str | None = field(default=None, kw_only=True)
     instrument: str | None = field(default=None, kw_only=True)
@@ -55,8 +52,7 @@ class MeasurementSetRecord(MeasurementSetEntry):
 
     document: str
     """JSON text of everything but the observations; what is a column, too, is that of the column."""
-    arrays: bytes
-    """The observations' numbers (npz), which the store does not look into."""
+    arrays: bytes  # the observations' numbers (npz), which the store does not look into
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,18 +80,15 @@ class JobRecord(JobEntry):
     weighting: str | None
     elasticity: str | None
     verdict: str | None
-    document: str
-    """JSON text of the kind's message."""
+    document: str  # JSON text of the kind's message
 
 
 @dataclass(frozen=True, slots=True)
 class IdempotencyKey:
     """A client's key that makes a repeated post harmless."""
 
-    key: str
-    """The header as it came, any text; the store keeps its hash only."""
-    body_hash: str
-    """Hash of the body that came with it."""
+    key: str  # the header as it came, any text; the store keeps its hash only
+    body_hash: str  # hash of the body that came with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +96,14 @@ class AccessKey:
     """A key that lets its holder in. The key itself is known to its holder alone."""
 
     id: str
-    name: str
-    """Holder of the key, for people."""
-    role: str
-    """`viewer`, `operator` or `admin`."""
+    name: str  # holder of the key, for people
+    role: str  # `viewer`, `operator` or `admin`
     key_hash: str
     """SHA-256 of the key. A slow hash protects what people choose; nobody guesses 256 random bits."""
     created_at: datetime
     expires_at: datetime | None
     revoked_at: datetime | None
-    last_used_at: datetime | None
-    """To the minute."""
+    last_used_at: datetime | None  # to the minute
 
     def is_live(self, now: datetime) -> bool:
         """Return whether it opens the service at a time."""
@@ -127,8 +117,7 @@ class SessionRecord:
     token_hash: str
     key_id: str
     created_at: datetime
-    used_at: datetime
-    """To the minute."""
+    used_at: datetime  # to the minute
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,11 +127,9 @@ class AuditEntry:
     at: datetime
     key_id: str | None
     key_name: str | None
-    address: str
-    """Where it came from; `terminal` for commands on the database itself."""
+    address: str  # where it came from; `terminal` for commands on the database itself
     method: str
-    operation: str | None
-    """Name of the operation; none if the address has none of that method."""
+    operation: str | None  # name of the operation; none if the address has none of that method
     path: str
     status: int
 
@@ -152,13 +139,11 @@ class TrendNote:
     """Note in a trend: a new baseline, or that an alarm was seen."""
 
     robot_id: str
-    kind: str
-    """`baseline` or `acknowledgement`."""
+    kind: str  # `baseline` or `acknowledgement`
     noted_at: datetime
     key_id: str | None
     key_name: str | None
-    document: str
-    """JSON text of the request, with what identifies the campaign."""
+    document: str  # JSON text of the request, with what identifies the campaign
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,21 +151,16 @@ class AuthorisationRecord:
     """Authorisation of the report of a run."""
 
     run_id: str
-    supersedes: str | None
-    """Run whose report this one replaces."""
+    supersedes: str | None  # run whose report this one replaces
     authorised_at: datetime
     key_id: str
     key_name: str
-    content_hash: str
-    """SHA-256 of what was authorised."""
+    content_hash: str  # SHA-256 of what was authorised
     note: str | None
-    number: int
-    """Number of the report among those of its run, from 1."""
-    stated: str
-    """JSON of what it states beside the run: names, metadata of the set, laboratory, logo."""
+    number: int  # number of the report among those of its run, from 1
+    stated: str  # JSON of what it states beside the run: names, metadata of the set, laboratory, logo
     pdf_sha256: str
-    pdf: bytes
-    """The report as it was issued; so is the page."""
+    pdf: bytes  # the report as it was issued; so is the page
     page: bytes
 
 
@@ -190,12 +170,9 @@ class WebhookRecord:
 
     id: str
     url: str
-    events: str
-    """JSON list of the types of events."""
-    secret: str
-    """Signs the messages, so that it is kept as it is."""
-    address: str
-    """Address of the service, as the admin reached it: links begin with it."""
+    events: str  # JSON list of the types of events
+    secret: str  # signs the messages, so that it is kept as it is
+    address: str  # address of the service, as the admin reached it: links begin with it
     created_at: datetime
 
 
@@ -204,19 +181,14 @@ class DeliveryRecord:
     """A message to a webhook."""
 
     webhook_id: str
-    message_id: str
-    """The same at each attempt, and for the same event."""
+    message_id: str  # the same at each attempt, and for the same event
     type: str
-    subject: str
-    """Job or worker that it is about; messages about one go in order."""
-    document: str
-    """JSON that is sent; empty for alarms that are yet to be derived from the trends."""
+    subject: str  # job or worker that it is about; messages about one go in order
+    document: str  # JSON that is sent; empty for alarms that are yet to be derived from the trends
     created_at: datetime
-    state: str
-    """`pending`, `delivered` or `dead`."""
+    state: str  # `pending`, `delivered` or `dead`
     attempts: int
-    due_at: datetime
-    """Time of the next attempt, or while one is under way, when it is taken for lost."""
+    due_at: datetime  # time of the next attempt, or while one is under way, when it is taken for lost
     error: str | None
 
 
@@ -231,5 +203,4 @@ class RecordPage(Generic[Entry]):
     """One page of a listing, newest first."""
 
     records: tuple[Entry, ...]
-    next: str | None
-    """Cursor of the following page; none on the last one."""
+    next: str | None  # cursor of the following page; none on the last one

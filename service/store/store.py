@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Collection as Ids
 from datetime import timedelta
 from types import TracebackType
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import case, func, select
 
@@ -17,7 +17,6 @@ from jointstiff.service.store.collection import (
     ROBOT,
     Authorisations,
     Collection,
-    Deletions,
     Journal,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
@@ -115,14 +114,14 @@ class Store:
         """Return the jobs of a kind."""
         return Collection(self._database, kind, jobs, JobRecord, JobEntry, self.quota)
 
+    def deletions(self, kind: Resource) -> Collection[Any, Any]:
+        """Return the robots, measurement sets, or jobs of a kind, to delete and restore some."""
+        kept: dict[Resource, Collection[Any, Any]] = {ROBOT: self.robots, MEASUREMENT_SET: self.sets}
+        return kept.get(kind) or self.jobs(kind)
+
     def job_log(self, kind: Resource) -> JobLog:
         """Return the changing side of the jobs of a kind."""
         return JobLog(self._database, kind)
-
-    def deletions(self, kind: Resource) -> Deletions:
-        """Return the deleted robots, measurement sets, or jobs of a kind."""
-        table = {ROBOT: robots, MEASUREMENT_SET: measurement_sets}.get(kind, jobs)
-        return Deletions(self._database, kind, table)
 
     def trend_marks(self, robot_ids: Ids[str], least: int) -> dict[str, str]:
         """Return a hash of what the trends of some robots are made of, in three queries for all of them.
@@ -152,10 +151,7 @@ class Store:
 
     def schema(self) -> str | None:
         """Return the schema of its tables on PostgreSQL, None on SQLite."""
-        if self._database.dialect == "sqlite":
-            return None
-        with self._database.reading() as connection:
-            return str(connection.execute(select(func.current_schema())).scalar_one())
+        return self._database.schema()
 
     def ping(self) -> Dialect:
         """Ask the database for something of ours.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import Connection, MetaData, Select, Table, exists, func, select
+from sqlalchemy import MetaData, Select, Table, exists, func, select
 from sqlalchemy.exc import NoSuchTableError
 
 from jointstiff.schemas import measurement as messages
@@ -30,7 +30,7 @@ from jointstiff.service.store.tables import (
     measurement_sets,
     robots,
 )
-from jointstiff.service.workers.engine import is_ended
+from jointstiff.service.workers.engine import is_ended, schema_of
 
 _SHOWN: Final = 20
 _AT_ONCE: Final = 50
@@ -39,6 +39,12 @@ _TABLES: Final[tuple[tuple[Table, type[AnyRecord]], ...]] = (
     (measurement_sets, MeasurementSetRecord),
     (jobs, JobRecord),
 )
+_KINDS: Final[Mapping[str, AnyKind]] = MappingProxyType({kind.name: kind for kind in KINDS})
+_NAMES: Final[Mapping[type, str]] = MappingProxyType(
+    {RobotRecord: "robot", MeasurementSetRecord: "measurement set"}
+)
+_BACKUP: Final = "restore a backup; keep this database for the investigation"
+_RESTORE: Final = "restore a backup, or post it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,129 +55,6 @@ class Fault:
     where: str  # table or resource
     reason: str  # what is wrong
     remedy: str  # what to do about it
-
-
-class Inspection:
-    """One look at a database, in which it only reads."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    @classmethod
-    @contextmanager
-    def of(cls, url: str) -> Iterator[Inspection]:
-        """Open a database that is there.
-
-        Raises:
-            StoreError: it is not, or cannot be read at all.
-        """
-        with closing(open_existing(url)) as database:
-            yield cls(database)
-
-    def schema_faults(self) -> list[Fault]:
-        """Return the fault of tables that this version does not read; empty if it does."""
-        try:
-            with self._database.reading() as connection:
-                if has_tables(connection):
-                    return []
-        except StoreError as error:
-            return [Fault("schema", "alembic_version", error.reason, error.remedy)]
-        return [
-            Fault("schema", "alembic_version", "no Jointstiff tables here", "check the URL of the database")
-        ]
-
-    def file_faults(self) -> list[Fault]:
-        """Return what SQLite's own check finds; PostgreSQL checks its pages when it reads them."""
-        if self._database.dialect != "sqlite":
-            return []
-        try:
-            with self._database.reading() as connection:
-                faults = connection.exec_driver_sql(f"PRAGMA integrity_check({_SHOWN})").scalars().all()
-        except StoreUnavailableError as error:  # too damaged for the check
-            faults = [error.reason]
-        return [Fault("file", "file", str(line), _BACKUP) for line in faults if line != "ok"]
-
-    def orphans(self) -> list[Fault]:
-        """Return rows that name what is not there."""
-        with self._database.reading() as connection:
-            return [
-                Fault("orphan", f"{name} {identifier}", f"refers to {what}, which does not exist", _BACKUP)
-                for name, what, query in _orphans()
-                for identifier in connection.execute(query.limit(_SHOWN)).scalars()
-            ]
-
-    def records(self) -> Iterator[AnyRecord]:
-        """Yield all records, those of deleted jobs as well."""
-        for table, record in _TABLES:
-            columns, last = [table.c[field.name] for field in fields(record)], 0
-            while True:
-                query = select(table.c.sequence, *columns).where(table.c.sequence > last)
-                with self._database.reading() as connection:
-                    rows = connection.execute(query.order_by(table.c.sequence).limit(_AT_ONCE)).all()
-                if not rows:
-                    break
-                names = [column.name for column in columns]
-                yield from (record(**dict(zip(names, row[1:], strict=True))) for row in rows)
-                last = rows[-1].sequence
-
-    def workflows(self) -> dict[str, str] | None:
-        """Return the state of each workflow of the engine by its id; None if it has no tables here."""
-        table = self._engine_table("workflow_status")
-        if table is None:
-            return None
-        with self._database.reading() as connection:
-            return {
-                row[0]: row[1] for row in connection.execute(select(table.c.workflow_uuid, table.c.status))
-            }
-
-    def pickles(self) -> int:
-        """Return the number of rows of the engine that hold a pickled object."""
-        count = 0
-        for name in ("workflow_status", "operation_outputs"):
-            table = self._engine_table(name)
-            if table is not None:
-                query = select(func.count()).select_from(table).where(table.c.serialization == "py_pickle")
-                with self._database.reading() as connection:
-                    count += int(connection.execute(query).scalar_one())
-        return count
-
-    def _engine_table(self, name: str) -> Table | None:
-        with self._database.reading() as connection:
-            try:
-                return Table(name, MetaData(schema=self._engine_schema(connection)), autoload_with=connection)
-            except NoSuchTableError:
-                return None
-
-    def _engine_schema(self, connection: Connection) -> str | None:
-        if self._database.dialect == "sqlite":
-            return None
-        schema = connection.execute(select(func.current_schema())).scalar_one()
-        return "dbos" if schema == "public" else f"dbos_{schema}"
-
-
-_BACKUP: Final = "restore a backup; keep this database for the investigation"
-
-
-def _orphans() -> Iterator[tuple[str, str, Select[Any]]]:
-    """Yield name of the table, what is missing, and the query for the rows' ids."""
-    for table, _ in _TABLES:
-        for column in table.c:
-            for reference in column.foreign_keys:
-                missing = ~exists().where(reference.column == column)
-                yield table.name, column.name, select(table.c.id).where(column.is_not(None), missing)
-    steps = select(job_steps.c.job_id).distinct().where(~exists().where(jobs.c.id == job_steps.c.job_id))
-    yield job_steps.name, "a job", steps
-    keys = idempotency_keys.c
-    for resource, table in ((ROBOT.collection, robots), (MEASUREMENT_SET.collection, measurement_sets)):
-        gone = ~exists().where(table.c.id == keys.resource_id)
-        yield idempotency_keys.name, resource, select(keys.resource_id).where(keys.resource == resource, gone)
-    others = keys.resource.not_in([ROBOT.collection, MEASUREMENT_SET.collection])
-    gone = ~exists().where(jobs.c.id == keys.resource_id)
-    yield idempotency_keys.name, "a job", select(keys.resource_id).where(others, gone)
-
-
-_KINDS: Final[Mapping[str, AnyKind]] = MappingProxyType({kind.name: kind for kind in KINDS})
-_RESTORE: Final = "restore a backup, or post it again"
 
 
 @dataclass
@@ -189,22 +72,123 @@ def examine(url: str) -> Examination:
         StoreError: it is not there, or cannot be read at all.
     """
     examination = Examination()
-    with Inspection.of(url) as inspection:
-        examination.faults += inspection.file_faults()
-        if examination.faults:  # what is read from a damaged file says nothing
-            return examination
-        examination.faults += inspection.schema_faults()
-        if examination.faults:
-            return examination
-        examination.faults += [*inspection.orphans(), *_pickles(inspection)]
-        workflows = inspection.workflows()
-        for record in inspection.records():
+    with closing(open_existing(url)) as database:
+        for look in (_file_faults, _schema_faults):
+            examination.faults += look(database)
+            if examination.faults:  # what is read from a damaged file, or other tables, says nothing
+                return examination
+        examination.faults += [*_orphans(database), *_pickles(database)]
+        workflows = _workflows(database)
+        for record in _records(database):
             name = record.kind if isinstance(record, JobRecord) else _NAMES[type(record)]
             examination.counted[name] = examination.counted.get(name, 0) + 1
             examination.faults += _faults_of(record, name)
             if isinstance(record, JobRecord) and record.state in OPEN_STATES:
                 examination.faults += _endless(record, workflows)
     return examination
+
+
+def _file_faults(database: Database) -> list[Fault]:
+    """Return what SQLite's own check finds; PostgreSQL checks its pages when it reads them."""
+    if database.dialect != "sqlite":
+        return []
+    try:
+        with database.reading() as connection:
+            faults = connection.exec_driver_sql(f"PRAGMA integrity_check({_SHOWN})").scalars().all()
+    except StoreUnavailableError as error:  # too damaged for the check
+        faults = [error.reason]
+    return [Fault("file", "file", str(line), _BACKUP) for line in faults if line != "ok"]
+
+
+def _schema_faults(database: Database) -> list[Fault]:
+    """Return the fault of tables that this version does not read; empty if it does."""
+    try:
+        with database.reading() as connection:
+            if has_tables(connection):
+                return []
+        reason, remedy = "no Jointstiff tables here", "check the URL of the database"
+    except StoreError as error:
+        reason, remedy = error.reason, error.remedy
+    return [Fault("schema", "alembic_version", reason, remedy)]
+
+
+def _orphans(database: Database) -> list[Fault]:
+    """Return rows that name what is not there."""
+    with database.reading() as connection:
+        return [
+            Fault("orphan", f"{name} {identifier}", f"refers to {what}, which does not exist", _BACKUP)
+            for name, what, query in _orphan_queries()
+            for identifier in connection.execute(query.limit(_SHOWN)).scalars()
+        ]
+
+
+def _orphan_queries() -> Iterator[tuple[str, str, Select[Any]]]:
+    """Yield name of the table, what is missing, and the query for the rows' ids."""
+    for table, _ in _TABLES:
+        for column in table.c:
+            for reference in column.foreign_keys:
+                missing = ~exists().where(reference.column == column)
+                yield table.name, column.name, select(table.c.id).where(column.is_not(None), missing)
+    steps = select(job_steps.c.job_id).distinct().where(~exists().where(jobs.c.id == job_steps.c.job_id))
+    yield job_steps.name, "a job", steps
+    keys = idempotency_keys.c
+    inputs = [ROBOT.collection, MEASUREMENT_SET.collection]
+    for what, table, mine in (
+        (inputs[0], robots, keys.resource == inputs[0]),
+        (inputs[1], measurement_sets, keys.resource == inputs[1]),
+        ("a job", jobs, keys.resource.not_in(inputs)),
+    ):
+        gone = ~exists().where(table.c.id == keys.resource_id)
+        yield idempotency_keys.name, what, select(keys.resource_id).where(mine, gone)
+
+
+def _records(database: Database) -> Iterator[AnyRecord]:
+    """Yield all records, those of deleted jobs as well."""
+    for table, record in _TABLES:
+        columns, last = [table.c[field.name] for field in fields(record)], 0
+        while True:
+            query = select(table.c.sequence, *columns).where(table.c.sequence > last)
+            with database.reading() as connection:
+                rows = connection.execute(query.order_by(table.c.sequence).limit(_AT_ONCE)).all()
+            if not rows:
+                break
+            names = [column.name for column in columns]
+            yield from (record(**dict(zip(names, row[1:], strict=True))) for row in rows)
+            last = rows[-1].sequence
+
+
+def _workflows(database: Database) -> dict[str, str]:
+    """Return the state of each workflow of the engine by its id."""
+    table = _engine_table(database, "workflow_status")
+    if table is None:
+        return {}
+    with database.reading() as connection:
+        rows = connection.execute(select(table.c.workflow_uuid, table.c.status))
+        return {row[0]: row[1] for row in rows}
+
+
+def _pickles(database: Database) -> Iterator[Fault]:
+    """Yield a fault if rows of the engine hold a pickled object."""
+    count = 0
+    for name in ("workflow_status", "operation_outputs"):
+        table = _engine_table(database, name)
+        if table is not None:
+            query = select(func.count()).select_from(table).where(table.c.serialization == "py_pickle")
+            with database.reading() as connection:
+                count += int(connection.execute(query).scalar_one())
+    if count:
+        reason = f"{count} rows have a pickled object, which is never read"
+        remedy = "this may be an attack: find out who writes to this table"
+        yield Fault("pickle", "the engine's tables", reason, remedy)
+
+
+def _engine_table(database: Database, name: str) -> Table | None:
+    schema = None if database.dialect == "sqlite" else schema_of(database)
+    with database.reading() as connection:
+        try:
+            return Table(name, MetaData(schema=schema), autoload_with=connection)
+        except NoSuchTableError:
+            return None
 
 
 def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str) -> Iterator[Fault]:
@@ -243,26 +227,11 @@ def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
         yield Fault("result", where, "it succeeded, but has no result", _RESTORE)
 
 
-def _endless(record: JobRecord, workflows: Mapping[str, str] | None) -> Iterator[Fault]:
+def _endless(record: JobRecord, workflows: Mapping[str, str]) -> Iterator[Fault]:
     """Yield a fault if nobody will end a job."""
-    state = (workflows or {}).get(record.id)
+    state = workflows.get(record.id)
     where, remedy = f"{record.kind} {record.id}", "start a worker, which will finish it"
     if state is None:
         yield Fault("endless", where, f"it is {record.state}, but the job engine does not know it", remedy)
     elif is_ended(state):
         yield Fault("endless", where, f"it is {record.state}, but its workflow has ended ({state})", remedy)
-
-
-def _pickles(inspection: Inspection) -> Iterator[Fault]:
-    if count := inspection.pickles():
-        yield Fault(
-            "pickle",
-            "the engine's tables",
-            f"{count} rows have a pickled object, which is never read",
-            "this may be an attack: find out who writes to this table",
-        )
-
-
-_NAMES: Final[Mapping[type, str]] = MappingProxyType(
-    {RobotRecord: "robot", MeasurementSetRecord: "measurement set"}
-)

@@ -36,6 +36,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.work import Span, pack
 from jointstiff.service.problems.errors import FilesError, StoreError, StoreUnavailableError
+from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import JointstiffError
 
@@ -227,7 +228,7 @@ def engine_url(database: str) -> str:
     return url.render_as_string(hide_password=False)
 
 
-def schema_of(store: Store) -> str:
+def schema_of(store: Store | Database) -> str:
     """The engine's schema on PostgreSQL: one for each schema of a store, as jobs have no other namespace."""
     schema = store.schema()
     return "dbos" if schema in {None, "public"} else f"dbos_{schema}"

@@ -13,12 +13,12 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Final
+from typing import Any, Final
 
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.problems.errors import WorkerLostError
-from jointstiff.service.store.collection import KEEP_DELETED, Deletions
+from jointstiff.service.store.collection import KEEP_DELETED, Collection
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
@@ -42,7 +42,7 @@ class Recovery:
         jobs: Mapping[str, Jobs],
         engine: Engine,
         executor: str,
-        inputs: Sequence[Deletions] = (),
+        inputs: Sequence[Collection[Any, Any]] = (),
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
         lost: Callable[[str, datetime], object] = lambda _worker, _at: None,
     ) -> None:
@@ -53,7 +53,7 @@ class Recovery:
             jobs: by the name of their kind.
             engine: of this worker.
             executor: name of this worker.
-            inputs: deleted resources that jobs refer to, each before those that it refers to itself.
+            inputs: resources that jobs refer to, each before those that it refers to itself.
             now: tells the time, aware, by which deleted jobs are removed.
             lost: is told of a worker that died, with its last sign of life.
         """
@@ -177,8 +177,8 @@ class Recovery:
         before = self._now() - KEEP_DELETED
         for jobs in self._jobs.values():
             jobs.deletions.purge(before, _REMOVED)
-        for deletions in self._inputs:
-            deletions.purge(before, _REMOVED)
+        for resources in self._inputs:
+            resources.purge(before, _REMOVED)
 
 
 _BEAT_SECONDS: Final = 5.0
@@ -222,9 +222,13 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     jobs = parts.jobs
     store.heartbeats.beat(executor)  # before it takes any work
     engine = Engine(store, jobs, database, executor)
-    inputs = [store.deletions(kind) for kind in (store.sets.resource, store.robots.resource)]
     recovery = Recovery(
-        store.heartbeats, jobs, engine, executor, inputs=inputs, lost=store.webhooks.worker_lost
+        store.heartbeats,
+        jobs,
+        engine,
+        executor,
+        inputs=[store.sets, store.robots],
+        lost=store.webhooks.worker_lost,
     )
     sender = Sender(store, parts.trends)
     recovery.count_own_deaths()
