@@ -12,9 +12,8 @@ from pathlib import Path
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import DhModel
-from jointstiff.service.conversion.measurements import to_measurements
-from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.conversion.robots import build_robot, dh_kinematics
+from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
+from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.readings.measurements import Measurements
@@ -71,7 +70,7 @@ def prepared(path: Path) -> tuple[Robot, Measurements]:
     model = campaign.robot.model
     if not isinstance(model, DhModel):
         raise TypeError(f"{path.name}: the robot is no DH table")
-    robot = build_robot(dh_kinematics(model, campaign.robot.name), campaign.robot.joint_map)
+    robot = robot_of_chain(dh_kinematics(model, campaign.robot.name), campaign.robot.joint_map)
     readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
     return robot, to_measurements(campaign.measurement_set, readings, robot)
 

@@ -19,8 +19,8 @@ from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.examples import shown
 from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, Work, answer
 from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
-from jointstiff.service.conversion.mending import mended
 from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.mending import mended
 from jointstiff.service.resources.robots import described
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.solver.errors import RequestError

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from jointstiff.schemas import assessment as messages
 from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.run import JointResult, OneSidedBounds, UncertaintyBudget
-from jointstiff.service.conversion.message import messages_of
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.estimate import JointCompliance
+from jointstiff.solver.messages import messages_of
 
 
 def to_assessment(assessment: Assessment, joints: Sequence[JointCompliance]) -> messages.Assessment:

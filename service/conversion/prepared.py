@@ -1,30 +1,167 @@
-"""Robots and measurement sets ready for computation, from their messages."""
+"""Robots and measurement sets ready for computation, from their messages; frames brought to R0."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+import numpy.typing as npt
+
+from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, ResolvedFrame
+from jointstiff.schemas.measurement import (
+    Frame,
+    MeasurementSetDocument,
+    MeasurementSetHeader,
+    Noise,
+    Observation,
+    ResolvedFrame,
+)
 from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
-from jointstiff.service.conversion import robots
-from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
-from jointstiff.service.conversion.measurements import to_measurements
-from jointstiff.service.conversion.readings import ReadingArrays, content_hash, hash_of
-from jointstiff.service.conversion.robots import dh_kinematics, to_bodies
-from jointstiff.service.conversion.units import LENGTH
-from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.service.conversion.readings import (
+    PointNoise,
+    ReadingArrays,
+    content_hash,
+    hash_of,
+    to_measurements,
+)
+from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain, to_bodies
+from jointstiff.service.conversion.units import LENGTH, to_instrument
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.integrity import inspect
+from jointstiff.solver.messages import message
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_inertials, read_urdf, write_urdf
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.geometry import GeometryRequest
+    from jointstiff.solver.geometry.charts import RigidTransform
+    from jointstiff.solver.geometry.frames import BaseTargets
+
+Header = TypeVar("Header", bound=MeasurementSetHeader)
+
+
+def stated_transform(frame: Frame, length: float) -> RigidTransform:
+    """Return an explicit transform from tracker to R0, its rotation made exact.
+
+    Args:
+        frame: with rotation and translation.
+        length: metres in the set's unit of length.
+
+    Raises:
+        MeasurementError: the matrix is not a rotation.
+    """
+    from jointstiff.solver.geometry.charts import RigidTransform
+
+    return RigidTransform.stated(
+        np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
+    )
+
+
+def to_resolved(transform: RigidTransform, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
+    """Return what a frame means, to be stored with its set."""
+    return message(ResolvedFrame, transform, flange_targets=flange_targets or {})
+
+
+def in_base(
+    header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
+) -> tuple[Header, ReadingArrays]:
+    """Bring all that stands in the tracker's frame to R0, in the set's units.
+
+    Positions are moved; deflections, covariances and, if the frame says so, forces are turned. The
+    transform's own uncertainty is left out: of 100 µrad it changes a deflection of 1 mm by 0.1 µm, and a
+    lever of 2 m by 0.2 mm.
+
+    Args:
+        header: of the set.
+        readings: as they were posted.
+        resolved: what the header's frame means; None if all is in R0.
+    """
+    if resolved is None or header.frame is None:
+        return header, readings
+    length = LENGTH[header.units.length]
+    R = np.array(resolved.rotation)
+    t = np.array(resolved.translation) / length
+    turned = readings.loaded @ R.T
+    as_deflection, present = readings.as_deflection[..., None], readings.present[..., None]
+    forces = R if header.frame.forces == "tracker" else np.eye(3)
+    moved = replace(
+        readings,
+        unloaded=np.where(present & ~as_deflection, readings.unloaded @ R.T + t, readings.unloaded),
+        loaded=np.where(present, np.where(as_deflection, turned, turned + t), readings.loaded),
+        force=readings.force @ forces.T,
+        moment=readings.moment @ forces.T,
+        noise=_turned(readings.noise, R) if readings.noise is not None else None,
+        directions=None if readings.directions is None else readings.directions.turned(R),
+    )
+    known = {name: _scaled(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
+    update = {"flange_targets": known | header.flange_targets, "noise": _moved(header.noise, R, t)}
+    return header.model_copy(update=update), moved
+
+
+def _turned(noise: PointNoise, R: FloatArray) -> PointNoise:
+    """Turn covariances, and keep them symmetric to the last digit."""
+    parts = [R @ part @ R.T for part in (noise.unloaded, noise.loaded)]
+    even = [0.5 * (part + np.swapaxes(part, -1, -2)) for part in parts]
+    return replace(noise, unloaded=even[0], loaded=even[1])
+
+
+def _moved(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
+    """Return the noise with the station in R0."""
+    if noise is None or noise.instrument is None:
+        return noise
+    station = _scaled(R @ np.array(noise.instrument.station) + t, 1.0)
+    return noise.model_copy(update={"instrument": noise.instrument.model_copy(update={"station": station})})
+
+
+def _scaled(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
+    x, y, z = (factor * np.asarray(vector, dtype=np.float64)).tolist()
+    return x, y, z
+
+
+def to_base_targets(
+    request: GeometryRequest, sigma: float | None, after: dict[str, tuple[float, float, float]] | None = None
+) -> BaseTargets | None:
+    """Return the base targets that were read both times; None if none were read a second time.
+
+    Args:
+        request: with the first readings.
+        sigma: unit of the covariances [m]; None if it is not stated.
+        after: the second ones, in units.length of the request; its own if None.
+
+    Raises:
+        MeasurementError: fewer than three were read both times.
+    """
+    from jointstiff.solver.geometry.frames import BaseTargets
+
+    targets = request.base_targets
+    later = after if after is not None else targets.after if targets is not None else None
+    if targets is None or later is None:
+        return None
+    common = [name for name in targets.before if name in later]
+    if len(common) < 3:
+        raise MeasurementError(
+            f"only {len(common)} base targets were read both times; three are needed",
+            where="base_targets",
+            remedy="read at least three targets both times, with the same names",
+        )
+    length = LENGTH[request.units.length]
+    first = length * np.array([targets.before[name] for name in common])
+    second = length * np.array([later[name] for name in common])
+    covariance = np.eye(3)
+    if sigma is not None and request.noise is not None and request.noise.instrument is not None:
+        covariance = to_instrument(request.noise.instrument, length).covariance(first) / sigma**2
+    return BaseTargets(first, second, covariance, tuple(common))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +251,7 @@ def build_robot(document: RobotDocument) -> Robot:
         chain = dh_kinematics(model, document.name)
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    return robots.build_robot(chain, document.joint_map, document.bodies or ())
+    return robot_of_chain(chain, document.joint_map, document.bodies or ())
 
 
 def check_set(

@@ -10,8 +10,8 @@ import numpy as np
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.kinematics import Kinematics, Posture
-from jointstiff.service.conversion.message import message, rows
 from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
 from jointstiff.solver.robot.model import Body, JointMap, Robot
@@ -26,7 +26,7 @@ def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
     return dh_chain([DhRow(**row.model_dump()) for row in model.rows], model.convention, name)
 
 
-def build_robot(
+def robot_of_chain(
     chain: KinematicChain, joint_map: robots.JointMap | None, bodies: Sequence[robots.Body] = ()
 ) -> Robot:
     """Return a robot of a checked chain.

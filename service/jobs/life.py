@@ -14,7 +14,7 @@ from sqlalchemy import Connection
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, JobState, Requester
 from jointstiff.schemas.query import JobQuery
-from jointstiff.service.inputs.stored import Stored
+from jointstiff.service.inputs import Stored
 from jointstiff.service.jobs.records import record_of
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.work import (

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.map import MapRequest
 from jointstiff.schemas.program import ProgramRequest
-from jointstiff.service.inputs.inputs import Inputs, MeasuredRun
+from jointstiff.service.inputs import Inputs, MeasuredRun
 from jointstiff.service.problems.errors import VerdictError
 
 

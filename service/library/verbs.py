@@ -16,7 +16,7 @@ from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun, Run
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
-from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.report import job_sheet
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
@@ -378,7 +378,7 @@ class Here:
         Raises:
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
         """
-        from jointstiff.service.conversion.mending import advised, mended
+        from jointstiff.service.kinds.mending import advised, mended
 
         campaign = run.campaign.model_copy(update={"run": _options_of(run)})
         with as_campaign_error(""):

@@ -12,7 +12,7 @@ from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
 from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame
 from jointstiff.schemas.robot import Robot
-from jointstiff.service.conversion.frames import stated_transform, to_base_targets, to_resolved
+from jointstiff.service.conversion.prepared import stated_transform, to_base_targets, to_resolved
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.resources.stored_jobs import succeeded_geometry
 from jointstiff.service.store.store import Store

@@ -10,10 +10,8 @@ from uuid import uuid4
 
 from jointstiff.schemas import measurement as messages
 from jointstiff.schemas.measurement import SetChange, SetMetadata
-from jointstiff.service.conversion.frames import in_base
-from jointstiff.service.conversion.measurements import to_measurements
-from jointstiff.service.conversion.prepared import PreparedSet, check_set, without
-from jointstiff.service.conversion.readings import ReadingArrays, hash_of
+from jointstiff.service.conversion.prepared import PreparedSet, check_set, in_base, without
+from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.resources.frames import FRAME_CODES, resolve_frame
 from jointstiff.service.resources.robots import Robots

@@ -13,8 +13,7 @@ from support.shared_data import shared as shared
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
-from jointstiff.service.conversion.measurements import to_measurements
-from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import build_robot, dh_kinematics
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign

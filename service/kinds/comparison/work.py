@@ -17,7 +17,7 @@ from jointstiff.schemas.run import RunResult
 from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.run.work import run_identification

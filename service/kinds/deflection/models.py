@@ -15,7 +15,6 @@ from jointstiff.schemas.model import ElasticPart, IdentifiedModel, ScoreStep, We
 from jointstiff.schemas.model import ModelError as StoredModelError
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.message import finite, message, rows
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.run.settings import joint_index
@@ -24,6 +23,7 @@ from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.model import ElasticColumns
+from jointstiff.solver.messages import finite, message, rows
 from jointstiff.solver.predict.forward import ForwardModel, LoadCases
 from jointstiff.solver.predict.model_error import ModelError
 from jointstiff.solver.predict.models import ElasticPredictor, IdentifiedWeight, JointModel, OwnWeight

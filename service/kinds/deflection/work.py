@@ -11,7 +11,6 @@ from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import Run, RunResult
-from jointstiff.service.conversion.message import finite
 from jointstiff.service.kinds.deflection.models import (
     to_directions,
     to_forward_model,
@@ -21,6 +20,7 @@ from jointstiff.service.kinds.deflection.models import (
 from jointstiff.service.kinds.run.budgets import to_covariances, to_deflection_budgets
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.messages import finite
 from jointstiff.solver.predict.forward import CartesianCompliance, Deflection, ForwardModel
 from jointstiff.solver.predict.model_error import ModelError, ModelErrorBound
 from jointstiff.solver.predict.models import JointModel, OwnWeight

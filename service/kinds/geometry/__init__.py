@@ -9,7 +9,7 @@ from jointstiff.service.kinds.kind import READINGS_BYTES, Kind
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryResult
-    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.tables.report import Report, View
 

@@ -12,11 +12,9 @@ from jointstiff.schemas import geometry as results
 from jointstiff.schemas.geometry import GeometryRequest, GeometryResult
 from jointstiff.schemas.robot import JointMap, RobotDocument, UrdfModel
 from jointstiff.service.conversion.assessments import to_geometry_assessment
-from jointstiff.service.conversion.frames import to_base_targets
-from jointstiff.service.conversion.message import message, rows
-from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.conversion.prepared import prepare_robot, to_base_targets
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.geometry.readings import to_conventions, to_poses, to_sweeps
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.errors import InputError, NotObservableError, RequestError
@@ -28,6 +26,7 @@ from jointstiff.solver.geometry.identification import (
 )
 from jointstiff.solver.geometry.poses import CalibratedAxes, Poses
 from jointstiff.solver.geometry.sweeps import SweepSet
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.model import JointMap as RobotJointMap
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import write_urdf

@@ -9,7 +9,7 @@ from typing import Final
 from jointstiff.schemas.map import MapOptions, MapRequest, MapResult
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import accepted_run
 from jointstiff.service.kinds.deflection.models import to_own_weight
 from jointstiff.service.kinds.deflection.work import assessment_of, forward_model, remarks_of

@@ -13,10 +13,9 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairRequest, PairResult
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
-from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.run.budgets import to_joint_budgets
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
@@ -32,6 +31,7 @@ from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.messages import message
 
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",

@@ -9,7 +9,7 @@ from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 
 if TYPE_CHECKING:
     from jointstiff.schemas.plan import PlanResult
-    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.tables.report import Report, View
     from jointstiff.service.tables.table import Sheet

@@ -10,7 +10,6 @@ import numpy as np
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.measurement import LEAST_DIRECTION
-from jointstiff.service.conversion.message import finite
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
@@ -18,6 +17,7 @@ from jointstiff.solver.design.candidates import PlanRequest
 from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, targets_in_flange
 from jointstiff.solver.design.plan import CampaignPlan
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.messages import finite
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument
 from jointstiff.solver.robot.model import Robot

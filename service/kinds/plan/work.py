@@ -13,7 +13,7 @@ from jointstiff.schemas.plan import OwnWeight, PlanRequest, PlanResult
 from jointstiff.service.conversion.assessments import to_assessment
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.plan.design import named_targets, to_design_request, to_plan_result
 from jointstiff.service.kinds.run.settings import identified, to_settings

@@ -9,7 +9,7 @@ from jointstiff.service.kinds.kind import File, Kind
 
 if TYPE_CHECKING:
     from jointstiff.schemas.program import ProgramResult
-    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.tables.report import Report, View
     from jointstiff.service.tables.table import Sheet

@@ -24,7 +24,7 @@ from jointstiff.schemas.program import (
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import accepted_run
 from jointstiff.service.kinds.deflection.models import to_own_weight
 from jointstiff.service.kinds.deflection.work import assessment_of, forward_model, remarks_of

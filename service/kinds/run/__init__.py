@@ -10,7 +10,7 @@ from jointstiff.service.kinds.kind import Kind
 
 if TYPE_CHECKING:
     from jointstiff.schemas.run import RunResult
-    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.tables.report import Report, View
 

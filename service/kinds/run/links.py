@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from jointstiff.schemas import model as messages
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import ModelChoice, PlainModel, RunResult
-from jointstiff.service.conversion.message import message
 from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening
 from jointstiff.solver.links.choice import WEIGHTS, HeldOut, Plan, Selection
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import LOSSES, ElasticColumns, Loss
+from jointstiff.solver.messages import message
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
 

@@ -12,7 +12,6 @@ from jointstiff.schemas import run as runs
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import JointResult, ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
-from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.kinds.run.budgets import to_budget, to_joint_budgets
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.advice import Advice
@@ -20,6 +19,7 @@ from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.prediction import Contributions, Prediction
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 from jointstiff.solver.robot.model import Robot

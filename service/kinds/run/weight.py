@@ -11,7 +11,6 @@ from jointstiff.schemas import run as runs
 from jointstiff.schemas.options import RunOptions, Weight
 from jointstiff.schemas.run import Identifiability, WeightResult, WeightShare
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
-from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.settings import joint_index
@@ -22,6 +21,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.geometry.poses import Poses
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings

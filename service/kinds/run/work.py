@@ -11,7 +11,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import EncoderResidual, RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs.inputs import Inputs
+from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.elastic import ElasticWork
 from jointstiff.service.kinds.run.links import to_choice_of_joints, to_elastic_columns

@@ -22,7 +22,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.inputs import FromFile
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.report import job_report

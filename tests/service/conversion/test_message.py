@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jointstiff.schemas.fields import Message
-from jointstiff.service.conversion.message import message, rows
+from jointstiff.solver.messages import message, rows
 
 
 class Inner(Message):

@@ -17,7 +17,7 @@ from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.inputs.stored import Stored
+from jointstiff.service.inputs import Stored
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.deflection.work import predict_by_run

@@ -15,7 +15,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.comparison.work import work as comparison_work
 from jointstiff.service.kinds.run.work import work
 from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign

@@ -17,11 +17,11 @@ from support.campaigns import (
 )
 
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.conversion.message import message as message_of
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.fitting.settings import Prior
+from jointstiff.solver.messages import message as message_of
 from jointstiff.solver.terms.block import regressor_blocks
 
 STIFFNESS = {"joint_5": (4e5, 4e4), "joint_2": (3e6, 1e6)}

@@ -13,7 +13,7 @@ from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Sheet, Table
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
 
 

@@ -1,16 +1,14 @@
-"""Messages built from the numerical core's objects, field by field, by the names of their attributes."""
+"""Results of `schemas` filled from objects and arrays, field by field, by the names of their attributes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from math import isfinite
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import TypeAdapter
 
-from jointstiff.schemas.fields import Message
+from jointstiff.schemas.fields import Message, validated
 
 Built = TypeVar("Built", bound=Message)
 
@@ -55,13 +53,7 @@ def rows(kind: type[Built], **columns: Sequence[Any] | np.ndarray[Any, Any]) -> 
     """Build one message for each row of columns of equal length, named by their fields."""
     values = zip(*map(_column, columns.values()), strict=True)
     documents = [dict(zip(columns, row, strict=True)) for row in values]
-    return _rows_of(kind).validate_python(documents, from_attributes=True)
-
-
-@lru_cache(maxsize=64)
-def _rows_of(kind: type[Built]) -> TypeAdapter[list[Built]]:
-    """Return the validator of many messages: one call for all is five times faster than one for each."""
-    return TypeAdapter(list[kind])  # type: ignore[valid-type]
+    return validated(kind, documents)
 
 
 def finite(value: float) -> float | None:

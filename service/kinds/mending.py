@@ -26,6 +26,8 @@ _OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
     "choose_model": {"elasticity": "automatic", "loss": "automatic"},
 }
 """Options of the run that an action changes."""
+
+
 _PLACE, _SIGMA = 0.2, 2e-5
 """Usual distance of a load point or target from the flange, and uncertainty of a tracker's reading [m]."""
 _LONGEST_NAME: Final = 200

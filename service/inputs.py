@@ -1,0 +1,169 @@
+"""Inputs that a request names by id, from a store or from files: they are fetched, never computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+from uuid import uuid4
+
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
+from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot.model import Robot
+
+if TYPE_CHECKING:
+    from jointstiff.service.resources.composition import Resources
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRun:
+    """A run, and the measurement set that it identified."""
+
+    run: Run
+    prepared: PreparedSet  # all observations of the set, those that the run left out included
+
+
+class Inputs(Protocol):
+    """Source of inputs. Each method names the field of the request that holds the id, for messages."""
+
+    def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
+        """Return a robot, and the hash of its content.
+
+        Raises:
+            RequestError: there is none.
+        """
+        ...
+
+    def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
+        """Return a measurement set without the observations of some labels.
+
+        Raises:
+            RequestError: there is none, it has no such observation, or none remains.
+        """
+        ...
+
+    def listed(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
+        """Return the summaries of the newest jobs of a kind and a robot."""
+        ...
+
+    def run(self, run_id: str, where: str) -> MeasuredRun:
+        """Return a run with its measurement set.
+
+        Raises:
+            RequestError: there is none.
+        """
+        ...
+
+
+class FromFile:
+    """Inputs from documents. What is added gets an id, by which a request names it."""
+
+    def __init__(self) -> None:
+        """Begin without inputs."""
+        self._robots: dict[str, PreparedRobot] = {}
+        self._sets: dict[str, tuple[MeasurementSetDocument, PreparedRobot, PreparedSet]] = {}
+        self._runs: dict[str, MeasuredRun] = {}
+
+    def add_robot(self, robot: PreparedRobot) -> str:
+        """Add a robot; return its id."""
+        robot_id = uuid4().hex
+        self._robots[robot_id] = robot
+        return robot_id
+
+    def add_set(self, document: MeasurementSetDocument, robot: PreparedRobot) -> str:
+        """Add a measurement set of a robot; return its id.
+
+        Raises:
+            MeasurementError: the set cannot be used.
+        """
+        set_id = uuid4().hex
+        self._sets[set_id] = document, robot, prepare_set(document, robot, self.add_robot(robot))
+        return set_id
+
+    def add_run(self, run: Run, set_id: str) -> str:
+        """Add a run of a measurement set that was added; return its id."""
+        self._runs[run.id] = MeasuredRun(run, self._sets[set_id][2])
+        return run.id
+
+    def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
+        """Return a robot, and the hash of its content."""
+        if robot_id not in self._robots:
+            raise _unknown("robot", robot_id, where)
+        return self._robots[robot_id].robot, self._robots[robot_id].content_hash
+
+    def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
+        """Return a measurement set without the observations of some labels."""
+        if set_id not in self._sets:
+            raise _unknown("measurement set", set_id, where)
+        document, robot, prepared = self._sets[set_id]
+        if not leave_out:
+            return prepared
+        kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
+        return prepare_set(kept, robot, prepared.robot_id)
+
+    def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
+        """Return no jobs: files hold none of a robot's past."""
+        return ()
+
+    def run(self, run_id: str, where: str) -> MeasuredRun:
+        """Return a run with its measurement set."""
+        if run_id not in self._runs:
+            raise _unknown("run", run_id, where)
+        return self._runs[run_id]
+
+
+def _unknown(what: str, identifier: str, where: str) -> RequestError:
+    return RequestError(
+        f"the file holds no {what} '{identifier}'",
+        where=where,
+        remedy=f"give the {what} itself: a file cannot refer to stored resources",
+    )
+
+
+class Stored:
+    """Inputs from a store."""
+
+    def __init__(self, resources: Resources) -> None:
+        """Fetch from the resources of a store."""
+        self._resources = resources
+
+    def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
+        """Return a stored robot, and the hash of its content."""
+        with _named_by(where):
+            return self._resources.robots.load(robot_id)
+
+    def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
+        """Return a stored measurement set without the observations of some labels."""
+        with _named_by(where):
+            return self._resources.sets.prepared(set_id, leave_out)
+
+    def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
+        """Yield the summaries of the newest jobs of a kind and a robot, 1,000 at most."""
+        jobs, cursor = self._resources.store.jobs(Resource(message.kind, message.collection)), None
+        for _ in range(10):
+            page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
+            yield from (record.summary for record in page.records)
+            if (cursor := page.next) is None:
+                return
+
+    def run(self, run_id: str, where: str) -> MeasuredRun:
+        """Return a stored run with its measurement set."""
+        from jointstiff.service.resources.stored_jobs import stored_job  # needs a database
+
+        with _named_by(where):
+            run = stored_job(self._resources.store, Run, run_id)
+            return MeasuredRun(run, self._resources.sets.prepared(run.request.measurement_set_id))
+
+
+@contextmanager
+def _named_by(field: str) -> Iterator[None]:
+    """Refuse a request whose field names what is not there."""
+    try:
+        yield
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where=field) from error
