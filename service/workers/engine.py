@@ -23,11 +23,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from functools import wraps
+from itertools import chain
 from math import ceil
 from types import TracebackType
 from typing import Any, Final, NoReturn, ParamSpec, TypeVar
 
-from dbos import DBOS, DBOSClient, DBOSConfig, EnqueueOptions, Serializer, SetEnqueueOptions
+from dbos import DBOS, DBOSClient, DBOSConfig, EnqueueOptions, Serializer, SetEnqueueOptions, WorkflowStatus
 from dbos._serialization import DefaultSerializer
 from sqlalchemy import Connection, make_url
 from sqlalchemy.exc import InterfaceError, OperationalError, SQLAlchemyError
@@ -40,75 +41,29 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import JointstiffError
 
-_RAISED: Final = "raised"
-
-
-class EngineDataError(Exception):
-    """Data of a step cannot be used, or a step failed unexpectedly."""
-
-
-class JsonSerializer(Serializer):
-    """JSON values, and exceptions as data: the refusals of the numerical core come back as what they were."""
-
-    def name(self) -> str:
-        """Return the name that marks our rows."""
-        return "jointstiff_json"
-
-    def serialize(self, data: Any) -> str:  # noqa: ANN401 - whatever a step returns or raises
-        """Return arguments, a result or an exception as JSON."""
-        return json.dumps(_described(data) if isinstance(data, BaseException) else data, allow_nan=False)
-
-    def deserialize(self, serialized_data: str) -> Any:  # noqa: ANN401
-        """Return what `serialize` was given; an exception as one to raise."""
-        data = json.loads(serialized_data)
-        return _restored(data[_RAISED]) if isinstance(data, dict) and _RAISED in data else data
-
-
-def refuse_pickles() -> None:
-    """Let the engine read no pickle in this process; it has no setting for it."""
-    DefaultSerializer.deserialize = _refuse  # type: ignore[method-assign]
-
-
-def _refuse(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - the engine's names
-    raise EngineDataError("the engine's tables have a pickled object, which is not read")
-
-
-def _described(error: BaseException) -> dict[str, dict[str, Any]]:
-    described: dict[str, Any]
-    if isinstance(error, JointstiffError):
-        described = {"reason": error.reason, "remedy": error.remedy, "where": error.where}
-        if isinstance(error, FilesError):  # of any class: its own constructor may take something else
-            described["items"] = error.items
-    else:
-        described = {"reason": f"{type(error).__name__}: {error}"}
-    return {_RAISED: {"kind": type(error).__name__, **described}}
-
-
-def _restored(described: dict[str, Any]) -> Exception:
-    kind = FilesError if "items" in described else _refusals().get(described["kind"])
-    if kind is None or "remedy" not in described:
-        return EngineDataError(described["reason"])
-    return kind(**{name: value for name, value in described.items() if name != "kind"})
-
-
-def _refusals() -> dict[str, type[JointstiffError]]:
-    classes: dict[str, type[JointstiffError]] = {}
-    waiting = [JointstiffError]
-    while waiting:
-        kind = waiting.pop()
-        classes[kind.__name__] = kind
-        waiting += kind.__subclasses__()
-    return classes
-
-
-QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
-"""Queue of each kind of workflow."""
+QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}  # of each kind of workflow
 APPLICATION: Final = "jointstiff"
 APPLICATION_VERSION: Final = "1"
 """The engine's own word for who may carry on what: all workers of a database, which has one version."""
-_ASKED: Final = 10_000
-"""Jobs asked for in one query: neither database takes one with any number of parameters."""
+_ASKED: Final = 10_000  # jobs asked for in one query: databases take no number of parameters
 _ENDED: Final = ["SUCCESS", "ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"]
+_PARTS: Final = 8  # of a job at least, as long as it has so many steps: work for as many workers
+_STEPS: Final = 20  # of a part at most, five seconds: only between two does a worker turn to another job
+_FIRST: Final = 8  # parts of a job that go before what is left of longer ones: small jobs do not wait for it
+_AT_ONCE: Final = {"job": 16, "part": 1}
+"""A worker waits for some jobs, and computes one part: work for one processor."""
+_ATTEMPTS: Final = 10_000
+"""Times that the engine begins a workflow: it counts every restart, the recovery those without progress."""
+_POLL_SECONDS: Final = {"job": 0.4, "part": 0.2}
+"""Between two looks into a queue, each a few milliseconds that the computing has less."""
+_WAIT_SECONDS: Final = 0.2  # between two looks at a part that a job waits for
+_FIRST_PAUSE: Final = 0.1
+_LONGEST_PAUSE: Final = 5.0
+_DATABASE_ERRORS: Final = (OperationalError, InterfaceError, PoolTimeoutError)
+_RAISED: Final = "raised"
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 # The engine says on each start that a cloud service could be had, and on each retry what it does.
 logging.getLogger("dbos").setLevel(logging.CRITICAL)
@@ -138,20 +93,27 @@ class JobQueue:
         """Disconnect."""
         self._client.destroy()
 
+    def _workflows(self, **which: Any) -> list[WorkflowStatus]:  # noqa: ANN401 - what the client takes
+        return self._client.list_workflows(**which, load_input=False, load_output=False)
+
     def enqueue(self, connection: Connection, kind: str, job_id: str) -> None:
         """Enqueue a job in the transaction that stores it: both are there, or neither is."""
-        self._client.enqueue_in_transaction(connection, _announcement(job_id), kind, job_id)
+        announcement: EnqueueOptions = {
+            "queue_name": QUEUES["job"],
+            "workflow_name": "job",
+            "workflow_id": job_id,
+            "app_version": APPLICATION_VERSION,
+        }
+        self._client.enqueue_in_transaction(connection, announcement, kind, job_id)
 
     def pending(self) -> dict[str, tuple[str, str]]:
         """Workflows that a worker has taken and not ended: id → kind, executor."""
-        workflows = self._client.list_workflows(status="PENDING", load_input=False, load_output=False)
+        workflows = self._workflows(status="PENDING")
         return {each.workflow_id: (each.name, str(each.executor_id)) for each in workflows}
 
     def has_parts(self, job_id: str) -> bool:
         """Return whether a job was shared out to parts."""
-        some = self._client.list_workflows(
-            workflow_id_prefix=f"{job_id}-", limit=1, load_input=False, load_output=False
-        )
+        some = self._workflows(workflow_id_prefix=f"{job_id}-", limit=1)
         return bool(some)
 
     def resume(self, workflows: Iterable[tuple[str, str]]) -> None:
@@ -164,7 +126,7 @@ class JobQueue:
         states = {}
         for first in range(0, len(job_ids), _ASKED):
             some = job_ids[first : first + _ASKED]
-            for each in self._client.list_workflows(workflow_ids=some, load_input=False, load_output=False):
+            for each in self._workflows(workflow_ids=some):
                 states[each.workflow_id] = str(each.status)
         return states
 
@@ -178,27 +140,16 @@ class JobQueue:
         Returns:
             Ids of the jobs.
         """
-        workflows = self._client.list_workflows(
+        workflows = self._workflows(
             name="job",
             status=_ENDED,
             completed_before=(datetime.now(UTC) - age).isoformat(),
             limit=limit,
-            load_input=False,
-            load_output=False,
         )
         identifiers = [each.workflow_id for each in workflows]
         if identifiers:
             self._client.delete_workflows(identifiers, delete_children=True)
         return identifiers
-
-
-def _announcement(job_id: str) -> EnqueueOptions:
-    return {
-        "queue_name": QUEUES["job"],
-        "workflow_name": "job",
-        "workflow_id": job_id,
-        "app_version": APPLICATION_VERSION,
-    }
 
 
 def is_ended(status: str) -> bool:
@@ -245,30 +196,6 @@ def as_store_errors() -> Iterator[None]:
             f"the tables for long jobs cannot be created or used ({cause[:200]})",
             "give the database user the privilege to create a schema",
         ) from error
-
-
-_PARTS: Final = 8
-"""Of a job at least, as long as it has so many steps: work for as many workers."""
-_STEPS: Final = 20
-"""Of a part at most, about five seconds: only between two parts does a worker turn to another job."""
-_FIRST: Final = 8
-"""Parts of each job that go before what is left of longer ones: a small job does not wait for a large one."""
-_AT_ONCE: Final = {"job": 16, "part": 1}
-"""A worker waits for some jobs, and computes one part: work for one processor."""
-_ATTEMPTS: Final = 10_000
-"""Times that the engine begins a workflow: it counts every restart, the recovery those without progress."""
-_POLL_SECONDS: Final = {"job": 0.4, "part": 0.2}
-"""Between two looks into a queue, each a few milliseconds that the computing has less."""
-_WAIT_SECONDS: Final = 0.2
-"""Between two looks at a part that a job waits for."""
-_FIRST_PAUSE: Final = 0.1
-_LONGEST_PAUSE: Final = 5.0
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-_DATABASE_ERRORS: Final = (OperationalError, InterfaceError, PoolTimeoutError)
 
 
 class _Interruption(BaseException):
@@ -449,3 +376,57 @@ def _register(steps: _Steps, active: list[str]) -> None:
             raise
         except Exception as failure:  # noqa: BLE001 - the boundary of a job
             steps.fail(kind, job_id, failure)
+
+
+class EngineDataError(Exception):
+    """Data of a step cannot be used, or a step failed unexpectedly."""
+
+
+class JsonSerializer(Serializer):
+    """JSON values, and exceptions as data: the refusals of the numerical core come back as what they were."""
+
+    def name(self) -> str:
+        """Return the name that marks our rows."""
+        return "jointstiff_json"
+
+    def serialize(self, data: Any) -> str:  # noqa: ANN401 - whatever a step returns or raises
+        """Return arguments, a result or an exception as JSON."""
+        return json.dumps(_described(data) if isinstance(data, BaseException) else data, allow_nan=False)
+
+    def deserialize(self, serialized_data: str) -> Any:  # noqa: ANN401
+        """Return what `serialize` was given; an exception as one to raise."""
+        data = json.loads(serialized_data)
+        return _restored(data[_RAISED]) if isinstance(data, dict) and _RAISED in data else data
+
+
+def refuse_pickles() -> None:
+    """Let the engine read no pickle in this process; it has no setting for it."""
+    DefaultSerializer.deserialize = _refuse  # type: ignore[method-assign]
+
+
+def _refuse(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - the engine's names
+    raise EngineDataError("the engine's tables have a pickled object, which is not read")
+
+
+def _described(error: BaseException) -> dict[str, dict[str, Any]]:
+    described: dict[str, Any]
+    if isinstance(error, JointstiffError):
+        described = {"reason": error.reason, "remedy": error.remedy, "where": error.where}
+        if isinstance(error, FilesError):  # of any class: its own constructor may take something else
+            described["items"] = error.items
+    else:
+        described = {"reason": f"{type(error).__name__}: {error}"}
+    return {_RAISED: {"kind": type(error).__name__, **described}}
+
+
+def _restored(described: dict[str, Any]) -> Exception:
+    kind = FilesError if "items" in described else _refusals().get(described["kind"])
+    if kind is None or "remedy" not in described:
+        return EngineDataError(described["reason"])
+    return kind(**{name: value for name, value in described.items() if name != "kind"})
+
+
+def _refusals(kind: type[JointstiffError] = JointstiffError) -> dict[str, type[JointstiffError]]:
+    """Return a class of errors, and all below it, by name."""
+    below = (_refusals(each).items() for each in kind.__subclasses__())
+    return {kind.__name__: kind, **dict(chain.from_iterable(below))}
