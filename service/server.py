@@ -21,7 +21,6 @@ from sqlalchemy import make_url
 from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.access.keyring import Keyring
-from jointstiff.service.access.keys_file import KeysFileError
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.api.metrics import SILENT_SECONDS, Metrics, metrics_server
@@ -29,7 +28,7 @@ from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.problems.errors import ServiceError, StoreError
-from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
+from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.threads import give_memory_back
@@ -108,13 +107,14 @@ def run_server(
     Raises:
         StoreError: the database cannot be used.
         ServerError: the address cannot be listened on.
+        KeysFileError, SettingsError: a file of keys, or of the laboratory's settings, cannot be used.
     """
     set_log_format(log_format)
     give_memory_back()
     posture = _posture(
         host, allowed_hosts, access_control=access_control, require_key=require_key or keys_file is not None
     )
-    settings = _laboratory(laboratory)
+    settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
@@ -123,7 +123,9 @@ def run_server(
         keyring = _keyring(store, keys_file, database, posture, await_key=await_key)
         queue = stack.enter_context(closing(JobQueue(store, database)))
         port = listener.getsockname()[1]
-        prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"
+        # The workers of one store have other names than those of another, the same at each start.
+        mark = hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
+        prefix = f"{socket.gethostname()}-{port}-{mark}"
         supervisor = stack.enter_context(
             Supervisor(database, workers, prefix, forgetting(store), _silence(store))
         )
@@ -139,7 +141,18 @@ def run_server(
         app = create_app(store, queue.enqueue, posture, keyring, settings)
         app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
         app.state.failing_workers = lambda: supervisor.failing
-        config = _configuration(app, log_format)
+        config = uvicorn.Config(
+            app,
+            log_level="warning",
+            log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
+            access_log=False,
+            server_header=False,
+            http=BoundedProtocol,
+            ws="none",
+            proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
+            backlog=ACCEPTED_AT_ONCE,
+            timeout_graceful_shutdown=_GOODBYE_SECONDS,
+        )
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
@@ -151,21 +164,6 @@ def run_server(
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=[listener])
-
-
-def _configuration(app: FastAPI, log_format: LogFormat) -> uvicorn.Config:
-    return uvicorn.Config(
-        app,
-        log_level="warning",
-        log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
-        access_log=False,
-        server_header=False,
-        http=BoundedProtocol,
-        ws="none",
-        proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
-        backlog=ACCEPTED_AT_ONCE,
-        timeout_graceful_shutdown=_GOODBYE_SECONDS,
-    )
 
 
 @contextmanager
@@ -231,11 +229,6 @@ def _silence(store: Store) -> Callable[[str], bool]:
     return is_silent
 
 
-def _mark(database: str) -> str:
-    """Return what tells the workers of one store from those of another, the same at each start."""
-    return hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
-
-
 def _shown(database: str) -> str:
     """The URL without its password, a file with its whole path."""
     url = make_url(database)
@@ -261,10 +254,7 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture, *
     keyring = Keyring(store, file)
     if posture.access != "keys":
         return keyring
-    try:
-        keyring.open_file()
-    except KeysFileError as error:
-        raise ServerError(error.reason, error.remedy) from error
+    keyring.open_file()
     keyring.look()
     if not (await_key or keyring.has_keys()):
         raise ServerError(
@@ -274,13 +264,6 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture, *
             "proxy in front and add --no-access-control and --allowed-host NAME",
         )
     return keyring
-
-
-def _laboratory(path: Path | None) -> LaboratorySettings:
-    try:
-        return LaboratorySettings() if path is None else read_laboratory(path)
-    except SettingsError as error:
-        raise ServerError(error.reason, error.remedy) from error
 
 
 def _listen(host: str, port: int) -> socket.socket:
