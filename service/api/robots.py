@@ -15,8 +15,7 @@ from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOT_CHANGES, ROBOTS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, add_deletion, created, json_response, problems
 from jointstiff.service.conversion.robots import to_kinematics
-from jointstiff.service.resources.nominal_arms import catalogue
-from jointstiff.service.resources.robots import described
+from jointstiff.service.resources.robots import catalogue, described
 
 router = APIRouter(prefix="/v1", tags=["robots"], route_class=BodyRoute)
 
