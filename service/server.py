@@ -141,18 +141,7 @@ def run_server(
         app = create_app(store, queue.enqueue, posture, keyring, settings)
         app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
         app.state.failing_workers = lambda: supervisor.failing
-        config = uvicorn.Config(
-            app,
-            log_level="warning",
-            log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
-            access_log=False,
-            server_header=False,
-            http=BoundedProtocol,
-            ws="none",
-            proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
-            backlog=ACCEPTED_AT_ONCE,
-            timeout_graceful_shutdown=_GOODBYE_SECONDS,
-        )
+        config = _configuration(app, log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
@@ -164,6 +153,21 @@ def run_server(
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=[listener])
+
+
+def _configuration(app: FastAPI, log_format: LogFormat) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        log_level="warning",
+        log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
+        access_log=False,
+        server_header=False,
+        http=BoundedProtocol,
+        ws="none",
+        proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
+        backlog=ACCEPTED_AT_ONCE,
+        timeout_graceful_shutdown=_GOODBYE_SECONDS,
+    )
 
 
 @contextmanager
