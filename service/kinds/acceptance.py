@@ -42,4 +42,4 @@ def refuse_unaccepted(
         if reason.weight == "do_not_use" and reason.code not in passed_over
     ]
     if reasons and accept_verdict != assessment.verdict:
-        raise VerdictError(subject, where, tuple(reasons))
+        raise VerdictError.of(subject, where, reasons)

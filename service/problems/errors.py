@@ -21,8 +21,9 @@ ServiceError                   something outside of a request is in the way: see
     └── CursorError            not a cursor that a page gave: start from the first page
 
 RequestError of the numerical core
-├── FilesError                 files that were not understood: mend them
-└── VerdictError               a result that is not to be used: mend the readings, or accept its verdict
+└── ItemsError                 a request with several faults
+    ├── FilesError             files that were not understood: mend them
+    └── VerdictError           a result that is not to be used: mend the readings, or accept its verdict
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ class Resource(NamedTuple):
     collection: str  # name of all resources of this kind in addresses
 
 
-class FilesError(RequestError):
-    """Files that were not understood; `where` is file:line:column, as far as it is one place."""
+class ItemsError(RequestError):
+    """A request with several faults, each with its place, reason and remedy."""
 
     def __init__(
         self, reason: str, *, remedy: str, where: str | None = None, items: Iterable[Sequence[str]] = ()
@@ -53,34 +54,28 @@ class FilesError(RequestError):
         self.items = tuple((place, why, mend) for place, why, mend in items)
 
 
-class VerdictError(RequestError):
+class FilesError(ItemsError):
+    """Files that were not understood; `where` is file:line:column, as far as it is one place."""
+
+
+class VerdictError(ItemsError):
     """A result is not to be used, and the request does not accept that."""
 
-    def __init__(self, subject: str, where: str, items: tuple[tuple[str, str, str], ...]) -> None:
-        """Refuse a result."""
-        super().__init__(
+    @classmethod
+    def of(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
+        """Return the refusal of a result, with the reasons of its verdict."""
+        return cls(
             f"the verdict on {subject} is: do not use",
             where=where,
             remedy="follow the remedies of its reasons and identify again; to continue anyway, give "
             "`accept_verdict`: do_not_use (--despite-verdict in the terminal)",
+            items=items,
         )
-        self.subject = subject
-        self.items = items
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way from a worker process."""
-        return type(self), (self.subject, self.where, self.items)
 
 
 def _shown(text: str) -> str:
     """Text from outside, quoted, escaped and short enough for a message."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
-
-
-def _restored(kind: type[StoreError], args: tuple[object, ...], state: dict[str, object]) -> StoreError:
-    error = kind.__new__(kind, *args)
-    error.__dict__.update(state)
-    return error
 
 
 class ServiceError(Exception):
@@ -94,10 +89,6 @@ class ServiceError(Exception):
 
 class StoreError(ServiceError):
     """Base of the store's errors."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way from a worker process, whatever the arguments of a subclass were."""
-        return _restored, (type(self), self.args, dict(self.__dict__))
 
 
 class StoreUnavailableError(StoreError):

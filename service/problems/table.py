@@ -14,6 +14,7 @@ from jointstiff.service.problems.errors import (
     DeletedError,
     FilesError,
     IdempotencyConflictError,
+    ItemsError,
     KeyRefusedError,
     NotEndedError,
     NotFoundError,
@@ -99,7 +100,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
 def problem_of(error: JointstiffError | StoreError) -> Problem:
     """Problem details of one of the project's errors."""
     status, slug, title = _kind(error)
-    items = error.items if isinstance(error, FilesError | VerdictError) else ()
+    items = error.items if isinstance(error, ItemsError) else ()
     problem = Problem(
         type=_urn(slug),
         title=title,

@@ -54,10 +54,6 @@ class ProgramError(FilesError):
             f"{first.place}: {first.reason}{more}", remedy=first.remedy, where=first.place, items=items
         )
 
-    def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way from a worker process."""
-        return type(self), (self.faults, self.count)
-
     def __str__(self) -> str:
         rest = self.count - len(self.faults)
         return "\n".join([*map(str, self.faults)] + ([f"... and {rest} more"] if rest else []))

@@ -36,7 +36,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.work import Span, pack
-from jointstiff.service.problems.errors import FilesError, StoreError, StoreUnavailableError
+from jointstiff.service.problems.errors import FilesError, ItemsError, StoreError, StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import JointstiffError
@@ -412,15 +412,17 @@ def _described(error: BaseException) -> dict[str, dict[str, Any]]:
     described: dict[str, Any]
     if isinstance(error, JointstiffError):
         described = {"reason": error.reason, "remedy": error.remedy, "where": error.where}
-        if isinstance(error, FilesError):  # of any class: its own constructor may take something else
+        if isinstance(error, ItemsError):
             described["items"] = error.items
     else:
         described = {"reason": f"{type(error).__name__}: {error}"}
-    return {_RAISED: {"kind": type(error).__name__, **described}}
+    # Files are refused by several classes, whose constructors take something else.
+    kind = FilesError if isinstance(error, FilesError) else type(error)
+    return {_RAISED: {"kind": kind.__name__, **described}}
 
 
 def _restored(described: dict[str, Any]) -> Exception:
-    kind = FilesError if "items" in described else _refusals().get(described["kind"])
+    kind = _refusals().get(described["kind"])
     if kind is None or "remedy" not in described:
         return EngineDataError(described["reason"])
     return kind(**{name: value for name, value in described.items() if name != "kind"})

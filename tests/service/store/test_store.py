@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import pickle
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,6 @@ from jointstiff.service.problems.errors import (
     IdempotencyConflictError,
     NotFoundError,
     StoreError,
-    StoreUnavailableError,
 )
 from jointstiff.service.store.records import (
     IdempotencyKey,
@@ -346,19 +344,3 @@ def test_many_threads_write_and_read(store: Store) -> None:
 
     together(20, work)
     assert len(store.sets.page(limit=1000).records) == 200
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        StoreUnavailableError("it does not answer", "wait"),
-        NotFoundError(RUN, "x"),
-        IdempotencyConflictError(RUN, "key"),
-        CursorError("nonsense"),
-    ],
-)
-def test_errors_survive_the_way_between_processes(error):
-    received = pickle.loads(pickle.dumps(error))
-    assert type(received) is type(error)
-    assert str(received) == str(error)
-    assert (received.reason, received.remedy) == (error.reason, error.remedy)

@@ -14,7 +14,7 @@ from support.jobs import request, stored_set
 from support.processes import until, working
 
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems.errors import VerdictError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.errors import Fault, ProgramError
 from jointstiff.service.store.store import Store
@@ -95,12 +95,13 @@ def test_a_pickle_planted_in_the_database_is_not_run_and_its_job_ends(database_u
     assert not (tmp_path / "ran").exists()
 
 
-def test_the_faults_of_a_program_come_back_one_by_one():
-    faults = [
-        Fault("a.src", 3, "it is not reached", "move it"),
-        Fault("a.src", 5, "nor this", "move it, too"),
-    ]
+@pytest.mark.parametrize(
+    "error",
+    [
+        ProgramError([Fault("a.src", 3, "not reached", "move it"), Fault("a.src", 5, "nor this", "move it")]),
+        VerdictError.of("the run", "run_id", [("joint_1", "capped", "load it"), ("all", "odd", "read")]),
+    ],
+)
+def test_faults_come_back_one_by_one(error):
     serializer = JsonSerializer()
-    found = serializer.deserialize(serializer.serialize(ProgramError(faults)))
-    assert isinstance(found, FilesError)
-    assert problem_of(found) == problem_of(ProgramError(faults))
+    assert problem_of(serializer.deserialize(serializer.serialize(error))) == problem_of(error)
