@@ -44,6 +44,8 @@ through, and what is in a cycle dies young."""
 _TURN_SECONDS: Final = 0.0005
 """Time that a thread computes before another one that waits gets its turn: the one that answers waits for
 each of those that work, several times a request."""
+UNREAD_BYTES: Final = 256 * 1024
+"""Bytes that the system keeps of a connection until we read them (Linux takes twice as many)."""
 _UNCONTROLLED: Final = (
     "warning: no access control: everyone who reaches this address can read, post and delete, unless a "
     "proxy prevents it"
@@ -118,7 +120,7 @@ def run_server(
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
-        listener = stack.enter_context(_listen(host, port))
+        listener = stack.enter_context(listen(host, port))
         store = stack.enter_context(Store.open(database, quota))
         keyring = _keyring(store, keys_file, database, posture, await_key=await_key)
         queue = stack.enter_context(closing(JobQueue(store, database)))
@@ -270,7 +272,12 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture, *
     return keyring
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def listen(host: str, port: int) -> socket.socket:
+    """Return a listening socket.
+
+    Raises:
+        ServerError: the address cannot be used.
+    """
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         listener = socket.create_server((host, port), family=family, backlog=128)
@@ -281,4 +288,7 @@ def _listen(host: str, port: int) -> socket.socket:
         ) from error
     # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    # Connections inherit it. Else the system keeps tens of megabytes of each body that waits for its turn,
+    # and under that pressure drops what others send: they stall for a minute.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)
     return listener

@@ -25,6 +25,7 @@ from jointstiff.service.api.limits import MAX_ROBOT_BYTES
 from jointstiff.service.api.middleware import ANSWER_HEADERS
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.logs import ACCESS_LOGGER
+from jointstiff.service.server import UNREAD_BYTES, listen
 from jointstiff.service.store.store import Store
 
 FOR_EVER = 1e9
@@ -358,6 +359,15 @@ def test_a_body_that_proves_small_ends_its_turn(tmp_path, connect):
         assert not select.select([waiting], [], [], 0)[0]
         other.execute("ROLLBACK")
         assert waiting.recv(12) == b"HTTP/1.1 201"
+
+
+def test_what_the_system_keeps_of_an_unread_body_is_bounded():
+    """Of 64 unread bodies it would keep so much that it drops what others send."""
+    with listen("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()):
+        accepted, _ = listener.accept()
+        with accepted:
+            kept = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    assert kept == 2 * UNREAD_BYTES  # Linux doubles it; a size that it chooses itself grows to megabytes
 
 
 def test_the_bounds_are_as_documented():
