@@ -17,8 +17,8 @@ from typing import Any
 from benchmarks.mutations import MUTATIONS, mutated
 from benchmarks.report import Figure, Section
 from benchmarks.spreadsheets import FACTORS, HABITS, Campaign, Upload, campaign_of
-from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
+from jointstiff.schemas.imports import ImportOptions
+from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 
 __all__ = ["Tally", "outcome", "run", "tallies"]
 
@@ -44,18 +44,18 @@ class Tally:
 
 def outcome(campaign: Campaign, upload: Upload) -> str:
     """Return `read`, `refused` or `misread` for an upload of a campaign."""
-    imported = understand_files(
+    understood = understand_files(
         [SourceFile(name, content) for name, content in upload.files()],
         ImportOptions.model_validate(upload.options),
-    ).imported
-    if imported is None:
+    )
+    if understood.faults:
         return "refused"
-    return "read" if _as_written(campaign, imported) else "misread"
+    return "read" if _as_written(campaign, understood) else "misread"
 
 
-def _as_written(campaign: Campaign, imported: Imported) -> bool:
-    units: Mapping[Any, str] = imported.units
-    for one in imported.assembly.observations:
+def _as_written(campaign: Campaign, understood: Understood) -> bool:
+    units: Mapping[Any, str] = understood.units
+    for one in understood.observations:
         known = {"joint": campaign.joints, "force": campaign.force}
         for kind, (vector, _) in one.values.items():
             unit = units["angle" if kind == "joint" else "force"]

@@ -8,8 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from jointstiff.schemas.importing import FilePreview, ImportPreview
-from jointstiff.schemas.imports import ImportAnswer
+from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportPreview
 from jointstiff.service.tables.report import VERDICTS
 
 _VALUES_SHOWN = 2

@@ -167,7 +167,7 @@ def _request(chosen: Options) -> "ImportRequest":
 
 def _read(files: Sequence[Path]) -> "list[SourceFile]":
     """The files, no more of them than an import takes."""
-    from jointstiff.service.importing.limits import MAX_FILE_BYTES
+    from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 
     sources, left = [], MAX_FILE_BYTES

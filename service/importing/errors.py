@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from jointstiff.schemas.importing import MAX_FAULTS
+from jointstiff.schemas.imports import MAX_FAULTS
 
 _MAX_SHOWN = 60
 
@@ -16,8 +16,7 @@ def shown(text: str) -> str:
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """Somewhere in the files."""
 
     file: str | None = None  # name of the file, as it was sent; None for all files together
@@ -29,6 +28,9 @@ class Place:
         parts += [f"line {self.line}"] if self.line is not None else []
         parts += [f"column {self.column}"] if self.column is not None else []
         return ", ".join(parts)
+
+
+NOWHERE = Place()
 
 
 class ImportFileError(Exception):
@@ -48,16 +50,10 @@ class ImportFileError(Exception):
         place = str(self.place)
         return f"{place + ': ' if place else ''}{self.reason}; {self.remedy}"
 
-
-class Fault(ImportFileError):  # noqa: N818 - it becomes an ImportFileError of a place
-    """Fault in one text, wherever it occurs."""
-
-    def __init__(self, reason: str, remedy: str, option: str | None = None) -> None:
-        super().__init__(Place(), reason, remedy, option)
-
     def at(self, place: Place) -> ImportFileError:
-        """Return it as an error of the file."""
-        return ImportFileError(place, self.reason, self.remedy, self.option)
+        """Give it a place, if it has none, and return it."""
+        self.place = place if self.place == NOWHERE else self.place
+        return self
 
 
 class Faults:
@@ -85,9 +81,9 @@ class Faults:
         self.add(ImportFileError(place, reason, remedy, option, words))
 
     @contextmanager
-    def collected(self) -> Iterator[None]:
-        """Keep the fault that ends the block."""
+    def collected(self, place: Place = NOWHERE) -> Iterator[None]:
+        """Keep the fault that ends the block; it is at this place if it has none."""
         try:
             yield
         except ImportFileError as fault:
-            self.add(fault)
+            self.add(fault.at(place))

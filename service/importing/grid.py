@@ -1,18 +1,43 @@
-"""A table as it stands in a file: rows of cells, not yet understood."""
+"""A file as a grid of cells, not yet understood: its limits and type, delimited text, numbers in cells."""
 
 from __future__ import annotations
 
+import codecs
+import csv
+import io
+import re
+import zipfile
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
+from types import MappingProxyType
 from typing import Final, Literal
 
-from jointstiff.schemas.importing import Delimiter, TableFormat
-from jointstiff.service.importing.errors import ImportFileError, Place, shown
-from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
+from jointstiff.schemas.fields import MAX_MAGNITUDE
+from jointstiff.schemas.imports import DecimalMark, Delimiter, FilePreview
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, shown
+
+# ---- limits: files are hostile until parsed
+
+MAX_FILE_BYTES: Final = 8 * 1024 * 1024
+"""All files of an import together, as they are sent: as much as a measurement set that is posted."""
+MAX_FILES: Final = 64
+"""Files of an import: a table, and one for each of 16 targets in each state."""
+MAX_ROWS: Final = 320_000
+"""Rows of a file: 10,000 observations of 16 targets in two states."""
+MAX_LINES: Final = 400_000
+"""Lines of all files together: rows, comments, empty lines. Each takes 200 bytes until it is understood."""
+MAX_COLUMNS: Final = 256
+MAX_CELLS: Final = 1_000_000
+MAX_CELL_LENGTH: Final = 256
+MAX_LINE_LENGTH: Final = MAX_COLUMNS * MAX_CELL_LENGTH
+MAX_NUMBER_LENGTH: Final = 40
 
 COMMENT_MARKS: Final = ("#", "//", "%")
 
 CellKind = Literal["text", "number", "date", "percentage", "truth value", "error", "formula"]
+EMPTY: Final[tuple[CellKind, ...]] = ("text",)
+"""Kind of one empty cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,22 +48,22 @@ class Row:
     cells: tuple[str, ...]  # without blanks at the ends
     # what each cell of a sheet is; None in a text file, where all is text
     kinds: tuple[CellKind, ...] | None = None
+    text: str = ""  # of a comment, without its mark
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
     """All rows of a file."""
 
-    file: str  # its name
-    format: TableFormat  # what kind of file it is
+    preview: FilePreview  # its name and form, and what was assumed in reading it
     rows: tuple[Row, ...]  # those that are neither empty nor comments; all of the same length in a text file
-    comments: tuple[Row, ...]  # rows that begin with a mark of comments, without it
-    remarks: tuple[tuple[int, str], ...]  # the same as lines and texts
-    encoding: str | None = None  # encoding of a text file
-    delimiter: Delimiter | None = None  # delimiter of a text file
-    sheet: str | None = None  # sheet of an Excel file
-    assumptions: tuple[str, ...] = ()  # in words
+    comments: tuple[Row, ...] = ()  # rows that begin with a mark of comments, without it
     ended: bool = True  # whether its last line has an end
+
+    @property
+    def file(self) -> str:
+        """Return the name of the file."""
+        return self.preview.file
 
     @property
     def stem(self) -> str:
@@ -50,34 +75,319 @@ class Grid:
         return Place(self.file, row.line, None if column is None else column + 1)
 
 
-def check_size(file: str, rows: list[Row]) -> None:
-    """Refuse a table that is empty or beyond the limits.
-
-    Raises:
-        ImportFileError: it is.
-    """
+def check_size(file: str, rows: Sequence[Row]) -> None:
+    """Refuse a table that is empty or beyond the limits."""
     if not rows:
         raise ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
-    if len(rows) > MAX_ROWS:
-        at = Place(file, rows[MAX_ROWS].line)
-        raise ImportFileError(at, f"the file has more than {MAX_ROWS} rows", "split the file")
     cells = 0
     for row in rows:
         cells += len(row.cells)
         if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
-            raise too_many_cells(file, row)
+            raise _too_many_cells(file, row)
         for column, cell in enumerate(row.cells, start=1):
             if len(cell) > MAX_CELL_LENGTH:
-                raise ImportFileError(
-                    Place(file, row.line, column),
-                    f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}",
-                    "check for a missing quotation mark or delimiter",
-                )
+                reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}"
+                remedy = "check for a missing quotation mark or delimiter"
+                raise ImportFileError(Place(file, row.line, column), reason, remedy)
 
 
-def too_many_cells(file: str, row: Row) -> ImportFileError:
-    """Return the refusal of a table that goes beyond its columns or cells in a row."""
+def _too_many_cells(file: str, row: Row) -> ImportFileError:
     reason = f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells"
-    return ImportFileError(
-        Place(file, row.line), reason, "remove columns that are not needed, or split the file"
+    remedy = "remove columns that are not needed, or split the file"
+    return ImportFileError(Place(file, row.line), reason, remedy)
+
+
+# ---- types of files, by their first bytes or the parts of an archive
+
+_SIGNATURES: Final = (
+    (b"%PDF-", "a PDF document"),
+    (b"\x89PNG\r\n", "a picture (PNG)"),
+    (b"\xff\xd8\xff", "a picture (JPEG)"),
+    (b"GIF8", "a picture (GIF)"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive"),
+    (b"Rar!", "a RAR archive"),
+    (b"\xd0\xcf\x11\xe0", "an old Office document (such as .xls), or an encrypted one"),
+    (b"{\\rtf", "an RTF document"),
+    (b"<!DOCTYPE html", "a web page (HTML)"),
+    (b"<html", "a web page (HTML)"),
+    (b"<?xml", "an XML document"),
+    (b"<svg", "a picture (SVG)"),
+)
+JSON: Final = "a JSON document"
+WORKBOOK: Final = "an Excel workbook (.xlsx)"
+_ZIP: Final = b"PK\x03\x04"
+_PARTS: Final = (
+    ("xl/workbook.bin", "a binary Excel workbook (.xlsb)"),
+    ("word/document.xml", "a Word document"),
+    ("ppt/presentation.xml", "a PowerPoint presentation"),
+    ("content.xml", "an OpenDocument file (such as .ods)"),
+)
+
+
+def file_type(content: bytes) -> str | None:
+    """Return what a file is if its first bytes tell; None for plain text and unknown types."""
+    if content.startswith(_ZIP):
+        return _archive_type(content)
+    if content[4:8] == b"ftyp":
+        return "a picture (HEIC) or a film"
+    start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start[:1] in (b"{", b"[") and content.rstrip()[-1:] in (b"}", b"]"):
+        return JSON
+    return next((name for signature, name in _SIGNATURES if start.startswith(signature)), None)
+
+
+def _archive_type(content: bytes) -> str | None:
+    """Return what an archive is; a damaged one counts as a workbook, whose reader says what is wrong."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            names = {part.filename for part in archive.infolist()}
+    except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, LookupError, OverflowError):
+        return WORKBOOK
+    known = next((name for part, name in _PARTS if part in names), None)
+    return known or (WORKBOOK if any("xl/" in name for name in names) else "a ZIP archive")
+
+
+# ---- delimited text: its encoding, lines, comments, quotation marks and the delimiter
+
+_CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
+    {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
+)
+_LINE_END: Final = re.compile(r"\r\n|\n|\r")
+_NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
+_COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
+_LATIN1: Final = "the file is not valid UTF-8 and was read as Latin-1: check names with accents"
+_LAST: Final = 10
+"""Lines at the end of a file that tell its delimiter."""
+_MOST_ABOVE: Final = 20
+"""Lines above the header."""
+_BYTE_ORDERS: Final = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_UTF8_SEQUENCE: Final = re.compile(
+    rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}"
+)
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufeff\ufffe\uffff]")
+
+_Line = tuple[int, str]
+
+
+def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
+    """Split a text into cells; the delimiter is found out if None."""
+    text, encoding = _decode(file, content)
+    lines: list[_Line] = []
+    comments: list[_Line] = []
+    for number, line in enumerate(_LINE_END.split(text), start=1):
+        bare = line.strip(" \t")
+        mark = next((mark for mark in COMMENT_MARKS if bare.startswith(mark)), None)
+        if mark is not None:
+            comments.append((number, bare.removeprefix(mark).strip()))
+        elif bare:
+            lines.append((number, line))
+    if delimiter is None and lines:
+        delimiter = _delimiter(file, lines)
+    rows = [row for row in _rows(file, lines, delimiter or "comma") if any(row.cells)]
+    check_size(file, rows)
+    remarks = list(_rows(file, comments, delimiter or "comma", comments=True))
+    preview = FilePreview(
+        file=file,
+        format="text",
+        encoding=encoding,
+        delimiter=delimiter,
+        assumptions=[_LATIN1] * (encoding == "latin-1") + _notes_on(remarks, len(rows[-1].cells)),
     )
+    ended = text.rstrip(" \t").endswith(("\n", "\r")) or comments[-1:] > lines[-1:]
+    return Grid(preview, tuple(rows), tuple(remarks), ended)
+
+
+def _decode(file: str, content: bytes) -> tuple[str, str]:
+    """Return the text of a file, and its encoding.
+
+    UTF-8 and UTF-16 by their byte order marks; without one UTF-16 if every other byte is zero, UTF-8 if it
+    is valid; else Latin-1, unless part of it is UTF-8: then it is damaged.
+    """
+    remedy = "save the file as text in UTF-8"
+    mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
+    if not encoding and b"\0" in content[:4]:
+        encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+    try:
+        text = content[len(mark) :].decode(encoding or "utf-8")
+    except UnicodeDecodeError as error:
+        if encoding or _UTF8_SEQUENCE.search(content):
+            line = None if encoding else 1 + content.count(b"\n", 0, error.start)
+            valid = f"valid {encoding.upper()}" if encoding else "UTF-8"
+            reason = (
+                f"the text is damaged: not {valid} from byte {error.start + 1} on, though it begins like it"
+            )
+            raise ImportFileError(Place(file, line), reason, remedy) from None
+        text, encoding = content.decode("latin-1"), "latin-1"
+    if control := _CONTROL.search(text):
+        reason = f"the file contains the control character {control.group()!a}, so it is not plain text"
+        raise ImportFileError(Place(file, 1 + text.count("\n", 0, control.start())), reason, remedy)
+    return text, encoding or "utf-8"
+
+
+def _delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
+    """Return a tab or a semicolon if most of the last lines have one; else comma or whitespace."""
+    last = [text.strip(" ") for _, text in lines[-_LAST:]]
+    marks: tuple[Delimiter, Delimiter] = ("tab", "semicolon")
+    for mark in marks:
+        if 2 * sum(_CHARACTERS[mark] in text for text in last) > len(last):
+            return mark
+    if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
+        return "whitespace"
+    rows = _attempt(file, lines, "comma")
+    comma = bool(rows) and not any(
+        _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row
+    )
+    rows = _attempt(file, lines, "whitespace")
+    whitespace = bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(c) for row in rows for c in row)
+    if comma and whitespace:
+        raise ImportFileError(
+            Place(file, lines[0][0]),
+            "the comma may be the delimiter or, between cells separated by blanks, the decimal mark",
+            "give `delimiter`, or use semicolons as delimiter",
+            "delimiter",
+        )
+    return "whitespace" if whitespace else "comma"
+
+
+def _attempt(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
+    """All rows from a header on if they have the same length of at least two, else none; titles go before."""
+    try:
+        rows = [row.cells for row in _rows(file, lines, delimiter)]
+    except ImportFileError:
+        return []
+    width = len(rows[-1])
+    first = next((index for index, cells in enumerate(rows) if len(cells) == width), 0)
+    alike = first <= _MOST_ABOVE and all(len(cells) == width for cells in rows[first:])
+    return rows[first:] if alike and width > 1 else []
+
+
+def _rows(
+    file: str, lines: Iterable[_Line], delimiter: Delimiter, *, comments: bool = False
+) -> Iterator[Row]:
+    """Yield rows as long as a table may have as many rows and cells; empty rows have none.
+
+    Comments are rows as far as they can be: one of them may be the header.
+    """
+    cells = 0
+    for index, (number, text) in enumerate(lines):
+        if index == MAX_ROWS and not comments:
+            reason = f"the file has more than {MAX_ROWS} rows"
+            raise ImportFileError(Place(file, number), reason, "split the file")
+        try:
+            row = _row(file, number, text, delimiter)
+        except ImportFileError:
+            if not comments:
+                raise
+            row = Row(number, (text,))
+        if comments:
+            row = Row(number, row.cells, text=text)
+        cells += len(row.cells) if comments or any(row.cells) else 0
+        if cells > MAX_CELLS:
+            raise _too_many_cells(file, row)
+        yield row
+
+
+def _row(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
+    place = Place(file, number)
+    if len(text) > MAX_LINE_LENGTH:
+        reason = f"a line has more than {MAX_LINE_LENGTH} characters"
+        raise ImportFileError(place, reason, "check the line endings")
+    if delimiter == "whitespace":
+        text = text.replace("\t", " ").strip(" ")
+    try:
+        cells = next(csv.reader([text], delimiter=_CHARACTERS[delimiter], skipinitialspace=True, strict=True))
+    except (csv.Error, StopIteration):
+        remedy = 'enclose a cell as in "Point 1", on one line, or remove the marks'
+        raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None
+    stripped = tuple(cell.strip(" \t") for cell in cells)
+    for column, cell in enumerate(stripped, start=1):
+        if '"' in cell:
+            reason = f"a quotation mark occurs within a cell, {shown(cell)}"
+            raise ImportFileError(Place(file, number, column), reason, "remove it")
+    return Row(number, stripped)
+
+
+def _notes_on(comments: Sequence[Row], width: int) -> list[str]:
+    if not comments:
+        return []
+    count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
+    notes = [f"comments were skipped ({count}); the first: {shown(comments[0].text)}"]
+    alike = sum(len(row.cells) == width > 1 and looks_like_a_number(row.cells[-1]) for row in comments)
+    if alike:
+        notes.append(f"{alike} of the comments look like rows of data; they were not read")
+    return notes
+
+
+# ---- numbers as people and instruments write them, read strictly or not at all
+
+_NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
+_THOUSANDS: Final = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:[.,][0-9]{3})+")
+_POINT_ASSUMED: Final = (
+    "the point was used as the decimal mark, although every number with one has three digits "
+    "after it: check that it is not a thousands separator"
+)
+
+
+def looks_like_a_number(text: str) -> bool:
+    """Return whether it is one, with either decimal mark."""
+    return _NUMBER.fullmatch(text.replace(",", ".")) is not None
+
+
+def count_numbers(row: Row) -> int:
+    """Return how many cells of a row look like numbers."""
+    return sum(map(looks_like_a_number, row.cells))
+
+
+def decide_mark(
+    grid: Grid, rows: Iterable[Row], columns: Collection[int], given: DecimalMark | None
+) -> tuple[DecimalMark, str | None]:
+    """Return the decimal mark of a file, and what had to be assumed for it; that of a sheet is a point.
+
+    `1,234` alone may be 1.234 or 1234. It is 1.234 if some other number of the file has a comma that
+    separates no thousands, such as `12,5` or `0,125`. Both marks in one file are refused.
+    """
+    if grid.preview.format == "xlsx":
+        return "point", None
+    if given is not None:
+        return given, None
+    first: dict[str, tuple[str, Place]] = {}
+    decided: set[str] = set()  # marks that separate no thousands in some cell
+    cells = ((row, column, row.cells[column]) for row in rows for column in columns)
+    for row, column, text, mark in ((*cell, mark) for cell in cells for mark in ",." if mark in cell[2]):
+        if mark not in first:
+            first[mark] = text, grid.place(row, column)
+        decided.update([] if _THOUSANDS.fullmatch(text) else [mark])
+    if len(first) > 1:
+        text, place = max(first.values(), key=lambda cell: (cell[1].line or 0, cell[1].column or 0))
+        reason = f"{shown(text)}: the file has decimal points and decimal commas"
+        raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
+    if "," in first and "," not in decided:
+        text, place = first[","]
+        reason = "may have a decimal comma or a thousands separator, and no other number shows which"
+        remedy = "give `decimal_mark`, or write a point"
+        raise ImportFileError(place, f"{shown(text)} {reason}", remedy, "decimal_mark")
+    if "," in first:
+        return "comma", "the comma was used as the decimal mark"
+    return "point", _POINT_ASSUMED if "." in first and "." not in decided else None
+
+
+def read_number(text: str, mark: DecimalMark) -> float:
+    """The number in a cell: digits, one decimal mark, an exponent; nothing else."""
+    if not text:
+        raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill it in")
+    other = "," if mark == "point" else "."
+    plain = text if mark == "point" else text.replace(",", ".")
+    if other in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(plain):
+        reason = f"{shown(text)} is not a number with a decimal {mark}"
+        remedy = "use digits with at most one decimal mark, no unit, no thousands separator, no NaN"
+        raise ImportFileError(NOWHERE, reason, remedy)
+    value = float(plain)
+    if not abs(value) <= MAX_MAGNITUDE:
+        reason = f"{shown(text)} is outside ±{MAX_MAGNITUDE:g}"
+        raise ImportFileError(NOWHERE, reason, "check the number and its unit")
+    return value

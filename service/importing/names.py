@@ -9,66 +9,64 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
-from jointstiff.schemas.importing import ImportOptions, State
-from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
+from jointstiff.schemas.imports import ImportOptions, State
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.grammar import DIGITS, Kind, names_a_state, state_named
 from jointstiff.service.importing.grid import Row
-from jointstiff.service.importing.header import names_a_state, state_named
 from jointstiff.service.importing.layout import Layout
-from jointstiff.service.importing.words import DIGITS, Kind
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
 
 
-@dataclass(frozen=True)
-class Naming:
+class Naming(NamedTuple):
     """Parts of a name; None where the name has no such part."""
 
     label: str | None = None
     target: str | None = None
     state: State | None = None
 
+    def merged(self, other: Naming) -> Naming:
+        """Return the parts that either of two names has."""
+        for kind, one, two in zip(self._fields, self, other, strict=True):
+            if one is not None and two is not None and one != two:
+                reason = f"the {kind} is {shown(one)} in one name and {shown(two)} in another"
+                remedy = "correct the name of the point or of the file, or the templates"
+                raise ImportFileError(NOWHERE, reason, remedy)
+        return Naming(self.label or other.label, self.target or other.target, self.state or other.state)
+
 
 class Template:
     """A template that was checked."""
 
     def __init__(self, text: str) -> None:
-        """Check a template.
-
-        Raises:
-            Fault: unknown or repeated fields, or two without a text between them.
-        """
+        """Check a template."""
         self.text = text
-        literals, fields = _FIELD.split(text)[::2], _FIELD.findall(text)
-        named = [field for field in fields if field != "any"]
-        faulty = not set(fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
+        literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)
+        named = [field for field in self._fields if field != "any"]
+        faulty = not set(self._fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
         if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
-            raise Fault(
-                f"the template {shown(text)} is invalid",
+            remedy = (
                 "use each of {label}, {target}, {state} at most once, {any} for the rest, with a text such "
-                "as _ between them",
+            )
+            raise ImportFileError(
+                NOWHERE, f"the template {shown(text)} is invalid", f"{remedy}as _ between them"
             )
         excluded = "".join({literal[0] for literal in literals if literal})
         part = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
-        pattern = part.join(re.escape(literal) for literal in literals)
-        self._fields = fields
-        self._pattern = re.compile(pattern, re.DOTALL)
+        self._pattern = re.compile(part.join(re.escape(literal) for literal in literals), re.DOTALL)
 
     def parse(self, name: str, state_words: Mapping[str, State]) -> Naming:
-        """Take a name apart.
-
-        Raises:
-            Fault: the name does not fit.
-        """
+        """Take a name apart."""
         match = self._pattern.fullmatch(name)
         parts = dict(zip(self._fields, match.groups(), strict=True)) if match else {}
         state = state_named(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
         if match is None or (state is None and "state" in parts):
-            raise Fault(
+            raise ImportFileError(
+                NOWHERE,
                 f"the name {shown(name)} does not fit the template {shown(self.text)}",
                 "change the template or rename the point; states are `unloaded`, `loaded`, `deflection`, "
                 "and the words in `state_words`",
@@ -77,16 +75,10 @@ class Template:
 
 
 def check_name(text: str) -> None:
-    """Refuse what no label or target can be.
-
-    Raises:
-        Fault: empty, too long, or not printable.
-    """
+    """Refuse what no label or target can be."""
     if not text.isprintable() or text != text.strip() or not 0 < len(text) <= MAX_NAME_LENGTH:
-        raise Fault(
-            f"{shown(text)} is not a valid name",
-            f"give 1 to {MAX_NAME_LENGTH} printable characters, without blanks at the ends",
-        )
+        remedy = f"give 1 to {MAX_NAME_LENGTH} printable characters, without blanks at the ends"
+        raise ImportFileError(NOWHERE, f"{shown(text)} is not a valid name", remedy)
 
 
 def names_of(layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
@@ -94,9 +86,6 @@ def names_of(layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
 
     The column `target` of a tracker's own table is its reflector: names of points say the target if they
     do, or that of the file if it says target and state.
-
-    Raises:
-        ImportFileError: a template is faulty, or the file's name does not fit it.
     """
     if layout.columns.probe and "target" in layout.columns.texts and layout.rows:
         remarks: list[str] = []
@@ -115,17 +104,9 @@ class Names:
     """Label, target and state of each row: from columns, from the point's name, from the file's name."""
 
     def __init__(
-        self,
-        layout: Layout,
-        options: ImportOptions,
-        notes: list[str],
-        without: Sequence[Kind] = (),
+        self, layout: Layout, options: ImportOptions, notes: list[str], without: Sequence[Kind] = ()
     ) -> None:
-        """Prepare to name rows; `without` columns that are not used.
-
-        Raises:
-            ImportFileError: a template is faulty, or the file's name does not fit it.
-        """
+        """Prepare to name rows; `without` columns that are not used."""
         self._grid, self._notes, self._words = layout.grid, notes, options.state_words
         self._texts = {kind: index for kind, index in layout.columns.texts.items() if kind not in without}
         self._needed = layout.columns.needed | {*without}
@@ -137,37 +118,28 @@ class Names:
         self._digits = not names_a_state(layout.grid.stem, options.state_words)
         self._point: Template | None = None
         self._file = Naming()
-        if not self._needed:
-            return
         try:
-            if options.point_name:
+            if self._needed and options.point_name:
                 self._point = Template(options.point_name)
-            if options.file_name:
+            if self._needed and options.file_name:
                 self._file = Template(options.file_name).parse(self._grid.stem, self._words)
-        except Fault as fault:
+        except ImportFileError as fault:
             raise fault.at(Place(layout.grid.file)) from None
 
     def of(self, row: Row) -> Naming:
-        """Return what is said of a row.
-
-        Raises:
-            ImportFileError: something is missing or contradicts.
-        """
+        """Return what is said of a row."""
         name, columns = self._joined(row), self._in_columns(row)
+        naming = Naming()
         try:
-            if not self._named:
-                naming = Naming()
-            elif self._point is not None:
-                naming = self._point.parse(name, self._words)
-            else:
-                naming = self._default_point(name)
-            naming = _merged(_merged(columns, naming), self._file)
+            if self._named:
+                naming = self._point.parse(name, self._words) if self._point else self._default_point(name)
+            naming = columns.merged(naming).merged(self._file)
             lacking = frozenset(kind for kind in self._wanted if getattr(naming, kind) is None)
             if lacking:
-                naming = _merged(naming, self._default_file(lacking))
+                naming = naming.merged(self._default_file(lacking))
             if self._named:
                 check_name(naming.label or "")
-        except Fault as fault:
+        except ImportFileError as fault:
             raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
         return naming
 
@@ -182,11 +154,9 @@ class Names:
                 if words is not self._words:
                     self._note("0 and 1 in names were read as `unloaded` and `loaded`")
                 return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
-        raise Fault(
-            f"the name {shown(name)} does not show which observation, target and state it is",
-            "give a template `point_name`, such as {label}_{target}_{state}",
-            "point_name",
-        )
+        reason = f"the name {shown(name)} does not show which observation, target and state it is"
+        remedy = "give a template `point_name`, such as {label}_{target}_{state}"
+        raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
     def _default_file(self, lacking: frozenset[str]) -> Naming:
         """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`."""
@@ -226,12 +196,10 @@ class Names:
         word = self._text(row, "state")
         state = state_named(word, {**DIGITS, **self._words})
         if state is None:
+            place = self._grid.place(row, self._texts["state"])
+            remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
             raise ImportFileError(
-                self._grid.place(row, self._texts["state"]),
-                f"{shown(word)} is not a known state",
-                "use `unloaded`, `loaded` or `deflection`, or give `state_words`",
-                "state_words",
-                (word,),
+                place, f"{shown(word)} is not a known state", remedy, "state_words", (word,)
             )
         return Naming(None, target, state)
 
@@ -243,17 +211,6 @@ class Names:
         if not row.cells[index]:
             raise ImportFileError(place(row, index), f"the {kind} is empty", "fill it in, in every row")
         return row.cells[index]
-
-
-def _merged(first: Naming, second: Naming) -> Naming:
-    for kind in ("label", "target", "state"):
-        one, other = getattr(first, kind), getattr(second, kind)
-        if one is not None and other is not None and one != other:
-            raise Fault(
-                f"the {kind} is {shown(one)} in one name and {shown(other)} in another",
-                "correct the name of the point or of the file, or the templates",
-            )
-    return Naming(first.label or second.label, first.target or second.target, first.state or second.state)
 
 
 def _parts(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
@@ -270,8 +227,7 @@ def _parts(name: str, words: Mapping[str, State]) -> tuple[list[str], State | No
 
 def is_whole(layout: Layout) -> bool:
     """Return whether a table has one row for each observation."""
-    columns = layout.columns
-    return not columns.needed and "target" not in columns.texts and "state" not in columns.texts
+    return not layout.columns.needed and not {"target", "state"} & layout.columns.texts.keys()
 
 
 def labels_in_order(layouts: Sequence[Layout], faults: Faults) -> list[str]:
@@ -293,10 +249,8 @@ def labels_in_order(layouts: Sequence[Layout], faults: Faults) -> list[str]:
             faults.report(Place(layout.grid.file), reason, "give every table the same labels")
     for layout in unnamed:
         if len(layout.rows) != len(labels):
-            faults.report(
-                Place(layout.grid.file),
-                f"there are {len(layout.rows)} rows, but {len(labels)} in {first}: they cannot be matched by "
-                "their order",
-                "give every file a row for each observation, or name the points",
-            )
+            counts = f"there are {len(layout.rows)} rows, but {len(labels)} in {first}"
+            reason = f"{counts}: they cannot be matched by their order"
+            remedy = "give every file a row for each observation, or name the points"
+            faults.report(Place(layout.grid.file), reason, remedy)
     return labels if len(faults.found) == told else []

@@ -1,27 +1,53 @@
-"""Files to readings: the way through all of this package."""
+"""Files to readings: the way through all of this package, to observations put together by their labels.
+
+Nothing is read twice, nothing contradicts, nothing is lost.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import median, pstdev
+from types import MappingProxyType
+from typing import Final, Literal
 
-from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.assembly import Assembly, assemble
-from jointstiff.service.importing.columns import spoken
-from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.file_types import JSON, WORKBOOK, file_type
-from jointstiff.service.importing.grid import Grid
-from jointstiff.service.importing.header import collapsed
+from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ImportOptions, ImportPreview, State
+from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.excel import read_workbook
+from jointstiff.service.importing.grammar import collapsed, spoken
+from jointstiff.service.importing.grid import (
+    JSON,
+    MAX_FILE_BYTES,
+    MAX_FILES,
+    MAX_LINES,
+    WORKBOOK,
+    Grid,
+    file_type,
+    read_text,
+)
 from jointstiff.service.importing.layout import Layout, lay_out
-from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES, MAX_LINES
 from jointstiff.service.importing.names import labels_in_order, names_of
-from jointstiff.service.importing.records import RowReader
-from jointstiff.service.importing.surroundings import Surroundings
-from jointstiff.service.importing.text import read_text
-from jointstiff.service.importing.workbook import read_workbook
+from jointstiff.service.importing.records import Gathered, Point, RowReader, Surroundings, Vector
 
 _NO_OPTIONS: Final = ImportOptions()
+_Uncertainty = Literal["coordinate", "point"]
+_U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
+    {
+        "coordinate": "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96",
+        "point": "U(95) was read as the expanded uncertainty of each point, the root of the squares of its "
+        "coordinates' uncertainties: σ = U/(1.96 √3), for both states the root of the mean square",
+    }
+)
+_FAR: Final = 100.0
+"""Distance of a value from its column's median, in spreads, beyond which it is asked about."""
+_LEAST: Final = 5
+"""Values of a column that has a spread."""
+_LISTED: Final = 3
+"""Labels named in a message."""
+_STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "deflection")
+_HALVES: Final[tuple[list[State], ...]] = (["unloaded"], ["loaded"])
+"""Positions in one state only, of which no deflection is known."""
 
 
 @dataclass(frozen=True)
@@ -33,21 +59,23 @@ class SourceFile:
 
 
 @dataclass(frozen=True)
-class Imported:
-    """Content of the files, in their units."""
-
-    assembly: Assembly  # the observations
-    units: Mapping[str, str]  # units by dimension, of all numbers that occur
-    surroundings: Surroundings  # times and temperatures
-
-
-@dataclass(frozen=True)
 class Understood:
-    """Content of files as far as it was understood."""
+    """Content of files as far as it was understood: faults, or all observations."""
 
-    layouts: tuple[Layout, ...]  # layouts of the files whose rows were found
-    faults: tuple[ImportFileError, ...]  # what was not; at most `MAX_FAULTS`
-    imported: Imported | None  # their content, if there are no faults
+    preview: ImportPreview
+    faults: tuple[ImportFileError, ...]  # what was not understood; at most `MAX_FAULTS`
+    # in order of appearance, checked against each other, with complete readings only, unless a state is
+    # absent from all of them; none if there are faults
+    observations: tuple[Gathered, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)  # units by dimension, of all numbers that occur
+    surroundings: Surroundings = field(default_factory=Surroundings)  # times and temperatures
+    unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
+
+    @property
+    def places(self) -> dict[str, str]:
+        """Return the name of its place in the flange by each target that was read as a deflection."""
+        read = [point for point in _points(self.observations) if point.state == "deflection"]
+        return {point.target: point.along[0] if point.along else point.target for point in read}
 
 
 def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
@@ -58,27 +86,31 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
     """
     faults = Faults()
     reader = _Reader(options, faults)
-    assembly = None
     with faults.collected():
-        if not 0 < len(files) <= MAX_FILES:
-            raise ImportFileError(Place(), f"{len(files)} files", f"send 1 to {MAX_FILES} files")
-        names: set[str] = set()
-        total = lines = 0
-        for file in files:
-            if file.name in names:
-                raise ImportFileError(Place(file.name), "two files have this name", "send each file once")
-            names.add(file.name)
-            total += len(file.content)
-            if total > MAX_FILE_BYTES:
-                limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
-                raise ImportFileError(Place(file.name), limit, "import fewer files at once")
-            lines += _line_ends(file.content)
-            if lines > MAX_LINES:
-                limit = f"the files have more than {MAX_LINES} lines together, empty ones and comments too"
-                raise ImportFileError(Place(file.name), limit, "remove those, or import fewer files at once")
-        assembly = reader.read(files)
-    imported = None if assembly is None else Imported(assembly, reader.units, reader.surroundings)
-    return Understood(tuple(reader.layouts), tuple(faults.found), imported)
+        _check_files(files)
+        return reader.read(files)
+    return reader.understood()
+
+
+def _check_files(files: Sequence[SourceFile]) -> None:
+    if not 0 < len(files) <= MAX_FILES:
+        raise ImportFileError(NOWHERE, f"{len(files)} files", f"send 1 to {MAX_FILES} files")
+    names: set[str] = set()
+    total = lines = 0
+    for file in files:
+        place = Place(file.name)
+        if file.name in names:
+            raise ImportFileError(place, "two files have this name", "send each file once")
+        names.add(file.name)
+        total += len(file.content)
+        if total > MAX_FILE_BYTES:
+            limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
+            raise ImportFileError(place, limit, "import fewer files at once")
+        ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")  # in UTF-16 as well; a workbook has few by chance
+        lines += sum(map(file.content.count, ends)) - sum(map(file.content.count, pairs))
+        if lines > MAX_LINES:
+            limit = f"the files have more than {MAX_LINES} lines together, empty ones and comments too"
+            raise ImportFileError(place, limit, "remove those, or import fewer files at once")
 
 
 class _Reader:
@@ -87,41 +119,82 @@ class _Reader:
     def __init__(self, options: ImportOptions, faults: Faults) -> None:
         self._options, self._faults = options, faults
         self._frames: dict[str, str | None] = {}
-        self.layouts: list[Layout] = []  # of the files whose rows were found
-        self.units: dict[str, str] = {}  # by dimension, of all numbers that occur
-        self.surroundings = Surroundings()
+        self._layouts: list[Layout] = []  # of the files whose rows were found
+        self._units: dict[str, str] = {}
+        self._surroundings = Surroundings()
 
-    def read(self, files: Sequence[SourceFile]) -> Assembly | None:
-        """Read all files; None if there are faults."""
+    def read(self, files: Sequence[SourceFile]) -> Understood:
+        """Read all files."""
         for file in files:
             with self._faults.collected():
-                self.layouts.append(lay_out(_grid(file, self._options), self._options, self._faults))
-                self._compare(self.layouts[-1])
-        sound = all(not one.columns.faulty for one in self.layouts) and len(self.layouts) == len(files)
+                self._layouts.append(lay_out(_grid(file, self._options), self._options, self._faults))
+                self._compare(self._layouts[-1])
+        sound = all(not one.columns.faulty for one in self._layouts) and len(self._layouts) == len(files)
         if sound:
             self._check_options()
-        labels = labels_in_order(self.layouts, self._faults) if sound and self._options.by_order else []
+        labels = labels_in_order(self._layouts, self._faults) if sound and self._options.by_order else []
         notes: list[str] = []
         readers = []
-        for layout in self.layouts:
+        for layout in self._layouts:
             columns = layout.columns
             if layout.mark is not None and not columns.faulty and (labels or "name" in columns.texts):
                 with self._faults.collected():
                     names = names_of(layout, self._options, notes)
-                    readers.append(RowReader(layout, names, labels, self.surroundings))
-        records = (record for reader in readers for record in reader.records(self._faults))
-        if self.units.get("length") == "in":
-            self.units["length"] = "mm"
-        content = assemble(records, self._faults, allow_missing=self._options.allow_missing)
-        notes = [*notes, *(content.assumptions if content else ()), *self.surroundings.notes]
-        if content and content.held_out:
-            notes.append(f"held out from the fit, to judge it: {', '.join(content.held_out)}")
-        doubts = [layout.doubt for layout in self.layouts if layout.doubt]
-        return content and replace(content, assumptions=tuple(notes), unusual=(*doubts, *content.unusual))
+                    readers.append(RowReader(layout, names, labels, self._surroundings))
+        if self._units.get("length") == "in":
+            self._units["length"] = "mm"
+        observations = _gather(
+            (record for reader in readers for record in reader.records(self._faults)), self._faults
+        )
+        if self._faults.found:
+            return self.understood()
+        return self._checked(observations, notes)
+
+    def _checked(self, observations: list[Gathered], notes: list[str]) -> Understood:
+        """Return the observations of all files, if they are complete."""
+        faults = self._faults
+        targets = _targets(observations)
+        _check_values(observations, faults)
+        present = {point.state for point in _points(observations)}
+        states = [state for state in _STATES if state in present]
+        read = states not in _HALVES
+        if targets and read:
+            observations, lacking = _complete(observations, targets, faults, self._options.allow_missing)
+            notes += lacking
+        sigmas = _check_sigmas(observations, faults)
+        for kind, count in sigmas.items():
+            notes.append(f"{_U95[kind]}{f' ({count} points)' if len(sigmas) > 1 else ''}")
+        if faults.found:
+            return self.understood()
+        notes += self._surroundings.notes
+        held_out = [one.label for one in observations if one.held_out]
+        if held_out:
+            notes.append(f"held out from the fit, to judge it: {', '.join(held_out)}")
+        joints = observations[0].values.get("joint") if observations else None
+        preview = self.understood().preview.model_copy(
+            update={
+                "observation_count": len(observations),
+                "first_labels": [one.label for one in observations[:MAX_PREVIEW_ROWS]],
+                "joint_count": None if joints is None else len(joints[0]),
+                "targets": targets,
+                "states": states,
+                "reading_count": sum(len(one.points) for one in observations) if read else 0,
+                "assumptions": notes,
+                "uncertainty": next(iter(sigmas), None),
+            }
+        )
+        doubts = [layout.doubt for layout in self._layouts if layout.doubt]
+        unusual = (*doubts, *_unusual(observations))
+        return Understood(preview, (), tuple(observations), self._units, self._surroundings, unusual)
+
+    def understood(self) -> Understood:
+        """Return the files as far as they were understood, and the faults."""
+        preview = ImportPreview(files=[layout.preview for layout in self._layouts])
+        return Understood(preview, tuple(self._faults.found))
 
     def _check_options(self) -> None:
         """Refuse what the caller states of names and headers that no file has."""
-        naming = [layout.columns for layout in self.layouts if layout.columns.needed]
+        naming = [layout.columns for layout in self._layouts if layout.columns.needed]
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
             kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
@@ -129,22 +202,22 @@ class _Reader:
             if text and (twice or not naming):
                 what = " and ".join(twice or ["target", "state"])
                 reason = f"the template {shown(text)} is not needed: headers or columns give the {what}"
-                self._faults.report(Place(), reason, f"correct it, or omit `{option}`", option)
-        known = {collapsed(header) for layout in self.layouts for header in layout.headers}
+                self._faults.report(NOWHERE, reason, f"correct it, or omit `{option}`", option)
+        known = {collapsed(column.header) for layout in self._layouts for column in layout.preview.columns}
         if self._options.layouts or "" in known:
             return
         for option in ("columns", "ignore"):
             for header in getattr(self._options, option):
                 if collapsed(header) not in known:
                     reason = f"no file has the header {shown(header)}, which `{option}` names"
-                    self._faults.report(Place(), reason, "write it as the file does", option)
+                    self._faults.report(NOWHERE, reason, "write it as the file does", option)
 
     def _compare(self, layout: Layout) -> None:
         """Refuse a file in other units or in another frame than those before it."""
         place = Place(layout.grid.file)
         for dimension, unit in layout.columns.units.items():
-            if self.units.setdefault(dimension, unit) != unit:
-                other = spoken(self.units[dimension])
+            if self._units.setdefault(dimension, unit) != unit:
+                other = spoken(self._units[dimension])
                 reason = f"the unit of {dimension} is {spoken(unit)}, but {other} in other files"
                 self._faults.report(place, reason, "use one unit for every quantity")
         if any(quantity.kind == "position" for quantity in layout.columns.quantities):
@@ -170,6 +243,176 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
     return read_text(file.name, file.content, options.delimiter)
 
 
-def _line_ends(content: bytes) -> int:
-    """Return the line ends of a text, in UTF-16 as well; a workbook's bytes have few by chance."""
-    return sum(map(content.count, (b"\n", b"\r"))) - sum(map(content.count, (b"\r\n", b"\r\0\n")))
+# ---- records of all files, put together by label
+
+
+def _gather(records: Iterable[Gathered], faults: Faults) -> list[Gathered]:
+    """Put records of one label together, and refuse what is there twice or contradicts."""
+    gathered: dict[str, Gathered] = {}
+    whole: dict[tuple[str | None, str], Place] = {}
+    for record in records:
+        with faults.collected():
+            before = whole.setdefault((record.place.file, record.label), record.place)
+            if record.whole and before is not record.place:
+                raise _twice(f"the label {shown(record.label)}", record.place, before)
+            known = gathered.setdefault(record.label, record)
+            if known is not record:
+                _add(known, record, faults)
+        if len(gathered) > MAX_OBSERVATIONS:
+            reason = f"there are more than {MAX_OBSERVATIONS} observations"
+            raise ImportFileError(record.place, reason, "split the campaign into several sets")
+    return list(gathered.values())
+
+
+def _twice(what: str, place: Place, before: Place) -> ImportFileError:
+    return ImportFileError(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
+
+
+def _add(gathered: Gathered, record: Gathered, faults: Faults) -> None:
+    gathered.held_out |= record.held_out
+    for kind, (vector, _) in record.values.items():
+        before, place = gathered.values.setdefault(kind, (vector, record.place))
+        if before != vector:
+            reason = f"the {kind} of {shown(record.label)} differs from that at {place}"
+            remedy = "give each observation a unique label, or correct one of them"
+            faults.report(record.place, reason, remedy)
+    for point in record.all_points:
+        states = gathered.points.setdefault(point.target, {})
+        if point.state in states:
+            what = f"{point.target} {point.state} of {shown(record.label)}"
+            faults.add(_twice(what, point.place, states[point.state].place))
+        states[point.state] = point
+
+
+def _points(observations: Iterable[Gathered]) -> Iterator[Point]:
+    return (point for one in observations for point in one.all_points)
+
+
+def _targets(observations: Iterable[Gathered]) -> list[str]:
+    """Return the names of all targets."""
+    targets: dict[str, None] = {}
+    for point in _points(observations):
+        targets.setdefault(point.target)
+        if len(targets) > MAX_TARGETS:
+            reason = f"there are more than {MAX_TARGETS} targets: {shown(', '.join(targets))}"
+            remedy = "check which part of a name is the target; use `point_name` or `file_name`"
+            raise ImportFileError(point.place, reason, remedy)
+    return list(targets)
+
+
+def _check_values(observations: list[Gathered], faults: Faults) -> None:
+    """Check that what one observation has, all have."""
+    for kind in dict.fromkeys(kind for one in observations for kind in one.values):
+        having = [one for one in observations if kind in one.values]
+        lacking = [one for one in observations if kind not in one.values]
+        if lacking:
+            others = f" and {len(lacking) - 1} others have" if len(lacking) > 1 else " has"
+            reason = f"{shown(lacking[0].label)}{others} no {kind}, but other labels have: {_listed(having)}"
+            remedy = f"spell labels alike in all files; without {kind}: {_listed(lacking)}"
+            faults.report(lacking[0].place, reason, remedy)
+        count = len(having[0].values[kind][0])
+        for vector, place in (one.values[kind] for one in having):
+            if len(vector) != count:
+                reason = f"there are {len(vector)} joint angles here, but {count} in other observations"
+                faults.report(place, reason, "check the columns of joints")
+
+
+def _listed(observations: list[Gathered]) -> str:
+    """Return the first labels, in words."""
+    names = ", ".join(shown(one.label) for one in observations[:_LISTED])
+    return names + ", …" * (len(observations) > _LISTED)
+
+
+def _complete(
+    observations: list[Gathered], targets: list[str], faults: Faults, allow_missing: bool
+) -> tuple[list[Gathered], list[str]]:
+    """Observations with complete readings; the rest is refused, or left out and said."""
+    kept, notes = [], []
+    gauges = {point.target for point in _points(observations) if point.along is not None}
+    lacks: list[tuple[bool, Place, str]] = []
+    for one in observations:
+        points = {}
+        for target in [t for t in targets if t in one.points or t not in gauges]:
+            states = one.points.get(target, {})
+            with faults.collected():
+                lack = _lack(one, target, states)
+                if lack is None:
+                    points[target] = states
+                else:
+                    place = next((point.place for point in states.values()), one.place)
+                    lacks.append((not states, place, f"{one.label}: {lack}"))
+        if points:
+            kept.append(replace(one, points=points))
+        else:
+            notes.append(f"{one.label}: no reading is complete; the observation was skipped")
+    if lacks and not allow_missing:
+        remedy = "add the reading, check the spelling of names, or use `allow_missing`"
+        for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):  # half a reading tells more
+            faults.report(place, reason, remedy, "allow_missing")
+    if not kept:
+        faults.report(observations[0].place, "no observation has a reading", "check the names")
+    return kept, [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
+
+
+def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:
+    """Return what a reading lacks to be complete, or None."""
+    if not states:
+        return f"target {target} has no reading"
+    present = {state for state, point in states.items() if point.vector is not None}
+    if "deflection" in present and len(present) > 1:
+        reason = f"{shown(one.label)}: target {target} has both positions and a deflection"
+        remedy = "omit one of them, for instance with `ignore`"
+        raise ImportFileError(states["deflection"].place, reason, remedy)
+    if present in ({"deflection"}, {"unloaded", "loaded"}):
+        return None
+    if not present:
+        return f"the cells of target {target} are empty"
+    return f"target {target} was read only {' and '.join(sorted(present))}"
+
+
+def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncertainty, int]:
+    """Return how many points have an uncertainty by their coordinates, and by themselves.
+
+    That only some points have one is a fault; those without a position need none.
+    """
+    counts: dict[_Uncertainty, int] = {}
+    without: Place | None = None
+    for point in _points(observations):
+        if point.sigma is not None:
+            kind: _Uncertainty = "point" if point.by_point else "coordinate"
+            counts[kind] = counts.get(kind, 0) + 1
+        elif point.vector is not None and point.along is None:
+            without = without or point.place
+    if counts and without is not None:
+        reason = "the point has no uncertainty, but others have"
+        faults.report(without, reason, "add it, or skip the columns of U(95) with `ignore`")
+    return dict(sorted(counts.items()))
+
+
+def _unusual(observations: list[Gathered]) -> Iterator[str]:
+    """Yield the values that are 100 times their column's spread from its median.
+
+    The spread is the standard deviation of the nine tenths that are nearest to the median; where these are
+    all alike, their size stands for it.
+    """
+    columns: dict[str, list[tuple[float, Place]]] = {}
+    for one in observations:
+        vectors: list[tuple[str, Vector, Place]] = [(kind, *value) for kind, value in one.values.items()]
+        vectors += [
+            (f"{point.target} {point.state}", point.vector or (), point.place) for point in one.all_points
+        ]
+        for name, vector, place in vectors:
+            for axis, value in enumerate(vector):
+                part = str(axis + 1) if name == "joint" else "xyz"[axis]
+                columns.setdefault(f"{name} {part}", []).append((value, place))
+    for name, values in columns.items():
+        if len(values) < _LEAST:
+            continue
+        middle = median(value for value, _ in values)
+        ordered = sorted(values, key=lambda entry: abs(entry[0] - middle))
+        near = ordered[: -max(1, len(ordered) // 10)]
+        spread = pstdev(value for value, _ in near) or abs(middle)
+        for value, place in ordered[len(near) :]:
+            times = abs(value - middle) / spread if spread else 0.0
+            if times > 0.99 * _FAR:
+                yield f"{name} {value:g} ({place}) is {times:.0f} times the spread of the others away"

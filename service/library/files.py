@@ -17,7 +17,7 @@ from jointstiff.schemas.plan import Plan, PlannedReading
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.importing.file_types import file_type
+from jointstiff.service.importing.grid import file_type
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError, RequestError

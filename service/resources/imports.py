@@ -1,32 +1,41 @@
-"""Imports: files in, a preview and the measurement set that they make out. Nothing is stored."""
+"""Imports: files in, a preview and the measurement set or the poses that they make out. Nothing is stored."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
-from typing import TYPE_CHECKING, NamedTuple
+from math import hypot, sqrt
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from pydantic import ValidationError
 
-from jointstiff.schemas.fields import FAR_POINT
+from jointstiff.schemas.fields import FAR_POINT, MAX_NAME_LENGTH, Vector3
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.importing import MAX_PREVIEW_ROWS, FilePreview, ImportFault, MissingField
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
-from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
-from jointstiff.service.problems.errors import FilesError
-from jointstiff.service.resources.imported_messages import (
-    converted,
-    length_unit,
-    measurement_set_of,
-    poses_of,
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
+from jointstiff.schemas.imports import (
+    MAX_PREVIEW_ROWS,
+    FilePreview,
+    ImportAnswer,
+    ImportFault,
+    ImportRequest,
+    ImportTemplate,
+    MissingField,
+    UnloadedPoses,
 )
-from jointstiff.service.resources.imported_preview import preview_of
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
+from jointstiff.service.importing.grammar import Kind
+from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
+from jointstiff.service.importing.records import Gathered
+from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems.wording import reworded
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
     from jointstiff.solver.robot.model import Robot
+
+_LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
+"""Fields with lengths, in `noise` and of the request."""
 
 
 class ImportRefusedError(FilesError):
@@ -37,6 +46,10 @@ class ImportRefusedError(FilesError):
         self.faults = tuple(faults)  # the first ones, in their order
         items = [(_where(fault.place), fault.reason, fault.remedy) for fault in self.faults]
         super().__init__(first.reason, remedy=first.remedy, where=_where(first.place), items=items)
+
+
+def _where(place: Place) -> str:
+    return ":".join(str(part) for part in place if part is not None) or "files"
 
 
 def import_files(
@@ -54,29 +67,36 @@ def import_files(
             does not ask to be shown it.
     """
     understood = understand_files(files, request)
-    preview, imported = preview_of(understood), understood.imported
-    faults = list(understood.faults)
-    missing = [] if imported is None else _missing(imported, request)
+    faults, first = list(understood.faults), files[0].name if files else ""
+    missing = {} if faults else _missing(understood, request)
     document, findings, template, poses = None, None, None, None
-    if imported is not None and not missing:
+    if not faults and not missing:
         try:
-            document = measurement_set_of(imported, request, files[0].name)
+            document = _measurement_set(understood, request, first)
             findings = None if robot is None else _findings(document, robot)
-            template = template_of(request, preview.files, imported)
+            template = _template(understood, request)
         except ImportFileError as fault:
             document = None
             faults.append(fault)
-    elif imported is not None and imported.assembly.states == ("unloaded",):
-        unready = {"joints", "accept_unusual"} & {item.field for item in missing}
-        poses = None if unready else poses_of(imported, request, files[0].name)
+    elif understood.preview.states == ["unloaded"] and not {"joints", "accept_unusual"} & missing.keys():
+        poses = _poses(understood, request, first)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
-        preview=preview,
-        faults=[_fault(fault) for fault in faults],
-        missing_fields=[item.field for item in missing],
-        missing=[item.text for item in missing],
-        leave_out=[] if imported is None else imported.assembly.held_out,
+        preview=understood.preview,
+        faults=[
+            ImportFault(
+                **fault.place._asdict(),
+                reason=fault.reason,
+                remedy=fault.remedy,
+                option=fault.option,
+                words=list(fault.words),
+            )
+            for fault in faults
+        ],
+        missing_fields=list(missing),
+        missing=list(missing.values()),
+        leave_out=[one.label for one in understood.observations if one.held_out],
         measurement_set=document,
         findings=findings,
         template=template,
@@ -98,57 +118,45 @@ def inspect_import(answer: ImportAnswer, robot: Robot) -> ImportAnswer:
         raise ImportRefusedError([fault]) from fault
 
 
-class Missing(NamedTuple):
-    """Something that a measurement set needs beyond what was read."""
-
-    field: MissingField  # for programs
-    text: str  # for people
-
-
-def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
-    """Return what a measurement set needs beyond files and request."""
-    assembly, values = imported.assembly, imported.assembly.observations[0].values
-    states = set(assembly.states)
-    unusual = [] if request.accept_unusual else _unusual(imported, request)
+def _missing(understood: Understood, request: ImportRequest) -> dict[MissingField, str]:
+    """Return what a measurement set needs beyond files and request, by field and in words."""
+    values, states = understood.observations[0].values, understood.preview.states
+    unusual = [] if request.accept_unusual else _unusual(understood, request)
     right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     stated, unit = request.force is not None, None if request.units is None else request.units.force
     joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …"
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
-    unplaced = not set(assembly.places.values()) <= set(request.flange_targets)
+    unplaced = not set(understood.places.values()) <= set(request.flange_targets)
     no_point = "load point" not in values and request.load_point is None
     encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
-    no_unit = stated and "force" not in imported.units and unit is None
+    no_unit = stated and "force" not in understood.units and unit is None
     wanted: list[tuple[bool, MissingField, str]] = [
         ("joint" not in values, "joints", joints),
         ("force" not in values and not stated, "force", forces),
         (not states, "readings", readings),
-        (states == {"unloaded"}, "loaded", "the positions under load"),
-        (states == {"loaded"}, "unloaded", "the positions without load"),
+        (states == ["unloaded"], "loaded", "the positions under load"),
+        (states == ["loaded"], "unloaded", "the positions without load"),
         (unplaced, "flange_targets", places),
         (no_point, "load_point", "the load point (`load_point`), in the flange frame"),
         (bool(unusual), "accept_unusual", right),
         (no_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
         (request.encoders is None, "encoders", encoders),
     ]
-    return [Missing(field, text) for lacks, field, text in wanted if lacks]
+    return {field: text for lacks, field, text in wanted if lacks}
 
 
-def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
+def _unusual(understood: Understood, request: ImportRequest) -> list[str]:
     """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
-    unit = imported.units.get("length", "mm")
-    stated_unit = length_unit(imported, request)
-    points = [
-        hypot(*converted(one.values["load point"][0], unit, "m", "load_point"))
-        for one in imported.assembly.observations
-        if "load point" in one.values
-    ]
+    stated, unit = _length_units(understood, request)
+    read = [one.values["load point"][0] for one in understood.observations if "load point" in one.values]
+    points = [hypot(*_converted(point, unit, "m", "load_point")) for point in read]
     if request.load_point is not None:
-        points.append(hypot(*converted(request.load_point, stated_unit, "m", "load_point")))
+        points.append(hypot(*_converted(request.load_point, stated, "m", "load_point")))
     far = max(points, default=0.0)
-    stated = [f"the load point is {far:g} m from the flange"] if far > FAR_POINT else []
-    return [*stated, *imported.assembly.unusual]
+    far_point = [f"the load point is {far:g} m from the flange"] if far > FAR_POINT else []
+    return [*far_point, *understood.unusual]
 
 
 def _findings(document: MeasurementSetDocument, robot: Robot) -> list[Finding]:
@@ -160,47 +168,175 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[Finding]:
     except MeasurementError as error:
         where = f" ({error.where})" if error.where else ""
         reason = f"the readings do not fit the robot{where}: {error.reason}"
-        raise ImportFileError(Place(), reason, error.remedy or "check robot and readings") from error
+        raise ImportFileError(NOWHERE, reason, error.remedy or "check robot and readings") from error
     fields = [f"`{field}`" for field in ("load_point", "flange_targets") if getattr(document, field)]
     for index, finding in enumerate(findings):
         if fields and finding.code == "length_unit_suspect" and "the flange frame" in finding.message:
-            small = (
-                "; the numbers seem to be in m, but are read as mm"
-                if finding.action and finding.action.unit == "m"
-                else ""
-            )
+            metres = finding.action is not None and finding.action.unit == "m"
+            small = "; the numbers seem to be in m, but are read as mm" if metres else ""
             remedy = f"check the unit of {' and '.join(fields)}{small}"
             findings[index] = finding.model_copy(update={"remedy": remedy})
     return findings
 
 
-def template_of(
-    request: ImportRequest, files: Sequence[FilePreview], imported: Imported
-) -> ImportTemplate | None:
+# ---- lengths of the request, in the files' unit
+
+
+def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, str]:
+    """Return the units of the lengths in the request, the files' own if it says none, and in the files."""
+    of_files = understood.units.get("length", "mm")
+    return request.length_unit or of_files, of_files
+
+
+def _converted(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
+    """Return a part of the request with its lengths, in m or mm, in the other unit."""
+    if isinstance(value, dict):
+        return {key: _converted(part, before, after, key) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_converted(part, before, after, name) for part in value)
+    if before == after or name not in _LENGTHS or value is None:
+        return value
+    return value / 1e3 if after == "m" else value * 1e3
+
+
+# ---- what is made of the files
+
+
+def _name(request: ImportRequest, first: str) -> str:
+    """Return the name of the set: as stated, else that of the first file as far as it can be one."""
+    stem = "".join(character for character in PurePath(first).stem if character.isprintable())
+    return request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
+
+
+def _measurement_set(understood: Understood, request: ImportRequest, first: str) -> MeasurementSetDocument:
+    """Return the measurement set, if nothing is missing.
+
+    Raises:
+        ImportFileError: files and request state the same thing, or a limit of sets is broken.
+    """
+    noise, places = request.noise, understood.places
+    stated = noise is not None and (noise.sigma is not None or noise.instrument)
+    gauged = any(name != place for name, place in places.items())
+    if understood.preview.uncertainty and stated and not gauged:
+        reason = "the files give the uncertainty of each reading, and `noise` gives another"
+        remedy = "omit `noise`, or skip the columns of U(95) with `ignore`"
+        raise ImportFileError(NOWHERE, reason, remedy, "noise")
+    if request.force is not None and "force" in understood.units:
+        reason = "the files have forces, and `force` gives another"
+        raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
+    units = _length_units(understood, request)
+    lengths = _converted(request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units)
+    in_flange = {**{name: name for name in request.flange_targets}, **places}
+    try:
+        return MeasurementSetDocument.model_validate(
+            {
+                "name": _name(request, first),
+                "units": {
+                    "force": None if request.units is None else request.units.force,
+                    **understood.units,
+                },
+                "encoders": request.encoders,
+                "noise": lengths.get("noise") or None,
+                "flange_targets": {
+                    name: _converted(request.flange_targets[place], *units, "load_point")
+                    for name, place in in_flange.items()
+                },
+                "load_point": lengths.get("load_point"),
+                "measured_at": understood.surroundings.measured_at,
+                "conditions": understood.surroundings.conditions,
+                "observations": [_observation(one, request.force) for one in understood.observations],
+            }
+        )
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        path = ".".join(map(str, fault["loc"]))
+        reason = f"the readings do not make a valid measurement set: {path} {reworded(fault)}"
+        raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
+
+
+def _observation(one: Gathered, force: Vector3 | None) -> Observation:
+    def vector(kind: Kind) -> Vector3 | None:
+        return cast(Vector3, one.values[kind][0]) if kind in one.values else None
+
+    return Observation(
+        label=one.label,
+        joints=list(one.values["joint"][0]),
+        force=cast(Vector3, vector("force") or force),
+        moment=vector("moment"),
+        load_point=vector("load point"),
+        readings=[_reading(one, target) for target in one.points],
+    )
+
+
+def _reading(one: Gathered, target: str) -> Reading:
+    """A reading; uncertainties of coordinates are covariances, of points one sigma for both states."""
+    points = {state: point for state, point in one.points[target].items() if point.vector is not None}
+    gauge = one.points[target].get("deflection")
+    if gauge is not None and gauge.along is not None:
+        direction = tuple(float(axis == gauge.along[1]) for axis in range(3))
+        displacement = None if gauge.vector is None else gauge.vector[0]
+        reading = {"target": target, "displacement": displacement, "direction": direction}
+        return Reading.model_validate(reading)
+    parts: dict[str, object] = {state: point.vector for state, point in points.items()}
+    sigmas = {state: point.sigma for state, point in points.items() if point.sigma is not None}
+    if sigmas and all(point.by_point for point in points.values()):
+        parts["sigma"] = sqrt(sum(sigma[0] ** 2 for sigma in sigmas.values()) / len(sigmas))
+    elif sigmas:
+        for state, sigma in sigmas.items():
+            rows = [[sigma[i] ** 2 if i == j else 0.0 for j in range(3)] for i in range(3)]
+            parts[f"{state}_covariance"] = rows
+    return Reading.model_validate({"target": target, **parts})
+
+
+def _poses(understood: Understood, request: ImportRequest, first: str) -> UnloadedPoses | None:
+    """Return the unloaded poses for a geometry; None beyond its limits."""
+    units = _length_units(understood, request)
+    points = [point for one in understood.observations for point in one.all_points]
+    if len(points) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
+        return None
+    sigma = None if request.noise is None else _converted(request.noise.sigma, *units, "sigma")
+    squares = [value**2 for point in points for value in point.sigma or ()]
+    if sigma is None and squares:
+        sigma = sqrt(sum(squares) / len(squares))
+    poses = []
+    for one in understood.observations:
+        targets = {point.target: point.vector for point in one.all_points if point.vector}
+        if targets:
+            poses.append({"joints": list(one.values["joint"][0]), "targets": targets})
+    return UnloadedPoses.model_validate(
+        {
+            "name": _name(request, first),
+            "units": {"length": units[1], "angle": understood.units.get("angle")},
+            "noise": None if sigma is None else {"sigma": sigma},
+            "poses": poses,
+        }
+    )
+
+
+def _template(understood: Understood, request: ImportRequest) -> ImportTemplate | None:
     """Return the options by which files of the same form are read again, and others are refused.
 
     Files with more columns, or longer headers of several rows, than options can hold have no template.
     """
+    files: list[FilePreview] = understood.preview.files
     texts = [file for file in files if file.format == "text"]
     delimiters, marks = {file.delimiter for file in texts}, {file.decimal_mark for file in texts}
-    columns = {
-        column.header: column.meaning + (f" [{column.unit}]" if column.unit else "")
-        for file in files
-        for column in file.columns
-        if column.header
-    }
-    inches = any(column.unit == "in" for file in files for column in file.columns)
-    units = dict(imported.units) | ({"length": "in"} if inches else {})
+    columns = [column for file in files for column in file.columns]
+    inches = any(column.unit == "in" for column in columns)
     known = {} if request.units is None else request.units.model_dump(exclude_none=True)
     layouts = {tuple(column.header for column in file.columns): None for file in files}
     changes = {
-        "units": known | units,
-        "columns": columns,
+        "units": {**known, **understood.units, **({"length": "in"} if inches else {})},
+        "columns": {
+            column.header: column.meaning + (f" [{column.unit}]" if column.unit else "")
+            for column in columns
+            if column.header
+        },
         "layouts": [list(layout) for layout in layouts],
         "ignore": [],
         "delimiter": delimiters.pop() if len(delimiters) == 1 else None,
         "decimal_mark": marks.pop() if len(marks) == 1 else None,
-        "length_unit": length_unit(imported, request),
+        "length_unit": _length_units(understood, request)[0],
         "name": None,
         "robot_id": None,
         "show_faults": False,
@@ -210,21 +346,3 @@ def template_of(
         return ImportTemplate.model_validate(request.model_dump() | changes)
     except ValidationError:
         return None
-
-
-def _fault(fault: ImportFileError) -> ImportFault:
-    place = fault.place
-    return ImportFault(
-        file=place.file,
-        line=place.line,
-        column=place.column,
-        reason=fault.reason,
-        remedy=fault.remedy,
-        option=fault.option,
-        words=list(fault.words),
-    )
-
-
-def _where(place: Place) -> str:
-    parts = [part for part in (place.file, place.line, place.column) if part is not None]
-    return ":".join(map(str, parts)) or "files"

@@ -14,7 +14,7 @@ import pytest
 from support.campaigns import prepare
 
 from jointstiff.schemas.finding import Finding, FindingCode
-from jointstiff.schemas.importing import ImportOptions
+from jointstiff.schemas.imports import FilePreview, ImportOptions
 from jointstiff.service.importing.errors import Faults
 from jointstiff.service.importing.grid import Grid, Row
 from jointstiff.service.importing.layout import lay_out
@@ -33,7 +33,15 @@ def recipe(title: str) -> str:
 def defined(title: str, name: str):
     """Return the function that the code of a recipe defines."""
     (code,) = re.findall(r"^   ```python\n(.*?)^   ```$", recipe(title), re.MULTILINE | re.DOTALL)
-    names = {"Finding": Finding, "Grid": Grid, "Iterator": Iterator, "Row": Row, "View": View, "np": np}
+    names = {
+        "FilePreview": FilePreview,
+        "Finding": Finding,
+        "Grid": Grid,
+        "Iterator": Iterator,
+        "Row": Row,
+        "View": View,
+        "np": np,
+    }
     exec(compile(dedent(code), title, "exec"), names)  # noqa: S102
     return names[name]
 

@@ -13,10 +13,8 @@ from support.shared_data import MISSING, SHARED
 from benchmarks.mutations import MUTATIONS
 from benchmarks.spreadsheets import HABITS, campaign_of
 from benchmarks.studies.importing import outcome, tallies
-from jointstiff.schemas.importing import ImportOptions
-from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.imports import ImportOptions, ImportRequest
 from jointstiff.service.importing.reading import SourceFile, understand_files
-from jointstiff.service.resources.imported_preview import preview_of
 from jointstiff.service.resources.imports import import_files
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}
@@ -25,7 +23,7 @@ MM = {"length": "mm", "angle": "deg", "force": "N"}
 def refused(*files, **options):
     """The reasons of all faults."""
     understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.imported is None
+    assert understood.faults
     return [fault.reason for fault in understood.faults]
 
 
@@ -171,7 +169,7 @@ def test_all_faults_are_in_one_answer():
     )
     places = [(at.file, at.line, at.column) for at in (fault.place for fault in understood.faults)]
     assert places == [("a.csv", 2, 2), ("a.csv", 2, 5), ("b.csv", 3, 3), ("b.csv", 4, 4)]
-    meanings = [column.meaning for column in preview_of(understood).files[0].columns]
+    meanings = [column.meaning for column in understood.preview.files[0].columns]
     assert (meanings[1], meanings[2], meanings[4]) == ("unknown", "joint 2", "unknown")
     many = "\n".join(["name;J1 [deg]", *(f"c{row};x" for row in range(100))])
     assert len(refused(("joints.csv", many))) == 20
@@ -254,6 +252,6 @@ def test_a_real_file_of_poses_is_refused_naming_all_its_faults():
     ignore = [header for header in text if header not in columns]
     options = ImportOptions(columns=columns, ignore=ignore, by_order=True)
     understood = understand_files([SourceFile("poses.csv", content)], options)
-    imported = understood.imported
-    assert preview_of(understood).observation_count == 632
+    imported = understood
+    assert understood.preview.observation_count == 632
     assert points_of(imported)["1", "TMAC", "unloaded"] == (2336.7643, -905.76441, -454.63664)

@@ -6,9 +6,8 @@ import csv
 import io
 from dataclasses import dataclass
 
-from jointstiff.schemas.importing import ImportOptions, ImportPreview
-from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
-from jointstiff.service.resources.imported_preview import preview_of
+from jointstiff.schemas.imports import ImportOptions
+from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 
@@ -72,20 +71,12 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-@dataclass(frozen=True)
-class Read(Imported):
-    """Content of files with their preview."""
-
-    preview: ImportPreview
-
-
-def read(*files: tuple[str, str | bytes], **options: object) -> Read:
+def read(*files: tuple[str, str | bytes], **options: object) -> Understood:
     """Import named texts; the first fault is raised."""
     understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    if understood.imported is None:
+    if understood.faults:
         raise understood.faults[0]
-    imported = understood.imported
-    return Read(imported.assembly, imported.units, imported.surroundings, preview_of(understood))
+    return understood
 
 
 def sources_of(*files: tuple[str, str | bytes]) -> list[SourceFile]:
@@ -96,20 +87,18 @@ def sources_of(*files: tuple[str, str | bytes]) -> list[SourceFile]:
     ]
 
 
-def points_of(imported: Imported) -> dict[tuple[str, str, str], tuple[float, ...]]:
+def points_of(imported: Understood) -> dict[tuple[str, str, str], tuple[float, ...]]:
     """All positions and deflections that were read."""
     return {
         (one.label, target, state): point.vector
-        for one in imported.assembly.observations
+        for one in imported.observations
         for target, states in one.points.items()
         for state, point in states.items()
     }
 
 
-def values_of(imported: Imported) -> dict[tuple[str, str], tuple[float, ...]]:
+def values_of(imported: Understood) -> dict[tuple[str, str], tuple[float, ...]]:
     """All else."""
     return {
-        (one.label, kind): vector
-        for one in imported.assembly.observations
-        for kind, (vector, _) in one.values.items()
+        (one.label, kind): vector for one in imported.observations for kind, (vector, _) in one.values.items()
     }

@@ -16,7 +16,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.importing.limits import MAX_FILE_BYTES
+from jointstiff.service.importing.grid import MAX_FILE_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.robot.inverse import flange_poses
 

@@ -17,8 +17,7 @@ from support.importing_samples import (
 )
 from support.workbooks import table_of
 
-from jointstiff.schemas.importing import ImportOptions
-from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.imports import ImportOptions, ImportRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.reading import understand_files
@@ -31,7 +30,7 @@ ROWS = [line.split(";") for line in POINTS.splitlines()]
 
 def faults(*files, **options):
     understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.imported is None
+    assert understood.faults
     return understood.faults
 
 
@@ -156,10 +155,10 @@ def test_prose_is_no_unit(remark):
 )  # fmt: skip
 def test_a_comment_that_may_be_the_header_is_not_replaced(comment):
     found = understand_files(sources_of(("a.csv", f"{comment}\n{POINTS}")), ImportOptions(units=MM))
-    if found.imported is None:
+    if found.faults:
         assert found.faults[0].option == ("point_name" if comment.endswith("name") else "header")
     else:  # its cells are separated otherwise than those of the data
-        first = points_of(found.imported)["c01", "P10", "unloaded"]
+        first = points_of(found)["c01", "P10", "unloaded"]
         assert (
             first
             == {"yxz": (-310.1127, 1245.7134, 239.2014), "zyx": (239.2014, -310.1127, 1245.7134)}[
@@ -281,11 +280,11 @@ def test_a_cut_number_as_long_as_another_is_refused_or_asked_about():
     head = "label;J1 [deg];Fx [N];Fy [N];Fz [N]\nc01;1;0;0;-1471\nc02;2;0;0;-5\nc03;3;0;0;"
     (reason,) = reasons(("a.csv", head + "-14"))
     assert reason.startswith("the file is cut off")
-    asked = read(("a.csv", head + "-12")).assembly.unusual
+    asked = read(("a.csv", head + "-12")).unusual
     assert asked == ("the last number -12 ('a.csv', line 4, column 5), whose line has no end",)
-    assert read(("a.csv", head + "-12\n")).assembly.unusual == ()
-    assert read(("a.csv", head + "-5")).assembly.unusual == (), "as in another row"
-    assert read(("a.csv", CAMPAIGN.rstrip("\n"))).assembly.unusual == ()
+    assert read(("a.csv", head + "-12\n")).unusual == ()
+    assert read(("a.csv", head + "-5")).unusual == (), "as in another row"
+    assert read(("a.csv", CAMPAIGN.rstrip("\n"))).unusual == ()
 
 
 # ---- times, temperatures, uncertainties

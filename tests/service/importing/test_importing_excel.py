@@ -15,9 +15,8 @@ import pytest
 from support.importing_samples import CAMPAIGN, points_of, read, values_of
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
-from jointstiff.service.importing.archive import Archive
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
+from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES, MAX_XML_TAGS, Archive
 
 TEXTS = "xl/sharedStrings.xml"
 

@@ -8,8 +8,7 @@ from datetime import UTC, datetime
 import pytest
 from support.importing_samples import CAMPAIGN, points_of, read, sources_of
 
-from jointstiff.schemas.importing import ImportOptions
-from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.imports import ImportOptions, ImportRequest
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.reading import understand_files
 from jointstiff.service.resources.imports import import_files
@@ -24,7 +23,7 @@ READ = {
 
 def faults(*files, **options):
     understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.imported is None
+    assert understood.faults
     return understood.faults
 
 
@@ -145,7 +144,7 @@ def test_leicas_columns(form):
     assert points_of(imported) == READ
     assert imported.preview.joint_count is None  # Q1 to Q3 are a rotation
     assert imported.preview.uncertainty == "coordinate"
-    point = imported.assembly.observations[0].points["P10"]["loaded"]
+    point = imported.observations[0].points["P10"]["loaded"]
     assert point.sigma == pytest.approx((0.031 / 1.96, 0.012 / 1.96, 0.0005 / 1.96), rel=1e-12)
     assert imported.surroundings.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
     assert imported.surroundings.conditions == "temperature 20.5 to 23.5 °C"

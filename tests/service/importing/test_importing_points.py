@@ -6,7 +6,7 @@ import pytest
 from support.importing_samples import JOINTS, POINTS, READ_POINTS, points_of, read, sources_of
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing.errors import Fault, ImportFileError, Place
+from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.names import Template
 from jointstiff.service.resources.imports import import_files
 
@@ -203,7 +203,7 @@ def test_templates(template, name, expected):
 )
 def test_names_that_do_not_fit(template, name):
     """A name that would fit in two ways fits in none."""
-    with pytest.raises(Fault, match="does not fit the template"):
+    with pytest.raises(ImportFileError, match="does not fit the template"):
         Template(template).parse(name, {})
 
 
@@ -211,7 +211,7 @@ def test_names_that_do_not_fit(template, name):
     "template", ["", "c01", "{any}", "{label}{target}", "{label}_{label}", "{x}", "{label}_{", "{}"]
 )
 def test_templates_that_are_refused(template):
-    with pytest.raises(Fault, match="is invalid"):
+    with pytest.raises(ImportFileError, match="is invalid"):
         Template(template)
 
 

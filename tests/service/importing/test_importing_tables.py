@@ -11,7 +11,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.limits import (
+from jointstiff.service.importing.grid import (
     MAX_CELL_LENGTH,
     MAX_COLUMNS,
     MAX_FILE_BYTES,
@@ -328,7 +328,7 @@ def test_readings_that_are_missing():
     content = changed("1102.5518;402.9017;318.4406", ";;")
     refused(content, reason="target P10 was read only loaded", line=4, column=8)
     imported = read(("a.csv", content), allow_missing=True)
-    assert [one.label for one in imported.assembly.observations] == ["c01", "c03"]
+    assert [one.label for one in imported.observations] == ["c01", "c03"]
     assert "c02: target P10 was read only loaded; skipped" in imported.preview.assumptions
     refused(changed("1102.5518;402.9017", ";402.9017"), reason="cell is empty", line=4, column=8,
             allow_missing=True)  # fmt: skip

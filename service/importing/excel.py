@@ -1,0 +1,417 @@
+"""Excel workbooks as grids: archives from strangers, unpacked and parsed within limits.
+
+An own reader instead of a library's. Where cells repeat or are out of order, openpyxl 3.1 and python-calamine
+0.9 drop rows silently; calamine also reads `2&#46;5` as 2, does not distinguish 50 % from 0.5, and aborts the
+process on a single cell far from the others. Here such files are refused or read in full.
+"""
+
+from __future__ import annotations
+
+import io
+import posixpath
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
+from itertools import product
+from types import MappingProxyType
+from typing import IO, Final
+from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
+
+from jointstiff.schemas.imports import FilePreview
+from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.grid import (
+    COMMENT_MARKS,
+    EMPTY,
+    MAX_CELL_LENGTH,
+    MAX_COLUMNS,
+    MAX_ROWS,
+    CellKind,
+    Grid,
+    Row,
+    check_size,
+)
+
+MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
+"""All parts of an Excel file together, unpacked."""
+MAX_SHEET_CELLS: Final = 500_000
+"""Cells of a sheet, which take longer to read than those of a text."""
+MAX_XML_TAGS: Final = 2_500_000
+"""Tags in the parts of an Excel file that are read: four for each number, six for each text, and rows."""
+_MAX_PARTS: Final = 1_000
+_MAX_RATIO: Final = 100
+"""Size of a part over its size when packed; that of sheets is around 10."""
+_MAX_PLAIN_BYTES: Final = 1024 * 1024
+"""Size of a part below which its ratio does not matter."""
+_MAX_DEPTH: Final = 32
+_MAX_MARKUP_BYTES: Final = 256 * 1024
+"""Between two tags, or within one: no cell of Excel is longer."""
+_MAX_CHILDREN: Final = 100_000
+"""Elements within one that is read as a whole: a row, a text, all formats."""
+_MAX_LINE: Final = 1_048_576
+"""Excel's last row."""
+
+_SPACES: Final = (
+    "http://schemas.openxmlformats.org/spreadsheetml/2006/main",
+    "http://purl.oclc.org/ooxml/spreadsheetml/main",
+    "http://schemas.openxmlformats.org/package/2006/relationships",
+)
+_TAGS: Final = (
+    "Relationship sheet si numFmts numFmt cellXfs xf col row c f v is t r rPr rPh phoneticPr extLst"
+)
+_NAMES: Final = MappingProxyType({f"{{{space}}}{tag}": tag for space, tag in product(_SPACES, _TAGS.split())})
+"""Tags with their name spaces, and the names by which this module knows them; all others are unknown."""
+_ALLOWED: Final = MappingProxyType(
+    {
+        "row": {"c", "extLst"},
+        "is": {"t", "r", "rPh", "phoneticPr"},
+        "si": {"t", "r", "rPh", "phoneticPr"},
+        "r": {"rPr", "t"},
+    }
+)
+"""Elements in an element; any other could hold a value that would be lost."""
+_KINDS: Final[Mapping[str, CellKind]] = MappingProxyType(
+    {"s": "text", "str": "text", "inlineStr": "text", "b": "truth value", "e": "error", "d": "date"}
+)
+_ZIP_FAULTS: Final = (
+    zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, RuntimeError, LookupError,
+    OverflowError,
+)  # fmt: skip
+"""What `zipfile` raises on damaged archives; NotImplementedError, of odd ones, is a RuntimeError."""
+
+_ADDRESS: Final = re.compile(r"([A-Z]{1,3})([1-9][0-9]{0,6})")
+_ROW: Final = re.compile(r"[1-9][0-9]{0,6}")
+_DATES: Final = frozenset((*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)))
+_PERCENTAGES: Final = frozenset((9, 10))
+_QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
+
+
+def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
+    """Read one sheet. Formulas are not evaluated; their cells have the values that were stored beside them.
+
+    Args:
+        file: its name, for messages.
+        content: its bytes.
+        sheet: name of the sheet; the only one that is not empty if None.
+    """
+    archive = Archive(file, content)
+    parts, shared, styles = _parts(archive)
+    elements = () if shared is None else archive.elements(shared, "si")
+    texts = [_text(archive, text)[: MAX_CELL_LENGTH + 1] for text in elements]  # enough to refuse long ones
+    kinds = _number_kinds(archive, styles)
+    sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in parts.items()}
+    name = _only_filled(file, sheets) if sheet is None else sheet
+    if name not in sheets:
+        reason, remedy = f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}"
+        raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
+    rows: list[Row] = []
+    comments: list[Row] = []
+    for row in sheets[name].rows():
+        first = next(cell for cell in row.cells if cell)
+        mark = next((mark for mark in COMMENT_MARKS if first.startswith(mark)), None)
+        if mark is None:
+            rows.append(row)
+        else:
+            at = row.cells.index(first)
+            cells = (*row.cells[:at], first.removeprefix(mark).strip(), *row.cells[at + 1 :])
+            comments.append(Row(row.line, cells, row.kinds, " ".join(cells)))
+    check_size(file, rows)
+    notes = sheets[name].notes
+    if comments:
+        count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
+        notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")
+    preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
+    return Grid(preview, tuple(rows), tuple(comments))
+
+
+def _only_filled(file: str, sheets: Mapping[str, _Sheet]) -> str:
+    """Return the name of the only sheet with a row, or of the first if there is none."""
+    filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
+    if len(filled) > 1:
+        reason = f"several sheets have data: {shown(', '.join(filled))}"
+        raise ImportFileError(Place(file), reason, "give `sheet`", "sheet", tuple(filled))
+    return (filled or list(sheets))[0]
+
+
+def _parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:
+    """Return the parts of sheets by their names, of texts that cells refer to, and of formats."""
+    related: dict[str, dict[str, str]] = {"worksheet": {}, "sharedStrings": {}, "styles": {}}
+    for relation in archive.elements("xl/_rels/workbook.xml.rels", "Relationship"):
+        kind = relation.get("Type", "").rpartition("/")[2]
+        if kind in related:
+            path = posixpath.join("/xl", relation.get("Target", ""))
+            related[kind][relation.get("Id", "")] = posixpath.normpath(path).lstrip("/")
+    names: dict[str, str] = {}
+    for sheet in archive.elements("xl/workbook.xml", "sheet"):
+        identifier = next((value for key, value in sheet.items() if key.endswith("}id")), "")
+        part = related["worksheet"].get(identifier)
+        name = sheet.get("name", "")
+        if part is not None and names.setdefault(name, part) is not part:
+            raise archive.refusal(f"two sheets have the name {shown(name)}")
+    if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
+        raise archive.refusal("a workbook without a sheet, or with two tables of texts or styles")
+    texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))
+    return names, texts, styles
+
+
+def _number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
+    """Return what numbers of each format are: Excel makes a date of 1.5 and a hundredth of 50 %."""
+    codes: dict[str, str] = {}
+    formats: list[str] = []
+    for element in () if part is None else archive.elements(part, "numFmts", "cellXfs"):
+        for child in element:
+            name, number = _NAMES.get(child.tag), child.get("numFmtId", "0")
+            if name == "numFmt":
+                codes[number] = child.get("formatCode", "")
+            elif name == "xf":
+                formats.append(number)
+    return {str(index): _number_kind(number, codes.get(number)) for index, number in enumerate(formats)}
+
+
+def _number_kind(number: str, code: str | None) -> CellKind:
+    if code is None:
+        known = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
+        return "date" if known in _DATES else "percentage" if known in _PERCENTAGES else "number"
+    plain = _QUOTED.sub("", code).lower().replace("general", "").replace("standard", "")
+    if set("dmyhs") & set(plain):
+        return "date"
+    return "percentage" if "%" in plain else "number"
+
+
+# ---- the cells of one sheet
+
+
+def _children(archive: Archive, element: Element) -> Iterator[tuple[str, Element]]:
+    """Yield the elements in an element with their names; refuse one that is not known there."""
+    allowed = _ALLOWED.get(_NAMES.get(element.tag, ""), set())
+    for child in element:
+        name = _NAMES.get(child.tag)
+        if name not in allowed:
+            tag = child.tag.rpartition("}")[2]
+            raise archive.refusal(f"an element {shown(tag)} that {shown(element.tag)} cannot have")
+        yield name, child
+
+
+def _text(archive: Archive, element: Element) -> str:
+    """Return a text, which may consist of pieces of different fonts, without the phonetic ones."""
+    pieces = []
+    for name, child in _children(archive, element):
+        if name == "r":
+            pieces.append(_text(archive, child))
+        elif name == "t":
+            pieces.append(_plain(archive, child))
+    return "".join(pieces)
+
+
+def _plain(archive: Archive, element: Element) -> str:
+    if len(element):
+        next(_children(archive, element))  # which refuses it, as there can be none
+    return element.text or ""
+
+
+class _Sheet:
+    """One sheet, to be read row by row, in the order of its addresses or not at all.
+
+    Each reading begins anew; `notes` are those of the last one.
+    """
+
+    def __init__(
+        self, archive: Archive, part: str, texts: Sequence[str], kinds: Mapping[str, CellKind]
+    ) -> None:
+        """Prepare to read."""
+        self._archive, self._part, self._texts, self._kinds = archive, part, texts, kinds
+        self._line = self._column = self._count = self._hidden = self._formulas = 0
+
+    @property
+    def notes(self) -> list[str]:
+        """Return what should be known of the rows that were read, in words."""
+        notes = []
+        if self._hidden:
+            notes.append(f"{self._hidden} rows or columns are hidden in the sheet, and were read as well")
+        if self._formulas:
+            notes.append(f"the stored values of formulas were used ({self._formulas} cells)")
+        return notes
+
+    def rows(self) -> Iterator[Row]:
+        """Yield the rows that are not empty, each as long as its last cell that is not."""
+        self._line = self._column = self._count = self._hidden = self._formulas = filled = 0
+        for element in self._archive.elements(self._part, "row", "col"):
+            self._hidden += element.get("hidden") in ("1", "true")
+            row = self._row(element) if _NAMES[element.tag] == "row" else None
+            if row is not None:
+                filled += 1
+                if filled > MAX_ROWS:
+                    raise self._refusal(f"the sheet has more than {MAX_ROWS} rows")
+                yield row
+
+    def _row(self, element: Element) -> Row | None:
+        number = element.get("r", str(self._line + 1))
+        if not _ROW.fullmatch(number) or not self._line < int(number) <= _MAX_LINE:
+            raise self._refusal(f"row {shown(number)} follows row {self._line}")
+        self._line, self._column = int(number), 0
+        cells: list[str] = []
+        kinds: list[CellKind] = []
+        for name, cell in _children(self._archive, element):
+            if name == "c":
+                self._find_place(cell.get("r"))
+                text, kind = self._cell(cell)
+                if text:
+                    gap = self._column - 1 - len(cells)
+                    cells += [*[""] * gap, text]
+                    kinds += [*EMPTY * gap, kind]
+        return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
+
+    def _find_place(self, address: str | None) -> None:
+        column = self._column + 1
+        if address is not None:
+            match = _ADDRESS.fullmatch(address)
+            at = reduce(lambda number, letter: 26 * number + ord(letter) - 64, match[1] if match else "", 0)
+            if match is None or int(match[2]) != self._line or at < column:
+                raise self._refusal(f"cell {shown(address)} is not in its place")
+            column = at
+        self._count += column - self._column
+        self._column = column
+        if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
+            raise self._refusal(f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells")
+
+    def _cell(self, cell: Element) -> tuple[str, CellKind]:
+        """Return the text and the kind of a cell; a formula is one if no value is stored beside it."""
+        children = {_NAMES.get(child.tag): child for child in cell}
+        type_, style = cell.get("t", "n"), cell.get("s", "0")
+        if type_ != "n" and type_ not in _KINDS:
+            raise self._refusal(f"a cell of unknown type {shown(type_)}")
+        kind = _KINDS.get(type_) or (self._kinds.get(style) if self._kinds else "number")
+        if kind is None:
+            raise self._refusal(f"a cell of unknown format {shown(style)}")
+        holder = "is" if type_ == "inlineStr" else "v"
+        if len(children) != len(cell) or not children.keys() <= {holder, "f", "extLst"}:
+            tags = ", ".join(child.tag.rpartition("}")[2] for child in cell)
+            raise self._refusal(f"elements {shown(tags)}, which a cell of type {shown(type_)} cannot have")
+        value = self._value(children[holder], type_) if holder in children else ""
+        if "f" in children:
+            if not value and type_ != "str":
+                return "= …", "formula"
+            self._formulas += 1
+        return value, kind
+
+    def _value(self, holder: Element, type_: str) -> str:
+        value = (_text if type_ == "inlineStr" else _plain)(self._archive, holder)
+        if type_ == "s" and value:
+            known = value.isascii() and value.isdigit() and len(value) < 8
+            if not known or int(value) >= len(self._texts):
+                raise self._refusal(f"a cell that refers to an unknown text {shown(value)}")
+            value = self._texts[int(value)]
+        if len(value) > MAX_CELL_LENGTH:
+            raise self._refusal(f"a cell has more than {MAX_CELL_LENGTH} characters")
+        return value.strip()
+
+    def _refusal(self, reason: str) -> ImportFileError:
+        return self._archive.refusal(reason, self._line or None, self._column or None)
+
+
+# ---- the parts of the archive
+
+
+class Archive:
+    """An Excel file that was opened: named parts, within limits that hold for all of them together."""
+
+    def __init__(self, file: str, content: bytes) -> None:
+        """Open it."""
+        self._file = file
+        self._tags = 0
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(content))
+        except _ZIP_FAULTS as error:
+            raise self._damaged(error) from None
+        parts = self._zip.infolist()
+        self._parts = {part.filename: part for part in parts}
+        if len(parts) > _MAX_PARTS or len(self._parts) != len(parts):
+            raise self.refusal(f"more than {_MAX_PARTS} parts, or two of one name")
+        if sum(part.file_size for part in parts) > MAX_UNPACKED_BYTES:
+            raise self.refusal(f"more than {MAX_UNPACKED_BYTES // 1024**2} MiB when unpacked")
+        if any(part.file_size > _MAX_PLAIN_BYTES + _MAX_RATIO * part.compress_size for part in parts):
+            raise self.refusal(f"a part that is more than {_MAX_RATIO} times as large when unpacked")
+        if any(part.flag_bits & 1 for part in parts):
+            raise self.refusal("it is encrypted")
+
+    def refusal(self, reason: str, line: int | None = None, column: int | None = None) -> ImportFileError:
+        """Build the error that this file cannot be read."""
+        remedy = "open it in Excel and save it again as .xlsx, or save the sheet as CSV"
+        return ImportFileError(Place(self._file, line, column), reason, remedy)
+
+    def _damaged(self, error: BaseException) -> ImportFileError:
+        return self.refusal(f"not an Excel file (.xlsx), or damaged ({type(error).__name__})")
+
+    def elements(self, name: str, *wanted: str) -> Iterator[Element]:
+        """Yield elements of a part in their order, each with all that it contains; the rest is not kept.
+
+        Args:
+            name: of the part.
+            wanted: names of the elements; none of them may contain another.
+        """
+        part = self._parts.get(name)
+        if part is None:
+            raise self.refusal(f"not an Excel workbook: there is no part {shown(name)}")
+        if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise self.refusal(f"part {shown(name)} uses an unsupported compression")
+        try:
+            with self._zip.open(part) as stream:  # which ends at the size that the archive states
+                yield from self._parsed(_Guard(self, name, stream), name, wanted)
+        except ParseError as error:
+            raise self.refusal(f"part {shown(name)} is not well-formed ({error})") from None
+        except _ZIP_FAULTS as error:
+            raise self._damaged(error) from None
+
+    def count(self, name: str, tags: int) -> None:
+        """Count tags of a part."""
+        self._tags += tags
+        if self._tags > MAX_XML_TAGS:
+            raise self.refusal(f"more than {MAX_XML_TAGS} tags in part {shown(name)} and those before it")
+
+    def _parsed(self, stream: _Guard, name: str, wanted: tuple[str, ...]) -> Iterator[Element]:
+        tags = {tag for tag, known in _NAMES.items() if known in wanted}
+        path: list[Element] = []
+        outermost, children = 0, 0  # depth of the wanted element that is open, and what it contains
+        parser = XMLParser(encoding="utf-8")  # noqa: S314 - the guard refuses document types; whatever it claims
+        events = iterparse(stream, ("start", "end"), parser)  # noqa: S314
+        for event, element in events:
+            if event == "start":
+                path.append(element)
+                children += 1
+                if len(path) > _MAX_DEPTH or (outermost and children > _MAX_CHILDREN):
+                    limits = f"{_MAX_DEPTH} levels of elements, or {_MAX_CHILDREN} in one,"
+                    raise self.refusal(f"more than {limits} in part {shown(name)}")
+                if element.tag in tags:
+                    if outermost:
+                        raise self.refusal(f"the workbook is damaged: element {shown(element.tag)} is nested")
+                    outermost, children = len(path), 0
+                continue
+            if len(path) == outermost:
+                yield element
+                outermost = 0
+            path.pop()
+            if path and not outermost:
+                del path[-1][:]
+
+
+class _Guard:
+    """A stream of XML that ends where it breaks a limit."""
+
+    def __init__(self, archive: Archive, name: str, stream: IO[bytes]) -> None:
+        self._archive, self._name, self._stream = archive, name, stream
+        self._last = b""
+        self._run = 0
+
+    def read(self, size: int = -1, /) -> bytes:
+        data = self._stream.read(size)
+        self._archive.count(self._name, data.count(b"<"))
+        if b"<!DOCTYPE" in self._last + data:
+            reason = f"a document type in part {shown(self._name)}, which could define entities"
+            raise self._archive.refusal(reason)
+        self._last = data[-8:]
+        self._run = 0 if b"<" in data else self._run + len(data)
+        if self._run > _MAX_MARKUP_BYTES:
+            raise self._archive.refusal(f"a text of more than {_MAX_MARKUP_BYTES} bytes")
+        return data
