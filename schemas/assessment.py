@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -67,3 +68,26 @@ class ResultSummary(VerdictSummary):
     warning_count: int | None = Field(
         default=None, description="Number of warnings; for geometries of findings except notes."
     )
+
+
+def combined(assessments: Sequence[Assessment]) -> Assessment:
+    """Return the worst verdict with all reasons, most severe first; of the same kind and place, the first."""
+    reasons: dict[tuple[str, str | None], Finding] = {}
+    for reason in (reason for assessment in assessments for reason in assessment.reasons):
+        reasons.setdefault((reason.code, reason.where), reason)
+    counts = [
+        (each.joints_identified, each.joint_count)
+        for each in assessments
+        if each.joints_identified is not None
+    ]
+    identified, count = min(counts, default=(None, None))
+    return Assessment(
+        joints_identified=identified,
+        joint_count=count,
+        verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
+        reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
+        notes=list(dict.fromkeys(note for assessment in assessments for note in assessment.notes)),
+    )
+
+
+_ORDER: tuple[Verdict, ...] = ("use", "use_with_care", "do_not_use")

@@ -47,7 +47,7 @@ def _mended_file(values: _Values, sources: Sequence[Any]) -> Path:
 
 def _apply(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
     """Apply an action, write the mended campaign, print a table of both runs, and return the new one."""
-    from jointstiff.service.kinds.run.tables import before_and_after
+    from jointstiff.service.kinds.run import before_and_after
     from jointstiff.service.tables.stiffness import UNITS
     from jointstiff.service.tables.terminal import console, printed
 

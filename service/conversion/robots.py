@@ -131,3 +131,18 @@ def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> No
             where=where,
             remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
         )
+
+
+def joint_index(robot: Robot, name: str, where: str) -> int:
+    """Return the place of a joint that a field of the request names.
+
+    Raises:
+        RequestError: the robot has no such joint.
+    """
+    if name not in robot.joint_names:
+        raise RequestError(
+            f"the robot has no joint '{name}'",
+            where=where,
+            remedy=f"use one of {', '.join(robot.joint_names)}",
+        )
+    return robot.joint_names.index(name)

@@ -11,10 +11,9 @@ import numpy as np
 from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.kinds.deflection.work import result_of
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
-from jointstiff.service.tables.report import VERDICTS, judged
+from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Sheet, Value
-from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import rounded_down

@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import io
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from types import MappingProxyType
@@ -20,17 +21,14 @@ from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requeste
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.versions import versions
-from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
 Span = tuple[int, int]
 """First unit of a job's work, and one past the last."""
-
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 """What a step computes: arrays by name, which an engine can keep as text."""
-
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]
-
 _logger = logging.getLogger(__name__)
 
 
@@ -183,3 +181,20 @@ def unexpected_failure() -> Problem:
     return http_problem(
         500, "the computation failed with an internal error", "please report this problem, with the data"
     )
+
+
+@contextmanager
+def as_request_errors(section: str | None = None) -> Iterator[None]:
+    """Refuse readings that determine no robot, which are not worth storing.
+
+    Args:
+        section: of the request, to which places in messages refer.
+
+    Raises:
+        RequestError: in place of errors of the input.
+    """
+    try:
+        yield
+    except (InputError, NotObservableError) as error:
+        where = ".".join(part for part in (section, error.where) if part)
+        raise RequestError(error.reason, remedy=error.remedy, where=where or None) from error

@@ -292,7 +292,7 @@ class Here:
         Raises:
             CampaignError: it has failed, or is not of its campaign by this version.
         """
-        from jointstiff.service.kinds.run.work import run_hash
+        from jointstiff.service.kinds.identification import run_hash
 
         run: TabledRun = source if isinstance(source, TabledRun) else function_of("identify")(source)
         if run.error is not None:

@@ -30,10 +30,9 @@ from jointstiff.service.reports.document import (
 )
 from jointstiff.service.reports.laboratory import LaboratorySettings, Logo
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
-from jointstiff.service.tables.report import VERDICTS, requested, support
+from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, figure, rounded, text_table
-from jointstiff.service.tables.terminal import METHOD_NAMES
 
 NOT_ISO_9283: Final = (
     "The results are derived from the identified stiffness of the joints. They are not a test of static "

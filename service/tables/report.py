@@ -39,6 +39,11 @@ class Report:
     advice: Sequence[str] = ()  # things to do beside the remedies
 
 
+METHOD_NAMES: Final = {
+    "complete_pose": "complete pose",
+    "partial_pose": "partial pose",
+    "decoupled_partial_pose": "decoupled partial pose",
+}
 MOST_SHOWN: Final = 3
 """Maximum number of reasons, and of things to do, without `--details`."""
 OVERALL: Final = "overall verdict"

@@ -22,11 +22,6 @@ from jointstiff.schemas.problem import Problem
 from jointstiff.service.tables.report import problem_line
 from jointstiff.service.tables.table import Line, Part, Table
 
-METHOD_NAMES: Final = {
-    "complete_pose": "complete pose",
-    "partial_pose": "partial pose",
-    "decoupled_partial_pose": "decoupled partial pose",
-}
 _NARROWEST = 80
 _NARROW: Final = 16
 """Characters in a line of a column of text that a narrow terminal leaves at least."""

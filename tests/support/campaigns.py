@@ -15,7 +15,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import build_robot, dh_kinematics
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from jointstiff.schemas.comparison import ComparedFit, Comparison, ComparisonResult
 from jointstiff.schemas.run import ResampledJoint, ResamplingResult
-from jointstiff.service.kinds.run.resampling_table import moments
-from jointstiff.service.tables.report import Report, View
+from jointstiff.service.kinds.run import moments
+from jointstiff.service.tables.report import METHOD_NAMES, Report, View
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
     Column,
@@ -23,7 +23,6 @@ from jointstiff.service.tables.table import (
     percent,
     rounded,
 )
-from jointstiff.service.tables.terminal import METHOD_NAMES
 
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTS = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}

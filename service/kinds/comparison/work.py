@@ -8,19 +8,16 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.assessment import Assessment, combined
 from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import RunResult
-from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs import Inputs
-from jointstiff.service.kinds.run.resampling import ResamplingWork
-from jointstiff.service.kinds.run.settings import to_settings
-from jointstiff.service.kinds.run.work import run_identification
+from jointstiff.service.kinds.identification import ResamplingWork, run_identification, to_settings
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.problems.table import problem_of
 from jointstiff.solver.convex.problem import Bounds

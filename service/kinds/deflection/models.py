@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot, isfinite
 from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas import deflection as messages
+from jointstiff.schemas.deflection import DeflectionBudget, DeflectionComponent
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.map import MapOptions
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.model import ElasticPart, IdentifiedModel, ScoreStep, WeightPart
 from jointstiff.schemas.model import ModelError as StoredModelError
 from jointstiff.schemas.program import ProgramOptions
-from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
+from jointstiff.schemas.run import Budget, Run
+from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
-from jointstiff.service.kinds.run.settings import joint_index
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -276,3 +277,56 @@ def moment_factor(units: Units, moments: FloatArray) -> float:
 
 def _bound(values: list[float | None], limit: float) -> FloatArray:
     return np.array([limit if value is None else value for value in values], dtype=np.float64)
+
+
+def to_covariances(budget: Budget, joints: Sequence[str]) -> FloatArray:
+    """Return the covariances (K, n, n) of the components, zero for joints without an estimate."""
+    shown = [joints.index(name) for name in budget.joints]
+    covariances = np.zeros((len(budget.components), len(joints), len(joints)))
+    for k, part in enumerate(budget.components):
+        size = np.array(part.contributions)
+        covariances[np.ix_([k], shown, shown)] = np.outer(size, size) * np.array(part.correlation)
+    return covariances
+
+
+def to_deflection_budgets(
+    budget: Budget, contributions: FloatArray, radius: FloatArray | None, factor: float
+) -> list[DeflectionBudget]:
+    """Return the budget of each displacement.
+
+    Args:
+        budget: of the run.
+        contributions: (B, K) of its components [m].
+        radius: (B,) of the balls of the model error [m], inf where there is no bound; None without any.
+        factor: coverage factor.
+    """
+    return [
+        _deflection_budget(budget, row, None if radius is None else float(radius[b]), factor)
+        for b, row in enumerate(contributions)
+    ]
+
+
+def _deflection_budget(
+    budget: Budget, contributions: FloatArray, radius: float | None, factor: float
+) -> DeflectionBudget:
+    components = [
+        DeflectionComponent(
+            source=part.source, evaluation=part.evaluation, included=part.included, contribution=float(u)
+        )
+        for part, u in zip(budget.components, contributions, strict=True)
+        if part.source != "model_error"
+    ]
+    if radius is not None and isfinite(radius):
+        components.append(
+            DeflectionComponent(
+                source="model_error", evaluation="A", included=False, contribution=radius / factor
+            )
+        )
+    combined = hypot(*(part.contribution for part in components if part.included))
+    return DeflectionBudget(
+        components=components,
+        standard_uncertainty=combined,
+        coverage_factor=factor,
+        expanded_uncertainty=factor * combined,
+        expanded_with_model_error=factor * hypot(*(part.contribution for part in components)),
+    )

@@ -12,12 +12,13 @@ from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, D
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.kinds.deflection.models import (
+    to_covariances,
+    to_deflection_budgets,
     to_directions,
     to_forward_model,
     to_load_cases,
     to_own_weight,
 )
-from jointstiff.service.kinds.run.budgets import to_covariances, to_deflection_budgets
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.messages import finite

@@ -9,8 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import map as messages
 from jointstiff.schemas.assessment import Assessment
-from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.run.settings import joint_index
+from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.messages import finite

@@ -10,7 +10,7 @@ from jointstiff.schemas.pair import (
     PairResult,
 )
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.tables.report import Report, View, joint_reason_lines
+from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
     NO_NUMBER,
@@ -23,7 +23,6 @@ from jointstiff.service.tables.table import (
     percent,
     rounded,
 )
-from jointstiff.service.tables.terminal import METHOD_NAMES
 
 _SMALLEST_P = 1e-4
 

@@ -7,17 +7,15 @@ from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 from jointstiff.schemas import pair as pairs
-from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.assessment import Assessment, combined
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairRequest, PairResult
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs import Inputs
-from jointstiff.service.kinds.run.budgets import to_joint_budgets
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.identification import to_settings
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.solver.compare.pair import (
     Campaign,
@@ -32,6 +30,7 @@ from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.messages import message
+from jointstiff.solver.results import to_assessment, to_joint_budgets, to_joints
 
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",

@@ -10,9 +10,9 @@ import numpy as np
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.frames import ProgramFrames
 from jointstiff.service.kinds.program.loads import Loads, loads_of
+from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.program import Program

@@ -28,11 +28,10 @@ from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import accepted_run
 from jointstiff.service.kinds.deflection.models import to_own_weight
 from jointstiff.service.kinds.deflection.work import assessment_of, forward_model, remarks_of
-from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.kinds.program.rewriting import rewritten
-from jointstiff.service.kinds.work import Arrays, Span, Work
+from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.solver.arrays import FloatArray

@@ -13,7 +13,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.kinds.run.work import run_identification
+from jointstiff.service.kinds.identification import run_identification
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NEGLECTED = {"complementary_stiffness": "neglected"}

@@ -19,7 +19,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.mending import mended
-from jointstiff.service.kinds.plan.tables import readings_sheet
+from jointstiff.service.kinds.plan import readings_sheet
 from jointstiff.service.library.files import campaign_to_fill_in
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.tables.files import csv_text

@@ -22,8 +22,8 @@ from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.comparison.tables import entries_sheet
+from jointstiff.service.kinds.identification import run_identification
 from jointstiff.service.kinds.report import job_report
-from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text

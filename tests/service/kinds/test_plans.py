@@ -20,8 +20,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.kinds.plan import PLAN
-from jointstiff.service.kinds.plan.tables import readings_sheet
+from jointstiff.service.kinds.plan import PLAN, readings_sheet
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.comparison.work import work as comparison_work
-from jointstiff.service.kinds.run.work import work
+from jointstiff.service.kinds.identification import work
 from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.solver.errors import RequestError, RobotError

@@ -12,10 +12,10 @@ from rich.console import Console
 from support.shared_data import shared
 
 import jointstiff
+from jointstiff.schemas.assessment import combined
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
-from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.run import assessment

@@ -14,13 +14,13 @@ from support.campaigns import estimate, prepare, straight_wrist
 from support.examples import examples
 from support.shared_data import shared
 
-from jointstiff.service.kinds.run.results import to_identifiability
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.campaign import SpringArm
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.advice import Advice, advise, new_postures
 from jointstiff.solver.design.criteria import uncertainty_of
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.results import to_identifiability
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot

@@ -10,7 +10,7 @@ from support.campaigns import prepare
 from support.springs import SpringCampaign
 
 from jointstiff.schemas.options import RunOptions
-from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections

@@ -25,12 +25,12 @@ from support.campaigns import (
 )
 from support.examples import examples
 
-from jointstiff.service.kinds.run.results import to_robust_loss
 from jointstiff.simulator.equilibrium import torques
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting import robust
 from jointstiff.solver.readings.measurements import EncoderReadings, Measurements
+from jointstiff.solver.results import to_robust_loss
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import JointMap, Robot
 

@@ -1,18 +1,43 @@
-"""A run for people: the verdict, the joints, what to do; with details all that the fit says."""
+"""A run: the identification of joint stiffnesses from one measurement set, and what people read of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import degrees, sqrt
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.run import Advice, Identifiability, JointResult, Run, RunResult, WeightResult
-from jointstiff.service.kinds.run.links_table import links_line, links_report, selection_table
-from jointstiff.service.kinds.run.resampling_table import resampling_table
-from jointstiff.service.tables.report import VERDICTS, Report, View, joint_reason_lines
+from jointstiff.schemas.model import LinkCompliance, LinksResult, ModelSelection, ScoredModel
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import (
+    Advice,
+    Identifiability,
+    JointResult,
+    ResampledJoint,
+    ResamplingResult,
+    Run,
+    RunRequest,
+    RunResult,
+    RunSummary,
+    WeightResult,
+)
+from jointstiff.service.kinds.kind import Kind
+from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import Column, Line, Part, Table, figure
-from jointstiff.service.tables.terminal import METHOD_NAMES
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Column,
+    Line,
+    Part,
+    Table,
+    figure,
+    number,
+    percent,
+    rounded,
+)
+
+if TYPE_CHECKING:
+    from jointstiff.service.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
 
 _WORDS: Final = {
     "uncertain": Line("uncertain", "care"),
@@ -272,3 +297,205 @@ def _identifiability(found: Identifiability) -> Iterator[str]:
         indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability)
         yield f"observability {indices}; condition number {found.condition_number:.3g}"
     yield from found.weakest
+
+
+_MODEL_NAMES = {
+    "joints": "joints",
+    "coupled_joints": "coupled joints",
+    "diagonal_links": "diagonal links",
+    "joints_and_links": "joints and links",
+}
+_CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
+
+
+def links_report(links: LinksResult, selection: ModelSelection | None) -> list[Part]:
+    """Return what bends beside the joints, in tables and lines."""
+    certificate = links.certificate
+    of_optimum = "of the optimum" if links.loss == "squared" else "of the optimum a target"
+    parts: list[Part] = [_elements_table(links)]
+    if links.links:
+        parts.append(_links_table(links))
+    if selection is not None:
+        parts.append(selection_table(selection))
+    lines = (
+        (
+            f"{_MODEL_NAMES[links.model]} ({_CHOSEN[links.model_source]}), loss {links.loss} "
+            f"({_CHOSEN[links.loss_source]}), penalty {links.penalty:.3g} ({_CHOSEN[links.penalty_source]})"
+        ),
+        (f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters"),
+        f"certified: within {certificate.gap:.1e} sigma {of_optimum}; no negative eigenvalue",
+    )
+    return parts + [Line(f"  {line}", "dim") for line in lines]
+
+
+def links_line(links: LinksResult, selection: ModelSelection | None) -> Line:
+    """Return in one line what the elastic links add to the joints."""
+    scores = {}
+    if selection is not None:
+        losses = {**selection.losses, links.model: links.loss}
+        scores = {e.model: e.compensation for e in selection.models if e.loss == losses[e.model]}
+    if selection is None or not {"joints", links.model} <= set(scores):
+        return Line(
+            f"  {_MODEL_NAMES[links.model]}: {percent(1.0 - links.unexplained)} of the squared deflection"
+        )
+    chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
+    return Line(
+        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {percent(scores[links.model])} of "
+        f"held-out postures, joints alone {percent(scores['joints'])}"
+        f"{'' if selection.simplest == links.model else chosen}"
+    )
+
+
+def _elements_table(links: LinksResult) -> Table:
+    elements = links.elements
+    names = [
+        f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
+    ]
+    least: list[float | None] = [min(each.by_observation) for each in elements]
+    greatest: list[float | None] = [max(each.by_observation) for each in elements]
+    return Table(
+        [
+            Column("element", [*names, "unexplained"], text=True),
+            Column("overall", [*(each.share for each in elements), links.unexplained], percent),
+            Column("least", [*least, None], percent),
+            Column("greatest", [*greatest, None], percent),
+        ],
+        title="Share of the squared deflection",
+        caption="sum 100 %; what the run explains of the mean deflection is a share of lengths",
+    )
+
+
+def _links_table(links: LinksResult) -> Table:
+    return Table(
+        [
+            Column("behind", [link.joint for link in links.links], text=True),
+            Column("translation", [_principal(link, "translation") for link in links.links]),
+            Column("rotation", [_principal(link, "rotation") for link in links.links]),
+            Column("freedom", [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]),
+        ],
+        title=f"Links, {_MODEL_NAMES[links.model]}",
+        caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: number "
+        "of parameters that the readings determine",
+    )
+
+
+def _principal(link: LinkCompliance, kind: str) -> str:
+    values = link.translation if kind == "translation" else link.rotation
+    rounding = 1e-9 * values[0].value
+    return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
+
+
+def selection_table(selection: ModelSelection) -> Table:
+    """Return models and losses beside each other."""
+    models = selection.models
+    return Table(
+        [
+            Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
+            Column("loss", [each.loss for each in models], text=True),
+            Column("compensation", [each.compensation for each in models], percent),
+            Column("std. error", [each.standard_error for each in models], percent),
+            Column("penalty", [each.penalty for each in models], number(".2g")),
+            Column("", [_mark(each, selection) for each in models], text=True),
+        ],
+        title="Compensation of held-out configurations",
+        caption="mean over the folds ± standard error; the simplest model within one standard error of the "
+        "best is marked, each with its loss of least residual",
+    )
+
+
+def _mark(scored: ScoredModel, selection: ModelSelection) -> str:
+    """Return what distinguishes a model with a loss."""
+    is_chosen = (scored.model, scored.loss) == (selection.chosen, selection.chosen_loss)
+    marks = ["this run"] if is_chosen else []
+    if scored.loss == selection.losses.get(scored.model):
+        marks += ["simplest within one standard error"] * (scored.model == selection.simplest)
+        marks += ["best"] * (scored.model == selection.best)
+    return ", ".join(marks)
+
+
+def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:
+    """Return a row for each joint, then the compensation on all configurations."""
+    drawn = run.request.resampling
+    size = f"{drawn.size} configurations drawn at random" if drawn else ""
+    moments_of = [moments(joint, unit) for joint in resampling.joints]
+    joints, compensation = resampling.joints, resampling.compensation
+    names: list[str] = [joint.name for joint in joints]
+    if compensation.mean is not None and compensation.deviation is not None:
+        names.append("compensation")
+
+    def column(name: str, values: list[str], last: float | None) -> Column:
+        whole = [] if len(names) == len(values) else [percent(last)]
+        return Column(name, [*values, *whole])
+
+    return Table(
+        [
+            Column("joint", names, text=True),
+            column("mean", [_rounded(mean, u) for mean, u in moments_of], compensation.mean),
+            column("deviation", [_rounded(u, u) for _, u in moments_of], compensation.deviation),
+            column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
+            column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
+            column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
+        ],
+        title=f"{resampling.repetitions} fits of {size}",
+        caption=f"{unit.quantity} in {unit.label}: mean and standard deviation of one fit; "
+        "compensation on all",
+    )
+
+
+def _rounded(value: float | None, uncertainty: float | None) -> str:
+    return NO_NUMBER if value is None else rounded(value, uncertainty)
+
+
+def moments(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:
+    """Return mean and standard deviation of one fit, in the unit; None where some fits have none."""
+    moments = (
+        (joint.compliance_mean, joint.compliance_deviation)
+        if unit.inverse
+        else (joint.stiffness_mean, joint.stiffness_deviation)
+    )
+    mean, deviation = (None if value is None else unit.factor * value for value in moments)
+    return mean, deviation
+
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
+    "decoupled, bounded": {
+        "measurement_set_id": "ID_OF_A_STORED_SET",
+        "method": "decoupled_partial_pose",
+        "weighting": "covariance",
+        "stiffness_bounds": {"joint_2": [1e6, None]},
+    },
+}
+
+
+def _compute(inputs: Inputs, request: RunRequest) -> Work:
+    from jointstiff.service.kinds.identification import work
+
+    return work(inputs, request)
+
+
+RUN: Final = Kind[Run, RunRequest, RunSummary](
+    message=Run,
+    request=RunRequest,
+    options=RunOptions,
+    compute=_compute,
+    report=report,
+    sources=("measurement_set",),
+    summary=RunSummary,
+    title="Joint stiffness",
+    stepped=True,
+    reported=False,
+    filters={
+        "measurement_set_id": "measurement set",
+        "robot_id": "robot",
+        "method": "method",
+        "weighting": "weighting",
+        "elasticity": "elasticity",
+    },
+    examples=_EXAMPLES,
+    description="""Identify the joint stiffnesses, and store the result with its provenance.
+
+Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
+run as it is and its address. A method that the readings cannot support is refused, and nothing is stored.
+Any other failure is a stored run in state `failed` with its `error`.""",
+)

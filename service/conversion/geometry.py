@@ -1,4 +1,4 @@
-"""Sweeps, poses and base targets: from messages to SI units."""
+"""Sweeps, poses and base targets of a geometry: from messages to SI units."""
 
 from __future__ import annotations
 

@@ -1,23 +1,36 @@
-"""A geometry for people: findings, frames, wrist, links; each number with its uncertainty and unit."""
+"""A geometry: axes, frames and links from sweeps or poses, and what people read of it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees, sqrt
+from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.geometry import (
     BaseFrameResult,
     Drift,
     Geometry,
+    GeometryRequest,
     GeometryResult,
+    GeometrySummary,
     LinkComparison,
     SweepEvidence,
     WristResult,
 )
+from jointstiff.service.kinds.kind import READINGS_BYTES, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Table, concise, number, numbers
 
+if TYPE_CHECKING:
+    from jointstiff.service.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.solver.geometry.poses import Poses
+    from jointstiff.solver.geometry.sweeps import SweepSet
+    from jointstiff.solver.robot.model import Robot
+
 _MILLI, _MICRO = 1e3, 1e6
+
+
 _CONTROLLER_LEVEL = 0.01
 """Probability below which the controller's angles do not fit."""
 _LEAST_PROBABILITY = 1e-6
@@ -232,3 +245,174 @@ def _chance(probability: float) -> str:
     return f"noise alone fits no better with probability {max(probability, _LEAST_PROBABILITY):.1g}" + (
         " or less" if probability < _LEAST_PROBABILITY else ""
     )
+
+
+def compute(inputs: Inputs, request: GeometryRequest) -> Work:
+    """Return the work of a geometry.
+
+    Raises:
+        RequestError: there is no such robot, it cannot be used, or the readings contradict themselves or the
+            nominal model.
+    """
+    from jointstiff.service.conversion.geometry import to_poses, to_sweeps
+    from jointstiff.service.conversion.prepared import prepare_robot
+    from jointstiff.service.conversion.readings import hash_of
+    from jointstiff.service.kinds.work import QuickWork, as_request_errors
+
+    nominal, robot_hash = None, ""
+    if request.robot is not None:
+        with as_request_errors("robot"):
+            nominal = prepare_robot(request.robot).robot
+    elif request.robot_id is not None:
+        nominal, robot_hash = inputs.robot(request.robot_id, "robot_id")
+    with as_request_errors():
+        readings: SweepSet | Poses
+        if request.sweeps is None and nominal is not None:
+            readings = to_poses(request, nominal)
+        else:
+            readings = to_sweeps(request, nominal)
+    # Names and ids do not count.
+    options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
+    return QuickWork(
+        result=lambda: _identify(request, readings, nominal),
+        input_hash=hash_of(robot_hash, options),
+        robot_id=request.robot_id,
+        details={"name": request.name},
+    )
+
+
+def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
+    from jointstiff.service.conversion.geometry import to_conventions
+    from jointstiff.service.conversion.prepared import to_base_targets
+    from jointstiff.service.kinds.work import as_request_errors
+    from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
+    from jointstiff.solver.geometry.poses import Poses
+    from jointstiff.solver.geometry.result import to_geometry_result
+
+    nominal = None if robot is None else robot.chain
+    with as_request_errors():
+        conventions = to_conventions(request, readings.targets)
+        base_targets = to_base_targets(request, readings.sigma)
+        if not isinstance(readings, Poses):
+            geometry = identify_from_sweeps(
+                readings,
+                conventions,
+                nominal=nominal,
+                name=request.name,
+                fit=request.fit,
+                angles=request.angles,
+                base_targets=base_targets,
+            )
+        elif nominal is not None:
+            geometry = identify_from_poses(
+                readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
+            )
+        else:
+            raise ValueError("poses need a nominal model to calibrate, but the request has none")
+        return to_geometry_result(geometry, request.name, readings.joint_map)
+
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "two joints": {
+        "name": "pan and tilt",
+        "units": {"length": "mm", "angle": "deg"},
+        "noise": {"sigma": 0.01},
+        "sweeps": [
+            {
+                "joint": "joint_1",
+                "observations": [
+                    {
+                        "joints": [-60.0, 0.0],
+                        "targets": {
+                            "P10": [3374.935, -1874.21, 100.004],
+                            "P11": [3238.992, -2020.908, 149.998],
+                        },
+                    },
+                    {
+                        "joints": [-20.0, 0.0],
+                        "targets": {
+                            "P10": [3603.561, -1154.073, 99.991],
+                            "P11": [3593.805, -1353.828, 149.996],
+                        },
+                    },
+                    {
+                        "joints": [20.0, 0.0],
+                        "targets": {
+                            "P10": [3315.867, -455.455, 99.989],
+                            "P11": [3436.754, -614.773, 149.998],
+                        },
+                    },
+                    {
+                        "joints": [60.0, 0.0],
+                        "targets": {
+                            "P10": [2646.413, -105.212, 100.0],
+                            "P11": [2841.44, -149.552, 149.995],
+                        },
+                    },
+                ],
+            },
+            {
+                "joint": "joint_2",
+                "observations": [
+                    {
+                        "joints": [0.0, -60.0],
+                        "targets": {
+                            "P10": [3139.182, -897.597, 792.84],
+                            "P11": [3156.918, -1101.468, 817.83],
+                        },
+                    },
+                    {
+                        "joints": [0.0, -20.0],
+                        "targets": {
+                            "P10": [3475.218, -793.655, 373.625],
+                            "P11": [3518.0, -989.772, 420.607],
+                        },
+                    },
+                    {
+                        "joints": [0.0, 20.0],
+                        "targets": {
+                            "P10": [3475.199, -793.642, -173.626],
+                            "P11": [3550.652, -979.663, -126.624],
+                        },
+                    },
+                    {
+                        "joints": [0.0, 60.0],
+                        "targets": {
+                            "P10": [3139.179, -897.613, -592.82],
+                            "P11": [3239.654, -1075.859, -567.813],
+                        },
+                    },
+                ],
+            },
+        ],
+    },
+    "configurations of a stored robot": {
+        "units": {"length": "mm", "angle": "deg"},
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "poses": [
+            {"joints": [0.0, -30.0, 45.0, 0.0, 60.0, 0.0], "targets": {"P10": [1562.104, 151.336, 1120.48]}}
+        ],
+    },
+}
+
+
+GEOMETRY: Final = Kind[Geometry, GeometryRequest, GeometrySummary](
+    message=Geometry,
+    request=GeometryRequest,
+    options=GeometryRequest,
+    compute=compute,
+    report=report,
+    sources=("readings",),
+    summary=GeometrySummary,
+    title="Geometry of a robot",
+    max_bytes=READINGS_BYTES,
+    reported=False,
+    filters={"name": "name (exact)", "robot_id": "the robot of the nominal model"},
+    examples=_EXAMPLES,
+    description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
+
+Axes, base frame, wrist centre and targets have uncertainties; links are listed with their nominal values,
+and the identified model is a robot document that can be posted as `"model": {"format": "geometry", …}`.
+Suspicious readings (a bumped tracker, a short arc, a joint map that does not fit, …) are reported as findings
+with their figures; readings that do not determine the geometry are refused.""",
+)

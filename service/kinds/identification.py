@@ -1,0 +1,912 @@
+"""The work of a run: by joints alone with its draws, beyond joints by cross-validation, or by own weight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Final, Protocol
+
+import numpy as np
+
+from jointstiff.schemas import run as runs
+from jointstiff.schemas.model import IdentifiedModel
+from jointstiff.schemas.options import Resampling, RunOptions, Weight
+from jointstiff.schemas.run import (
+    EncoderResidual,
+    Identifiability,
+    ModelChoice,
+    PlainModel,
+    RunRequest,
+    RunResult,
+    WeightResult,
+    WeightShare,
+)
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.robots import joint_index
+from jointstiff.service.inputs import Inputs
+from jointstiff.service.kinds.deflection.models import to_elastic_model, to_identified_model
+from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work
+from jointstiff.solver.arrays import IndexArray
+from jointstiff.solver.convex.problem import Bounds, Constraints, Order
+from jointstiff.solver.convex.solution import StagesCertificate
+from jointstiff.solver.design.advice import advise
+from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
+from jointstiff.solver.estimate import identify, refuse_unsupported
+from jointstiff.solver.evidence.assessment import assessed, refuted_noise
+from jointstiff.solver.evidence.budget import LeftOut, UncertaintyBudget
+from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
+from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.prediction import predict, predict_encoders
+from jointstiff.solver.fitting.fit import Likelihood, sigma_test
+from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
+from jointstiff.solver.fitting.settings import Prior, Settings
+from jointstiff.solver.geometry.poses import Poses
+from jointstiff.solver.links.choice import (
+    WEIGHTS,
+    FoldFit,
+    Folds,
+    HeldOut,
+    Plan,
+    Selection,
+    fit_fold,
+    judge_losses,
+    judge_penalty,
+    refined,
+    select_model,
+)
+from jointstiff.solver.links.fit import (
+    ElasticEstimate,
+    effective_compliances,
+    first_certified,
+    refuse_unsupported_elastic,
+    with_links,
+)
+from jointstiff.solver.links.model import LOSSES, MODELS, ElasticColumns, ElasticModel, Loss, compared_losses
+from jointstiff.solver.messages import message, rows
+from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    Resamples,
+    ResamplingPlan,
+    blocks_of_identified,
+    refuse_nonlinear,
+    resample,
+    summarise,
+)
+from jointstiff.solver.results import (
+    to_assessment,
+    to_encoder_residuals,
+    to_joints,
+    to_links_result,
+    to_resampling_result,
+    to_result,
+    to_selection,
+)
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.text import length_text
+from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
+from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
+
+
+def to_settings(options: RunOptions, robot: Robot) -> Settings:
+    """Return how to identify, statements on stiffnesses turned into statements on compliances.
+
+    Raises:
+        RequestError: something about a joint that the robot does not have, or an order of the joints that
+            contradicts itself or the bounds.
+    """
+    pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
+    order = tuple(
+        dict.fromkeys(
+            (
+                joint_index(robot, first, f"stiffness_order.{first}"),
+                joint_index(robot, second, f"stiffness_order.{second}"),
+            )
+            for first, second in pairs
+        )
+    )
+    # With links the loss belongs to the elastic model.
+    huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
+    settings = Settings(
+        method=options.method,
+        weighting=options.weighting,
+        characteristic_length=options.characteristic_length,
+        bounds=_bounds(options, robot, order),
+        confidence=options.confidence,
+        order=order,
+        prior=_prior(options, robot),
+        loss="huber" if huber else "squared",
+        huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
+        complementary_stiffness=options.complementary_stiffness == "included",
+    )
+    _ = settings.constraints  # refuses contradictions before any work is done
+    return settings
+
+
+def identified(prepared: PreparedSet, settings: Settings) -> tuple[Settings, Estimate]:
+    """Identify, and neglect K_c where the load has no balance with joints as soft as the readings say.
+
+    Readings in a wrong unit do that; the verdict on them says so, and that K_c is neglected.
+
+    Returns:
+        The settings that were used, and the estimate.
+
+    Raises:
+        JointstiffError: as `jointstiff.solver.estimate.identify`.
+    """
+    robot, measurements = prepared.robot, prepared.measurements
+    try:
+        return settings, identify(robot, measurements, settings)
+    except SolverError as error:
+        if error.where != "complementary_stiffness":
+            raise
+        neglected = replace(settings, complementary_stiffness=False)
+        estimate = identify(robot, measurements, neglected)
+        if estimate.complementary_stiffness is None:
+            raise
+        size = replace(estimate.complementary_stiffness, obstacle=error.reason)
+        return neglected, replace(estimate, complementary_stiffness=size)
+
+
+def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:
+    """Return the bounds; joints with a bound, and those in an order, are positive in any case."""
+    bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
+    lower, upper = bounds.lower.copy(), bounds.upper.copy()
+    for pair in order:
+        lower[list(pair)] = 0.0
+    for name, (least, greatest) in options.stiffness_bounds.items():
+        j = joint_index(robot, name, f"stiffness_bounds.{name}")
+        lower[j] = 0.0 if greatest is None else 1.0 / greatest
+        upper[j] = np.inf if least is None else 1.0 / least
+    return Bounds(lower, upper)
+
+
+def _prior(options: RunOptions, robot: Robot) -> Prior | None:
+    """Return the prior in compliance, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²."""
+    if not options.priors:
+        return None
+    mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
+    for name, known in options.priors.items():
+        j = joint_index(robot, name, f"priors.{name}")
+        mean[j] = 1.0 / known.stiffness
+        uncertainty[j] = known.standard_uncertainty / known.stiffness**2
+    return Prior(mean, uncertainty)
+
+
+STEP_SECONDS: Final = 0.25
+_SECONDS_A_REPETITION: Final = 8e-6
+_SECONDS_A_READING: Final = 2.5e-8
+"""Measured on the developers' machine; they decide the size of a step and nothing else."""
+
+
+class ResamplingWork:
+    """The draws of one fit; their blocks are computed once, when the first step asks for them."""
+
+    def __init__(self, prepared: PreparedSet, options: RunOptions, resampling: Resampling) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: a draw larger than the set, or what cannot be resampled.
+        """
+        self._prepared = prepared
+        self._settings = to_settings(options, prepared.robot)
+        refuse_nonlinear(self._settings)
+        self.configurations = len(prepared.measurements)
+        if resampling.size > self.configurations:
+            raise RequestError(
+                f"a draw of {resampling.size} configurations exceeds the set's {self.configurations}",
+                where="resampling.size",
+                remedy=f"set `size` to at most {self.configurations}",
+            )
+        self._plan = ResamplingPlan(
+            resampling.size, resampling.repetitions, resampling.seed, resampling.replacement
+        )
+
+    @cached_property
+    def _blocks(self) -> GramBlocks:
+        settings, estimate = identified(self._prepared, self._settings)
+        return blocks_of_identified(self._prepared.robot, self._prepared.measurements, settings, estimate)
+
+    @property
+    def repetitions(self) -> int:
+        """Number of draws."""
+        return self._plan.repetitions
+
+    def steps(self) -> tuple[Span, ...]:
+        """Return the repetitions, cut into steps of about `STEP_SECONDS`."""
+        readings = int(self._prepared.measurements.present.sum())
+        seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
+        size = max(1, int(STEP_SECONDS / seconds))
+        return tuple(
+            (start, min(start + size, self.repetitions)) for start in range(0, self.repetitions, size)
+        )
+
+    def compute(self, span: Span, bounds: Bounds | None = None) -> Resamples:
+        """Fit some of the draws; their numbers do not depend on worker or division.
+
+        Args:
+            span: first repetition, and one past the last.
+            bounds: on the compliances, instead of those of the options.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        return resample(self._blocks, self._plan, self._settings.bounds if bounds is None else bounds, *span)
+
+
+class RunWork(Work):
+    """The work of a run of joints alone: its draws, of which a quick run has none."""
+
+    unit = "resamples"
+    activity = "resampling"
+
+    def __init__(
+        self, prepared: PreparedSet, options: RunOptions, input_hash: str, excluded: str | None = None
+    ) -> None:
+        """Check what is asked for.
+
+        Args:
+            prepared: the readings.
+            options: how to identify.
+            input_hash: of both.
+            excluded: the option that keeps an automatic choice to joints alone, if one does.
+
+        Raises:
+            RequestError: the readings cannot support it, or draws that cannot be made.
+        """
+        self.robot_id, self.input_hash = prepared.robot_id, input_hash
+        self._prepared, self._options, self._excluded = prepared, options, excluded
+        self._settings = to_settings(options, prepared.robot)
+        self._draws: ResamplingWork | None = None
+        if options.resampling is not None:
+            refuse_unsupported(prepared.robot, prepared.measurements, self._settings)
+            self._draws = ResamplingWork(prepared, options, options.resampling)
+
+    @cached_property
+    def identified(self) -> tuple[Settings, Estimate]:
+        """Return the estimate of the joints, and how it was made.
+
+        Raises:
+            JointstiffError: as `run_identification` does.
+        """
+        return identified(self._prepared, self._settings)
+
+    @cached_property
+    def screening(self) -> Screening:
+        """Return what joints alone leave unexplained; raises as `identified` does."""
+        screening = screen_estimate(self._prepared.robot, self._prepared.measurements, self.identified[1])
+        return replace(screening, comparable=self._excluded is None)
+
+    def steps(self) -> Sequence[Span]:
+        """Return the draws, cut into steps."""
+        return () if self._draws is None else self._draws.steps()
+
+    def compute(self, span: Span) -> Arrays:
+        """Fit some of the draws.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        if self._draws is None:
+            raise ValueError("this run has no steps")
+        return vars(self._draws.compute(span))
+
+    def conclude(self, parts: Sequence[Arrays]) -> RunResult:
+        """Identify from the whole set, with the statistics of the draws and the model that predicts.
+
+        Raises:
+            JointstiffError: as `run_identification` does.
+        """
+        return self.conclude_with(self.screening, [Resamples(**part) for part in parts])
+
+    def conclude_with(self, screening: Screening, parts: Sequence[Resamples] = ()) -> RunResult:
+        """Report joints alone, with what is known of links beside them; raises as `conclude` does."""
+        prepared, options, (settings, estimate) = self._prepared, self._options, self.identified
+        model = JointModel.of(prepared.robot, estimate, settings.constraints)
+        error: ModelError | JointstiffError
+        try:
+            error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
+        except JointstiffError as none:  # the run stands without it, and predictions say why
+            error = none
+        left_out = error.left_out if isinstance(error, ModelError) else None
+        result = _reported(prepared, options, settings, estimate, parts, left_out, screening)
+        choice = to_choice_of_joints(options, screening, self._excluded)
+        return result.model_copy(update={"model": to_identified_model(model, error), "choice": choice})
+
+
+def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWork:
+    """Return the work of a run; an automatic choice compares models only where the screening speaks.
+
+    Mistakes come first: a gross one in the readings, too, leaves patterns as links do.
+
+    Raises:
+        RequestError: there is no such set, or the readings cannot support what is asked for.
+    """
+    prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
+    input_hash = run_hash(prepared, request)
+    if request.weight is not None:
+        compute = partial(identified_by_weight, prepared, request, request.weight)
+        return QuickWork(compute, input_hash, prepared.robot_id)
+    prepared = prepared.with_loads()
+    if request.elasticity == "joints":
+        return RunWork(prepared, request, input_hash)
+    excluded = _excluded(prepared, request) if request.elasticity == "automatic" else None
+    plain = RunWork(prepared, request, input_hash, excluded)
+    if request.elasticity == "automatic":
+        try:
+            speaks = excluded is None and plain.screening.links_speak
+            speaks = speaks and prepared.is_sound(plain.identified[1])
+        except JointstiffError:  # the run fails when it is carried out, and says why
+            speaks = False
+        if not speaks:
+            return plain
+
+    def by_joints(options: RunOptions) -> RunWork:
+        return RunWork(prepared, options, input_hash)
+
+    return ElasticWork(prepared, request, input_hash, by_joints)
+
+
+def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:
+    """Return the option that does not go with more than joints; None where all do.
+
+    Raises:
+        RequestError: a link is named that the robot does not have.
+    """
+    if options.resampling is not None:
+        return "resampling"
+    try:
+        refuse_unsupported_elastic(prepared.measurements, to_settings(options, prepared.robot))
+        to_elastic_columns(options, prepared.robot)
+    except UnsupportedMethodError as error:
+        return error.where or "elasticity"
+    joints = prepared.measurements.joints
+    return "observations" if (joints == joints[0]).all() else None  # one posture cannot be left out
+
+
+def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
+    """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
+    options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
+    bodies = "" if request.weight is None else repr(prepared.robot.bodies)
+    return hash_of(prepared.content, options, bodies)
+
+
+def run_identification(
+    prepared: PreparedSet,
+    options: RunOptions,
+    parts: Sequence[Resamples] = (),
+) -> RunResult:
+    """Identify, predict, and report, without the model that predicts.
+
+    It takes a refit a posture only where joints alone do not fit: their intervals hold what that says.
+
+    Raises:
+        RequestError: the options do not fit the robot or the set.
+        UnsupportedMethodError: the readings cannot support the method.
+        NotObservableError: the readings determine no joint.
+        SolverError: optimality could not be certified.
+    """
+    robot, measurements = prepared.robot, prepared.measurements
+    settings, estimate = identified(prepared, to_settings(options, robot))
+    screening, left_out = screen_estimate(robot, measurements, estimate), None
+    if screening.lack_of_fit:
+        model = JointModel.of(robot, estimate, settings.constraints)
+        with suppress(JointstiffError):
+            left_out = leave_postures_out(robot, measurements, settings, estimate, model).left_out
+    return _reported(prepared, options, settings, estimate, parts, left_out, screening)
+
+
+def _reported(
+    prepared: PreparedSet,
+    options: RunOptions,
+    settings: Settings,
+    estimate: Estimate,
+    parts: Sequence[Resamples],
+    left_out: LeftOut | None = None,
+    screening: Screening | None = None,
+) -> RunResult:
+    lacks = screening is not None and screening.lack_of_fit and prepared.is_sound(estimate)
+    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
+    if budget is not None and lacks:
+        estimate = budget.widened(estimate, settings.bounds)
+    prediction = predict(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+        estimated=estimate.estimated,
+    )
+    assessment = prepared.assess(settings, estimate, prediction, screening)
+    # Behind a mistake, what another reading would bring is not known.
+    usable = assessment.verdict != "do_not_use"
+    advice = advise(prepared.robot, prepared.measurements, estimate) if usable else ()
+    prediction = assessment.supported(prediction)
+    result = to_result(
+        prepared.robot,
+        estimate,
+        prediction,
+        assessment,
+        prepared.measurements,
+        [*prepared.warnings, *assessment.remarks],
+        advice,
+        budget,
+    )
+    result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
+    if options.resampling is None or not parts:
+        return result
+    summary = summarise(Resamples.concatenate(parts), confidence=options.confidence)
+    repetitions = options.resampling.repetitions
+    resampling = to_resampling_result(summary, result.joints, repetitions)
+    return result.model_copy(update={"resampling": resampling})
+
+
+def _encoder_residuals(
+    prepared: PreparedSet, settings: Settings, estimate: Estimate
+) -> list[EncoderResidual]:
+    if prepared.measurements.encoders is None:
+        return []
+    predicted = predict_encoders(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+    )
+    return to_encoder_residuals(prepared.measurements, predicted, prepared.robot)
+
+
+_WEIGHTS_A_STEP: Final = 3
+"""For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
+
+
+class JointRun(Protocol):
+    """Identification of the prepared set by joints alone."""
+
+    @property
+    def screening(self) -> Screening:
+        """Return what joints alone leave unexplained."""
+
+    def conclude_with(self, screening: Screening) -> RunResult:
+        """Report joints alone, with what is known of links beside them."""
+
+
+_OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
+"""Reasons that remain where links do not explain what joints alone did not."""
+
+
+class ElasticWork(Work):
+    """The work of a run beyond joints: each unit is a weight of the penalty in a fold, for all models.
+
+    A penalty that is given leaves one weight, which is quick: such work takes no steps.
+    """
+
+    unit = "penalties"
+    activity = "cross-validating"
+
+    def __init__(
+        self,
+        prepared: PreparedSet,
+        options: RunOptions,
+        input_hash: str,
+        by_joints: Callable[[RunOptions], JointRun],
+    ) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: the readings cannot support it, or something about a joint that is not there.
+        """
+        self.robot_id, self.input_hash = prepared.robot_id, input_hash
+        self._prepared, self._options, self._by_joints = prepared, options, by_joints
+        self._settings = to_settings(options, prepared.robot)
+        refuse_unsupported_elastic(prepared.measurements, self._settings)
+        if options.resampling is not None:
+            raise UnsupportedMethodError(
+                "resampling supports only elasticity joints",
+                where="resampling",
+                remedy="omit `resampling`; the cross-validation shows the dispersion",
+            )
+        self._columns = to_elastic_columns(options, prepared.robot)
+        self._plan = to_plan(options)
+        self._losses = compared_losses(prepared.measurements, to_losses(options))
+        self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
+
+    def steps(self) -> tuple[Span, ...]:
+        """Return the weights of one fold after the other; none where the penalty is given."""
+        if self._options.link_penalty is not None:
+            return ()
+        count = len(self._plan.weights)
+        return tuple(
+            (fold * count + start, fold * count + min(start + _WEIGHTS_A_STEP, count))
+            for fold in range(self._fold_count)
+            for start in range(0, count, _WEIGHTS_A_STEP)
+        )
+
+    def compute(self, span: Span) -> Arrays:
+        """Fit all models for some of the weights of a fold.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        fold, start = divmod(span[0], len(self._plan.weights))
+        weights = self._plan.weights[start : start + span[1] - span[0]]
+        fits = [fit_fold(self._folds, model, fold, weights) for model in self._models]
+        return {
+            "fold_compliances": np.array([fit.compliances for fit in fits]),
+            "error": np.array([fit.error for fit in fits]),
+        }
+
+    def conclude(self, parts: Sequence[Arrays]) -> RunResult:
+        """Choose the penalty, fit the whole set, and report.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does, or an optimum is not certified.
+        """
+        robot, measurements = self._prepared.robot, self._prepared.measurements
+        spans = self.steps()
+        if not spans:
+            count = len(self._plan.weights)
+            spans = tuple((fold * count, (fold + 1) * count) for fold in range(self._fold_count))
+            parts = [self.compute(span) for span in spans]
+        fits = {
+            model.key: self._by_fold(
+                spans, [FoldFit(part["fold_compliances"][number], part["error"][number]) for part in parts]
+            )
+            for number, model in enumerate(self._models)
+        }
+        options = self._options
+        elasticity = None if options.elasticity == "automatic" else options.elasticity
+        screened = elasticity is None  # `work` compares models only where the screening speaks
+        selection = select_model(
+            robot, measurements, self._folds, fits, self._plan, elasticity, screened=screened
+        )
+        chosen = selection.of(elasticity or selection.simplest)
+        if chosen.model == "joints":
+            chosen = selection.of("joints", ("squared", "huber"))
+        plan, model = self._plan, self._model_of(chosen)
+        if chosen.model != "joints" and options.link_penalty is None:
+            plan, fits[model.key] = refined(self._folds, model, fits[model.key], plan)
+            of_model = {model.key: fits[model.key]}
+            chosen = select_model(robot, measurements, self._folds, of_model, plan, chosen.model).models[0]
+            selection = selection.with_refined(chosen)
+
+        def joints_alone(loss: Loss) -> JointRun:
+            alone: dict[str, object] = {
+                "elasticity": "joints",
+                "loss": loss,
+                "links": [],
+                "link_penalty": None,
+            }
+            return self._by_joints(options.model_copy(update=alone))
+
+        plain = joints_alone("squared")
+        screening = replace(plain.screening, gain=selection.gain)
+        same = (chosen.model, chosen.loss) == ("joints", "squared")
+        choice = to_choice_by_comparison(
+            selection,
+            chosen,
+            screening,
+            given=elasticity is not None,
+            plain=None if same else plain.conclude_with(screening),
+        )
+        if chosen.model == "joints":
+            result = joints_alone(chosen.loss).conclude_with(screening)
+        else:
+            result = self._result(chosen, plan.weights, screening)
+        return result.model_copy(update={"selection": to_selection(selection, chosen), "choice": choice})
+
+    @property
+    def _models(self) -> list[ElasticModel]:
+        threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
+        return [
+            ElasticModel(name, self._columns, loss, threshold) for name in MODELS for loss in self._losses
+        ]
+
+    @cached_property
+    def _joints(self) -> Estimate:
+        """Return the estimate of the joint model."""
+        return identified(self._prepared, self._settings)[1]
+
+    @cached_property
+    def _folds(self) -> Folds:
+        prepared = self._prepared
+        visible = ~self._joints.observability.null
+        return Folds(prepared.robot, prepared.measurements, self._columns, visible, self._plan)
+
+    def _by_fold(self, spans: Sequence[Span], fits: Sequence[FoldFit]) -> list[FoldFit]:
+        """The steps of one model, put together fold by fold."""
+        count = len(self._plan.weights)
+        of_fold: list[list[FoldFit]] = [[] for _ in range(self._fold_count)]
+        for (start, _), fit in zip(spans, fits, strict=True):
+            of_fold[start // count].append(fit)
+        return [
+            FoldFit(
+                np.concatenate([fit.compliances for fit in steps]),
+                np.concatenate([fit.error for fit in steps]),
+            )
+            for steps in of_fold
+        ]
+
+    def _model_of(self, chosen: HeldOut) -> ElasticModel:
+        return next(model for model in self._models if model.key == (chosen.model, chosen.loss))
+
+    def _result(self, chosen: HeldOut, grid: Sequence[float], screening: Screening) -> RunResult:
+        prepared, options, model = self._prepared, self._options, self._model_of(chosen)
+        robot, weight = prepared.robot, chosen.penalty or grid[0]
+        elastic = first_certified(
+            robot, prepared.measurements, self._folds, model, grid[grid.index(weight) :]
+        )
+        effective = effective_compliances(
+            robot, elastic, self._settings.confidence, with_ends=options.link_penalty is None
+        )
+        estimate = with_links(self._joints, elastic, effective)
+        # No advice: what a further reading would bring is known for a model of joints alone.
+        assessment = prepared.assess(self._settings, estimate, elastic.prediction, screening)
+        outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
+        warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
+        warnings += assessment.remarks
+        if options.link_penalty is None:
+            warnings += judge_penalty(weight, elastic.penalty)
+            if options.loss == "automatic":
+                warnings += judge_losses(int(prepared.measurements.present.sum()))
+        result = to_result(robot, estimate, elastic.prediction, assessment, prepared.measurements, warnings)
+        links = to_links_result(elastic, robot.joint_names, options, self._losses)
+        return result.model_copy(update={"links": links, "model": self._model(elastic)})
+
+    def _model(self, elastic: ElasticEstimate) -> IdentifiedModel:
+        robot, measurements = self._prepared.robot, self._prepared.measurements
+        predictor = ElasticPredictor.of(robot, elastic)
+        error: ModelError | JointstiffError
+        try:
+            error = leave_folds_out(robot, measurements, elastic)
+        except JointstiffError as none:  # the run stands without it, and predictions say why
+            error = none
+        return to_elastic_model(predictor, error)
+
+
+def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
+    """Return the links that may bend.
+
+    Raises:
+        RequestError: the robot has no such joint.
+        UnsupportedMethodError: the robot has too many joints.
+    """
+    chosen = {joint_index(robot, name, "links") for name in options.links or robot.joint_names}
+    return ElasticColumns(robot.n, tuple(sorted(chosen)))
+
+
+def to_plan(options: RunOptions) -> Plan:
+    """Return how to cross-validate; a weight that is given is the only one."""
+    validation = options.cross_validation
+    given = options.link_penalty
+    return Plan(
+        folds=validation.folds,
+        draws=validation.draws if given is None else 1,
+        seed=validation.seed,
+        weights=WEIGHTS if given is None else (given,),
+        rule=validation.rule,
+    )
+
+
+def to_losses(options: RunOptions) -> tuple[Loss, ...]:
+    """Return the losses to compare; squares alone under a penalty that is given, whose meaning they give."""
+    if options.loss != "automatic":
+        return (options.loss,)
+    return LOSSES if options.link_penalty is None else ("squared",)
+
+
+def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
+    """Return the choice of joints alone, with its reason."""
+    loss: Loss = "huber" if options.loss == "huber" else "squared"
+    p = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    if options.elasticity != "automatic":
+        source, text = "given", f"Joints alone, as requested ({p})."
+    elif excluded is not None:
+        source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
+    elif screening.links_p_value < LINKS_LEVEL:
+        source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
+    else:
+        source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
+    return ModelChoice(
+        elasticity="joints",
+        loss=loss,
+        source=source,
+        links_p_value=screening.links_p_value,
+        message=text,
+    )
+
+
+def to_choice_by_comparison(
+    selection: Selection, chosen: HeldOut, screening: Screening, *, given: bool, plain: RunResult | None
+) -> ModelChoice:
+    """Return the choice among models that were compared on held-out postures."""
+    name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
+    evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    if gain is not None:
+        evidence += (
+            f"; held-out postures are predicted to {length_text(float(chosen.by_posture.mean()))}, by joints "
+            f"alone to {length_text(gain.error_of_joints)}"
+        )
+    neglected = "" if chosen.model == "joints" else " K_c is neglected."
+    return ModelChoice(
+        elasticity=chosen.model,
+        loss=chosen.loss,
+        source="given" if given else "cross_validation",
+        links_p_value=screening.links_p_value,
+        message=f"{name}, loss {chosen.loss} ({evidence}).{neglected}",
+        plain=None
+        if plain is None
+        else PlainModel(
+            joints=plain.joints, compensation=plain.compensation, rms_residual=plain.rms_residual
+        ),
+    )
+
+
+_NO_MODEL_ERROR: Final = RequestError(
+    "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
+)
+
+
+def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Weight) -> runs.RunResult:
+    """Identify from positions and masses.
+
+    Raises:
+        RequestError: the robot has no bodies, or the set no positions.
+        JointstiffError: as `identify_weight` does.
+    """
+    readings, observation = _readings(prepared, weight)
+    m = prepared.measurements
+    by_loads = m.present & m.in_flange
+    loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
+    estimate = identify_weight(
+        prepared.robot,
+        readings,
+        confidence=options.confidence,
+        free_gravity=weight.estimate_gravity,
+        loaded=loaded if by_loads.any() else None,
+    )
+    joints = tuple(joint.joint for joint in estimate.joints)
+    assessment = assessed(joints, [*estimate.reasons, *refuted_noise(m, estimate.sigma)])
+    row, target = np.nonzero(readings.poses.present)
+    displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
+    left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
+    given = readings.poses.sigma is not None
+    model = None
+    if any(joint.compliance is not None for joint in joints):
+        model = to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
+    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
+    return runs.RunResult(
+        assessment=to_assessment(assessment, joints),
+        joints=to_joints(joints, assessment.joints, [None] * len(joints)),
+        compensation=float(1.0 - left.mean() / moved.mean()),
+        rms_residual=float(np.sqrt(np.square(left).mean())),
+        sigma=estimate.sigma,
+        goodness=runs.Goodness(
+            chi_square=estimate.chi_square,
+            degrees_of_freedom=estimate.degrees_of_freedom,
+            sigma_source="given" if given else "residuals",
+            test=None if test is None else message(runs.SigmaTest, test),
+        ),
+        identifiability=Identifiability(
+            parameters=len(joints),
+            rank=len(estimate.fit.reduced.seen),
+            condition_number=None,
+            combinations=[],
+            stages=[],
+        ),
+        certificate=message(runs.Certificate, StagesCertificate.of([estimate.certificate])),
+        characteristic_length=None,
+        complementary_stiffness=runs.ComplementaryStiffness(
+            included=True,
+            iterations=estimate.fit.steps,
+            largest_ratio=estimate.largest_stiffness_ratio,
+            largest_shift=None,
+        ),
+        residuals=rows(
+            runs.Residual,
+            observation=np.array(m.labels)[observation[row]],
+            target=np.array(m.targets)[target],
+            deflection=displacement + residual,
+            predicted=displacement,
+            residual=residual,
+        ),
+        model=model,
+        weight=_numbers(estimate),
+        warnings=[*prepared.warnings, *assessment.remarks],
+    )
+
+
+def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
+    """Return all positions, those without a load first, and the observation (rows,) of each row."""
+    m, robot = prepared.measurements, prepared.robot
+    if not robot.bodies:
+        raise RequestError(
+            "the robot has no masses, so its own weight is unknown",
+            where="weight",
+            remedy="give `bodies` of the robot, or a URDF with inertials",
+        )
+    loaded = m.present & ~m.in_flange
+    unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
+    if not unloaded.any():
+        raise RequestError(
+            "the set has only deflections, which own weight does not change",
+            where="weight",
+            remedy="give positions, `unloaded` alone or with `loaded`, or omit `weight`",
+        )
+    first, second = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
+    observation = np.concatenate([first, second])
+    covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
+    under_load = np.repeat([0.0, 1.0], [len(first), len(second)])[:, None]
+    poses = Poses(
+        angles=m.joints[observation],
+        points=np.concatenate([m.position[first], (m.position + m.deflection)[second]]),
+        present=np.concatenate([unloaded[first], loaded[second]]),
+        targets=m.targets,
+        joint_map=robot.joint_map,
+        sigma=m.sigma,
+        covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,
+    )
+    balancers = [
+        Balancer(
+            joint_index(robot, balancer.joint, f"weight.balancers[{number}].joint"),
+            balancer.on_base,
+            balancer.on_link,
+            balancer.rate,
+            balancer.pull,
+        )
+        for number, balancer in enumerate(weight.balancers)
+    ]
+    return (
+        WeightReadings(
+            poses,
+            Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
+            carried=np.ones((len(observation), len(robot.bodies))),
+            force=under_load * m.force[observation],
+            moment=under_load * m.moment[observation],
+            load_point=m.load_point[observation],
+        ),
+        observation,
+    )
+
+
+def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
+    """Return the model that predicts under loads.
+
+    Errors of masses are common to the joints in a way that intervals do not tell. By Cauchy and Schwarz
+    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, hold any correlation.
+    """
+    known = [joint.joint for joint in estimate.joints]
+    seen = np.array([j for j, joint in enumerate(known) if joint.compliance is not None], dtype=np.intp)
+    compliance = estimate.fit.compliance  # of joints without a number, too: their products tell the sag
+    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in known])[seen]
+    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
+    return JointModel(
+        robot,
+        compliance,
+        likelihood,
+        Constraints(Bounds.positive(robot.n), ()),
+        estimate.weight,
+        degrees_of_freedom=estimate.degrees_of_freedom if estimate.sigma_of_residuals else None,
+    )
+
+
+def _numbers(estimate: WeightEstimate) -> WeightResult:
+    torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
+    shares = []
+    for j, joint in enumerate(estimate.joints):
+        known = joint.joint.compliance is not None
+        shares.append(
+            WeightShare(
+                joint=joint.joint.name,
+                torque=(float(torque[:, j].min()), float(torque[:, j].max())),
+                largest_sag=float(sag[j]) if known else None,
+                readings=joint.share_of_readings,
+                masses=joint.share_of_masses,
+            )
+        )
+    return message(
+        WeightResult, estimate, joints=shares, gravity=estimate.fit.gravity, steps=estimate.fit.steps
+    )
