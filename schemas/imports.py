@@ -8,19 +8,8 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry import (
-    MAX_GEOMETRY_READINGS,
-    GeometryNoise,
-    GeometryUnits,
-    TrackedPosition,
-)
-from jointstiff.schemas.measurement import (
-    MAX_TARGETS,
-    AngleUnit,
-    LengthUnit,
-    MeasurementSetDocument,
-    Noise,
-)
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, GeometryNoise, GeometryUnits, TrackedPosition
+from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit, LengthUnit, MeasurementSetDocument, Noise
 
 MAX_PREVIEW_ROWS = 5
 MAX_HEADER_CELLS = 256

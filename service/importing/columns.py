@@ -11,15 +11,7 @@ from jointstiff.schemas.imports import ImportOptions, ImportUnits
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import grammar
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.grammar import (
-    DIMENSIONS,
-    POINTS,
-    Dimension,
-    Kind,
-    Meaning,
-    Quantity,
-    spoken,
-)
+from jointstiff.service.importing.grammar import DIMENSIONS, Dimension, Kind, Meaning, Quantity, spoken
 from jointstiff.service.importing.grid import MAX_COLUMNS, Row, looks_like_a_number
 
 _IGNORED: Final = Meaning(Quantity("ignored"))
@@ -226,7 +218,7 @@ def _with_states(
     meanings: list[Meaning], headers: Sequence[HeaderCell], notes: list[str], faults: Faults
 ) -> list[Meaning]:
     """Take two words that all targets have for states if they are 0 and 1, as in `P10 0 x`, else ask."""
-    points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in POINTS}
+    points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in grammar.POINTS}
     if any(quantity.target is None or quantity.state for quantity in points.values()):
         return meanings
     for end in _ENDS:
@@ -272,7 +264,7 @@ def _quantities(
         absent = [axis for axis in range(count) if axis not in axes]
         texts = [headers[column].text for column in axes.values()]
         letters = {axis[0].isupper() for text in texts if (axis := _AXIS.search(text))}
-        if quantity.kind in POINTS and len(letters) > 1:  # one of them may be of another quantity
+        if quantity.kind in grammar.POINTS and len(letters) > 1:  # one of them may be of another quantity
             reason = f"{' and '.join(map(shown, texts))} are not spelt alike"
             remedy = "write x, y and z alike, or give their meaning in `columns`"
             faults.report(headers[next(iter(axes.values()))].place, reason, remedy, grammar.UNKNOWN)
@@ -305,7 +297,7 @@ def _check_keys(
         )
     if not quantities:
         faults.report(place, "no column with numbers is recognised", "check the header")
-    points = [quantity for quantity in quantities if quantity.kind in POINTS]
+    points = [quantity for quantity in quantities if quantity.kind in grammar.POINTS]
     for quantity in points:
         if quantity.kind != "along" and quantity.of("position") not in quantities:
             first = headers[quantities[quantity][0]]

@@ -21,18 +21,9 @@ from typing import IO, Final
 from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 
 from jointstiff.schemas.imports import FilePreview
+from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import ImportFileError, Place, shown
-from jointstiff.service.importing.grid import (
-    COMMENT_MARKS,
-    EMPTY,
-    MAX_CELL_LENGTH,
-    MAX_COLUMNS,
-    MAX_ROWS,
-    CellKind,
-    Grid,
-    Row,
-    check_size,
-)
+from jointstiff.service.importing.grid import MAX_COLUMNS, CellKind, Grid, Row, check_size
 
 MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
 """All parts of an Excel file together, unpacked."""
@@ -99,7 +90,8 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     archive = Archive(file, content)
     parts, shared, styles = _parts(archive)
     elements = () if shared is None else archive.elements(shared, "si")
-    texts = [_text(archive, text)[: MAX_CELL_LENGTH + 1] for text in elements]  # enough to refuse long ones
+    most = grid.MAX_CELL_LENGTH + 1  # enough to refuse long ones
+    texts = [_text(archive, text)[:most] for text in elements]
     kinds = _number_kinds(archive, styles)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in parts.items()}
     name = _only_filled(file, sheets) if sheet is None else sheet
@@ -110,7 +102,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     comments: list[Row] = []
     for row in sheets[name].rows():
         first = next(cell for cell in row.cells if cell)
-        mark = next((mark for mark in COMMENT_MARKS if first.startswith(mark)), None)
+        mark = next((mark for mark in grid.COMMENT_MARKS if first.startswith(mark)), None)
         if mark is None:
             rows.append(row)
         else:
@@ -242,8 +234,8 @@ class _Sheet:
             row = self._row(element) if _NAMES[element.tag] == "row" else None
             if row is not None:
                 filled += 1
-                if filled > MAX_ROWS:
-                    raise self._refusal(f"the sheet has more than {MAX_ROWS} rows")
+                if filled > grid.MAX_ROWS:
+                    raise self._refusal(f"the sheet has more than {grid.MAX_ROWS} rows")
                 yield row
 
     def _row(self, element: Element) -> Row | None:
@@ -260,7 +252,7 @@ class _Sheet:
                 if text:
                     gap = self._column - 1 - len(cells)
                     cells += [*[""] * gap, text]
-                    kinds += [*EMPTY * gap, kind]
+                    kinds += [*grid.EMPTY * gap, kind]
         return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 
     def _find_place(self, address: str | None) -> None:
@@ -303,8 +295,8 @@ class _Sheet:
             if not known or int(value) >= len(self._texts):
                 raise self._refusal(f"a cell that refers to an unknown text {shown(value)}")
             value = self._texts[int(value)]
-        if len(value) > MAX_CELL_LENGTH:
-            raise self._refusal(f"a cell has more than {MAX_CELL_LENGTH} characters")
+        if len(value) > grid.MAX_CELL_LENGTH:
+            raise self._refusal(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
         return value.strip()
 
     def _refusal(self, reason: str) -> ImportFileError:

@@ -13,19 +13,11 @@ from typing import Final, Literal
 
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ImportOptions, ImportPreview, State
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
+from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.excel import read_workbook
 from jointstiff.service.importing.grammar import collapsed, spoken
-from jointstiff.service.importing.grid import (
-    JSON,
-    MAX_FILE_BYTES,
-    MAX_FILES,
-    MAX_LINES,
-    WORKBOOK,
-    Grid,
-    file_type,
-    read_text,
-)
+from jointstiff.service.importing.grid import Grid, file_type, read_text
 from jointstiff.service.importing.layout import Layout, lay_out
 from jointstiff.service.importing.names import labels_in_order, names_of
 from jointstiff.service.importing.records import Gathered, Point, RowReader, Surroundings, Vector
@@ -93,8 +85,8 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
 
 
 def _check_files(files: Sequence[SourceFile]) -> None:
-    if not 0 < len(files) <= MAX_FILES:
-        raise ImportFileError(NOWHERE, f"{len(files)} files", f"send 1 to {MAX_FILES} files")
+    if not 0 < len(files) <= grid.MAX_FILES:
+        raise ImportFileError(NOWHERE, f"{len(files)} files", f"send 1 to {grid.MAX_FILES} files")
     names: set[str] = set()
     total = lines = 0
     for file in files:
@@ -103,13 +95,13 @@ def _check_files(files: Sequence[SourceFile]) -> None:
             raise ImportFileError(place, "two files have this name", "send each file once")
         names.add(file.name)
         total += len(file.content)
-        if total > MAX_FILE_BYTES:
-            limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
+        if total > grid.MAX_FILE_BYTES:
+            limit = f"the files exceed {grid.MAX_FILE_BYTES // 1024**2} MiB together"
             raise ImportFileError(place, limit, "import fewer files at once")
         ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")  # in UTF-16 as well; a workbook has few by chance
         lines += sum(map(file.content.count, ends)) - sum(map(file.content.count, pairs))
-        if lines > MAX_LINES:
-            limit = f"the files have more than {MAX_LINES} lines together, empty ones and comments too"
+        if lines > grid.MAX_LINES:
+            limit = f"the files have more than {grid.MAX_LINES} lines together, empty ones and comments too"
             raise ImportFileError(place, limit, "remove those, or import fewer files at once")
 
 
@@ -233,11 +225,11 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
     if not file.content.strip():
         raise ImportFileError(Place(file.name), "the file is empty", "check the export")
     kind = file_type(file.content)
-    if kind == WORKBOOK:
+    if kind == grid.WORKBOOK:
         return read_workbook(file.name, file.content, options.sheet)
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
-        if kind == JSON:
+        if kind == grid.JSON:
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
     return read_text(file.name, file.content, options.delimiter)

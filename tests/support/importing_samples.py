@@ -6,9 +6,12 @@ import csv
 import io
 from dataclasses import dataclass
 
-from jointstiff.schemas.imports import ImportOptions
+from jointstiff.schemas.imports import ImportAnswer, ImportOptions, ImportRequest
+from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
+from jointstiff.service.resources.imports import import_files
 
+MM = {"length": "mm", "angle": "deg", "force": "N"}
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 
 CAMPAIGN = """\
@@ -102,3 +105,34 @@ def values_of(imported: Understood) -> dict[tuple[str, str], tuple[float, ...]]:
     return {
         (one.label, kind): vector for one in imported.observations for kind, (vector, _) in one.values.items()
     }
+
+
+def refused(
+    *files: tuple[str, str | bytes],
+    reason: str,
+    line: int | None = None,
+    column: int | None = None,
+    file: str | None = "",
+    **options: object,
+) -> ImportFileError:
+    """Return the first fault, which has this reason at this place; `file` is the first one unless given."""
+    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
+    assert understood.faults, "it was read"
+    fault = understood.faults[0]
+    assert reason in fault.reason
+    assert fault.place == Place(files[0][0] if file == "" else file, line, column)
+    assert fault.remedy
+    return fault
+
+
+def faults(*files: tuple[str, str | bytes], **options: object) -> tuple[ImportFileError, ...]:
+    """Return all faults."""
+    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
+    assert understood.faults, "it was read"
+    return understood.faults
+
+
+def answered(*files: tuple[str, str | bytes], **options: object) -> ImportAnswer:
+    """Return what is made of files, with a load point and encoders."""
+    stated = {"encoders": "motor", "load_point": (0.0, 0.0, 120.0), **options}
+    return import_files(sources_of(*files), ImportRequest.model_validate(stated))

@@ -12,10 +12,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from support import importing_samples as samples
 from support.importing_samples import CAMPAIGN, points_of, read, values_of
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
-from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES, MAX_XML_TAGS, Archive
 
 TEXTS = "xl/sharedStrings.xml"
@@ -49,12 +50,7 @@ def as_excel_writes(content):
 
 
 def refused(content, reason, line=None, column=None, **options):
-    with pytest.raises(ImportFileError) as caught:
-        read(("a.xlsx", content), **options)
-    error = caught.value
-    assert reason in error.reason
-    assert error.place == Place("a.xlsx", line, column)
-    return error
+    return samples.refused(("a.xlsx", content), reason=reason, line=line, column=column, **options)
 
 
 def test_a_workbook_reads_as_the_text_does():
@@ -62,13 +58,8 @@ def test_a_workbook_reads_as_the_text_does():
     assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
     assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
     file = imported.preview.files[0]
-    assert (file.format, file.sheet, file.encoding, file.delimiter, file.decimal_mark) == (
-        "xlsx",
-        "Sheet",
-        None,
-        None,
-        None,
-    )
+    how = (file.format, file.sheet, file.encoding, file.delimiter, file.decimal_mark)
+    assert how == ("xlsx", "Sheet", None, None, None)
 
 
 def test_comments_empty_rows_and_columns():
@@ -317,12 +308,6 @@ def test_expanding_entities():
     lines = b'<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">' + b"".join(
         b'<!ENTITY %c "%s">' % (98 + number, b"&%c;" % (97 + number) * 10) for number in range(8)
     )  # fmt: skip
-    for part in (
-        SHEET,
-        "xl/workbook.xml",
-        TEXTS,
-        "xl/styles.xml",
-        "xl/_rels/workbook.xml.rels",
-    ):
+    for part in (SHEET, "xl/workbook.xml", TEXTS, "xl/styles.xml", "xl/_rels/workbook.xml.rels"):
         content = repacked(as_excel_writes(workbook()), part, lambda _: lines + b"]><a>&i;</a>")
         refused(content, "a document type")

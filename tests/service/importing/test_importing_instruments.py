@@ -6,26 +6,8 @@ import re
 from datetime import UTC, datetime
 
 import pytest
-from support.importing_samples import CAMPAIGN, points_of, read, sources_of
-
-from jointstiff.schemas.imports import ImportOptions, ImportRequest
-from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.reading import understand_files
-from jointstiff.service.resources.imports import import_files
-
-READ = {
-    ("c01", "P10", "unloaded"): (1245.7134, -310.1127, 239.2014),
-    ("c01", "P10", "loaded"): (1245.6021, -310.1098, 237.9853),
-    ("c02", "P10", "unloaded"): (1102.5518, 402.9017, 318.4406),
-    ("c02", "P10", "loaded"): (1102.4127, 402.8613, 316.8891),
-}
-
-
-def faults(*files, **options):
-    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.faults
-    return understood.faults
-
+from support.importing_samples import CAMPAIGN, JOINTS, answered, faults, points_of, read
+from support.importing_samples import READ_POINTS as READ
 
 # ---- SpatialAnalyzer 2022
 
@@ -63,24 +45,17 @@ def test_spatial_analyzer_2022(encoding, gap, unit, end):
 
 
 def test_groups_with_brackets_and_several_files():
-    def bracketed(state):
-        return (
-            "sa.txt",
-            sa(states=(state,)).replace(f"{state}, ", f"{state}, Cell [3] ").replace("// Coll", "//  Coll"),
-        )
-
-    files = [(f"{state}.txt", bracketed(state)[1]) for state in ("unloaded", "loaded")]
+    files = []
+    for state in ("unloaded", "loaded"):
+        bracketed = sa(states=(state,)).replace(f"{state}, ", f"{state}, Cell [3] ")
+        files.append((f"{state}.txt", bracketed.replace("// Coll", "//  Coll")))
     assert {(f"Cell [3] {a}", b, c): xyz for (a, b, c), xyz in READ.items()} == points_of(read(*files))
 
 
 def test_files_of_two_frames_are_refused_with_both_names():
-    files = [
-        ("a.txt", sa(states=("unloaded",))),
-        ("b.txt", sa(frame="Frames::best fit", states=("loaded",))),
-    ]
-    (fault,) = faults(*files)
-    assert "Frames::best fit" in fault.reason
-    assert "Frames::WORLD" in fault.reason
+    other = sa(frame="Frames::best fit", states=("loaded",))
+    (fault,) = faults(("a.txt", sa(states=("unloaded",))), ("b.txt", other))
+    assert fault.reason == "the frame is Frames::best fit, but Frames::WORLD in other files"
     (fault,) = faults(("a.txt", sa(unit="Inches")), units={"length": "mm"})
     assert fault.reason == "position x is in inches by the file's comment, but in mm by `units`"
 
@@ -150,16 +125,8 @@ def test_leicas_columns(form):
     assert imported.surroundings.conditions == "temperature 20.5 to 23.5 °C"
 
 
-def answer_of(content, **options):
-    joints = "label,J1 [deg],J2 [deg],Fx [N],Fy [N],Fz [N]\n" + "".join(
-        f"{label},10.5,-20.25,0,0,-1471.5\n" for label in ("c01", "c02")
-    )
-    request = ImportRequest(encoders="motor", load_point=(0.0, 0.0, 120.0), **options)
-    return import_files(sources_of(("joints.csv", joints), ("tracker.csv", content)), request)
-
-
 def test_uncertainties_of_coordinates_become_covariances():
-    answer = answer_of(leica())
+    answer = answered(("joints.csv", JOINTS), ("tracker.csv", leica()))
     reading = answer.measurement_set.observations[0].readings[0]
     assert reading.sigma is None
     diagonal = [row[index] for index, row in enumerate(reading.unloaded_covariance)]
@@ -174,12 +141,12 @@ def test_uncertainties_of_coordinates_become_covariances():
 
 def test_the_points_uncertainty_only_where_its_coordinates_have_none():
     axes = [header for header in HEADERS if re.match(r"U\(95\) [XYZ]", header)]
-    answer = answer_of(leica(without=axes))
+    answer = answered(("joints.csv", JOINTS), ("tracker.csv", leica(without=axes)))
     sigma = float(f"{sum(u * u for u in U95) ** 0.5:.6f}") / (1.96 * 3**0.5)
     assert answer.measurement_set.observations[1].readings[0].sigma == pytest.approx(sigma, rel=1e-12)
     assert answer.preview.uncertainty == "point"
     assert any("σ = U/(1.96 √3)" in note for note in answer.preview.assumptions)
-    neither = answer_of(leica(without=[*axes, "U(95)  [mm]"]))
+    neither = answered(("joints.csv", JOINTS), ("tracker.csv", leica(without=[*axes, "U(95)  [mm]"])))
     assert neither.measurement_set.observations[0].readings[0].sigma is None
     assert neither.preview.uncertainty is None
 
@@ -215,11 +182,8 @@ def test_leicas_target_is_its_reflector_unless_nothing_else_names_one():
 )  # fmt: skip
 def test_words_for_states(unloaded, loaded):
     def written(text):
-        return (
-            text.replace("unloaded", unloaded)
-            .replace(" loaded", f" {loaded}")
-            .replace("_loaded", f"_{loaded}")
-        )
+        text = text.replace("unloaded", unloaded)
+        return text.replace(" loaded", f" {loaded}").replace("_loaded", f"_{loaded}")
 
     plain = points_of(read(("a.csv", CAMPAIGN)))
     assert points_of(read(("a.csv", written(CAMPAIGN)))) == plain
@@ -318,11 +282,9 @@ def test_a_value_far_from_its_column_is_asked_about():
     header = "label;J1 [deg];Fx [N];Fy [N];Fz [N];" + ";".join(
         f"P1 {s} {a} [mm]" for s in "ul" for a in "xyz"
     )
-    request = {"encoders": "motor", "load_point": (0.0, 0.0, 120.0)}
 
     def answer(**options):
-        content = "\n".join([header, *rows]) + "\n"
-        return import_files(sources_of(("day.csv", content)), ImportRequest(**request, **options))
+        return answered(("day.csv", "\n".join([header, *rows]) + "\n"), **options)
 
     assert answer().missing == []
     rows[7] = rows[7].replace(";1249.5;", ";12495;")
@@ -335,36 +297,26 @@ def test_a_value_far_from_its_column_is_asked_about():
     assert not confirmed.template.accept_unusual, "the next file is asked about again"
 
 
-def test_a_load_point_beyond_5_m_is_asked_about():
-    base = {"encoders": "motor"}
-
-    def missing(**options):
-        content = CAMPAIGN.replace("\n", "\n", 1)
-        return import_files(sources_of(("a.csv", content)), ImportRequest(**base, **options))
-
-    assert missing(load_point=(0.0, 0.0, 5000.0)).missing == []
-    far = missing(load_point=(0.0, 120.0, 5.1), length_unit="m")
-    assert far.missing_fields == ["accept_unusual"]
-    assert "the load point is 120.108 m from the flange" in far.missing[0]
-    assert missing(load_point=(0.0, 0.0, 6000.0), accept_unusual=True).measurement_set is not None
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"load_point": (0.0, 0.0, 5000.0)}, None),
+        ({"load_point": (0.0, 120.0, 5.1), "length_unit": "m"}, "load point is 120.108 m from the flange"),
+        ({"load_point": (0.0, 0.0, 6000.0), "accept_unusual": True}, None),
+    ],
+)
+def test_a_load_point_beyond_5_m_is_asked_about(options, reason):
+    answer = answered(("a.csv", CAMPAIGN), **options)
+    assert (answer.measurement_set is None) == (reason is not None)
+    assert answer.missing_fields == (["accept_unusual"] if reason else [])
+    assert (reason or "") in "".join(answer.missing)
 
 
 def test_lengths_of_the_request_are_converted_to_the_files_unit():
-    options = {
-        "encoders": "motor",
-        "load_point": (0.0, -20.5, 120.0),
-        "noise": {"sigma": 0.02, "force": {"scale": 0.01}},
-        "length_unit": "mm",
-    }
-    metres = CAMPAIGN.replace("[mm]", "[m]")
-    found = import_files(sources_of(("a.csv", metres)), ImportRequest(**options, accept_unusual=True))
-    assert found.measurement_set.load_point == pytest.approx((0.0, -0.0205, 0.12), rel=1e-15)
-    assert found.measurement_set.noise.sigma == pytest.approx(2e-5)
-    assert found.measurement_set.noise.force.scale == 0.01
-    same = import_files(sources_of(("a.csv", CAMPAIGN)), ImportRequest(**options))
-    assert same.measurement_set.load_point == (0.0, -20.5, 120.0)
-
-
-def test_an_empty_file_says_so():
-    with pytest.raises(ImportFileError, match="the file is empty"):
-        read(("a.csv", " \n"))
+    noise = {"sigma": 0.02, "force": {"scale": 0.01}}
+    options = {"load_point": (0.0, -20.5, 120.0), "noise": noise, "length_unit": "mm"}
+    metres = ("a.csv", CAMPAIGN.replace("[mm]", "[m]"))
+    document = answered(metres, **options, accept_unusual=True).measurement_set
+    assert document.load_point == pytest.approx((0.0, -0.0205, 0.12), rel=1e-15)
+    assert (document.noise.sigma, document.noise.force.scale) == (pytest.approx(2e-5), 0.01)
+    assert answered(("a.csv", CAMPAIGN), **options).measurement_set.load_point == (0.0, -20.5, 120.0)

@@ -17,11 +17,10 @@ from dataclasses import dataclass, field
 
 import openpyxl
 import pytest
-from support.importing_samples import CAMPAIGN, DELIMITERS, POINTS, Dialect, points_of, read, values_of
+from support.importing_samples import CAMPAIGN, DELIMITERS, MM, POINTS, Dialect, points_of, read, values_of
 
 from jointstiff.service.importing.errors import ImportFileError
 
-UNITS = {"length": "mm", "angle": "deg", "force": "N"}
 TABLE = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
 UNDERSCORED = [cell.replace(" ", "_") for cell in TABLE[0]]
 LIST = [line.split(";") for line in POINTS.splitlines()]
@@ -57,11 +56,11 @@ SAMPLES = [
     Sample("table.txt", [UNDERSCORED, *TABLE[1:]], Dialect("whitespace", ".")),
     Sample("long.csv", LONG, Dialect("semicolon", ".")),
     Sample("long.csv", LONG, Dialect("comma", ".")),
-    Sample("list.txt", LIST, Dialect("semicolon", "."), {"units": UNITS}),
-    Sample("list.txt", LIST, Dialect("whitespace", ","), {"units": UNITS}),
-    Sample("list.txt", LIST, Dialect("comma", "."), {"units": UNITS}),
+    Sample("list.txt", LIST, Dialect("semicolon", "."), {"units": MM}),
+    Sample("list.txt", LIST, Dialect("whitespace", ","), {"units": MM}),
+    Sample("list.txt", LIST, Dialect("comma", "."), {"units": MM}),
     Sample("list.txt", [["y", "name", "z", "x"], *([r[2], r[0], r[3], r[1]] for r in LIST)],
-           Dialect("semicolon", "."), {"units": UNITS}),
+           Dialect("semicolon", "."), {"units": MM}),
 ]  # fmt: skip
 
 # ---- the independent reading ------------------------------------------------------------------------------
@@ -83,10 +82,8 @@ COLUMNS |= {  # what docs/import.md allows besides: other words for the states, 
 }
 
 
-STATES = dict.fromkeys(("unloaded", "unload", "u"), "unloaded") | dict.fromkeys(
-    ("loaded", "load", "l"), "loaded"
-)
-STATES["d"] = "deflection"
+STATES = {"unloaded": "unloaded", "unload": "unloaded", "u": "unloaded", "d": "deflection"}
+STATES |= dict.fromkeys(("loaded", "load", "l"), "loaded")
 
 
 class UnclearError(Exception):
@@ -100,22 +97,13 @@ def _strict(sample, content):
     for line in re.split(r"\r\n|\r|\n", _decoded(content, sample.dialect.encoding)):
         if not line.strip() or line.strip().startswith(("#", "//", "%")):
             continue
-        cells = (
-            re.findall(r'(?:"[^"]*"|[^"%s])+|(?<=%s)|^(?=%s)' % ((delimiter,) * 3), line)
-            if '"' in line
-            else None
-        )
-        cells = cells or (
-            re.split("[ \t]+", line.strip(" \t")) if delimiter == " " else line.split(delimiter)
-        )
+        plain = re.split("[ \t]+", line.strip(" \t")) if delimiter == " " else line.split(delimiter)
+        quoted = r'(?:"[^"]*"|[^"%s])+|(?<=%s)|^(?=%s)' % ((delimiter,) * 3)
+        cells = (re.findall(quoted, line) if '"' in line else None) or plain
         rows.append([cell.strip().strip('"').strip() for cell in cells])
     rows = [row for row in rows if any(row)]
-    if (
-        rows
-        and len(rows[0]) > 1
-        and len({len(row) for row in rows}) == 1
-        and not any(row[-1] for row in rows)
-    ):
+    alike = len({len(row) for row in rows}) == 1
+    if alike and len(rows[0]) > 1 and not any(row[-1] for row in rows):
         rows = [row[:-1] for row in rows]
     if PLAIN.fullmatch(rows[0][-1].replace(",", ".")):
         header = ["name", "x", "y", "z"]
@@ -187,13 +175,8 @@ def _vectors(store):
 
 # ---- damage -----------------------------------------------------------------------------------------------
 
-CHARACTERS = [c.encode() for c in ",.;:\t \"'#-+eE0123456789%/_[]()xyzul\n\r"] + [
-    b"\0",
-    b"\xff",
-    b"\x80",
-    b"\xc3",
-    b"\xa0",
-]
+CHARACTERS = [c.encode() for c in ",.;:\t \"'#-+eE0123456789%/_[]()xyzul\n\r"]
+CHARACTERS += [bytes([byte]) for byte in (0, 0xFF, 0x80, 0xC3, 0xA0)]
 
 
 def _damaged(random_, content):

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import pytest
-from support.importing_samples import JOINTS, POINTS, READ_POINTS, points_of, read, sources_of
+from support.importing_samples import (
+    JOINTS,
+    MM,
+    POINTS,
+    READ_POINTS,
+    answered,
+    points_of,
+    read,
+    refused,
+)
 
-from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.names import Template
-from jointstiff.service.resources.imports import import_files
 
-MM = {"length": "mm", "angle": "deg", "force": "N"}
 LINES = [line.split(";") for line in POINTS.splitlines()]
-
-
-def refused(*files, reason, line=None, column=None, file=None, **options):
-    with pytest.raises(ImportFileError) as caught:
-        read(*files, **options)
-    error = caught.value
-    assert reason in error.reason
-    assert error.place == Place(file, line, column)
-    assert error.remedy
-    return error
 
 
 def sa(separator):
@@ -117,9 +113,7 @@ def test_a_file_for_each_state_or_observation():
 def test_joints_and_points_in_different_files():
     imported = read(("joints.csv", JOINTS), ("points.txt", POINTS), units=MM)
     assert imported.preview.reading_count == 2
-    request = ImportRequest(encoders="motor", load_point=(0.0, 0.0, 120.0), units=MM)
-    files = sources_of(("joints.csv", JOINTS), ("points.txt", POINTS))
-    document = import_files(files, request).measurement_set
+    document = answered(("joints.csv", JOINTS), ("points.txt", POINTS), units=MM).measurement_set
     assert [one.label for one in document.observations] == ["c01", "c02"]
     assert document.observations[1].joints == [-15.0, -35.125]
     assert document.observations[1].readings[0].loaded == READ_POINTS["c02", "P10", "loaded"]
@@ -163,10 +157,9 @@ def test_faulty_lists(old, new, reason, line, column):
 
 def test_one_state_alone_is_incomplete():
     alone = "".join(line + "\n" for line in POINTS.splitlines() if "_unloaded" in line)
-    answer = import_files(sources_of(("points.txt", alone)), ImportRequest(units=MM))
+    answer = answered(("points.txt", alone), units=MM)
     assert "the positions under load" in answer.missing
-    preview = answer.preview
-    assert preview.reading_count == 0
+    assert answer.preview.reading_count == 0
 
 
 def test_positions_and_a_deflection():
