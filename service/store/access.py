@@ -7,7 +7,7 @@ from dataclasses import asdict, fields
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, Select, and_, delete, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Delete, Select, and_, delete, insert, or_, select, update
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
@@ -39,14 +39,12 @@ class AccessKeys:
 
     def add(self, key: AccessKey) -> None:
         """Store a key."""
-        with self._database.writing() as connection:
-            connection.execute(insert(access_keys).values(asdict(key)))
+        self._database.change(insert(access_keys).values(asdict(key)))
 
     def all(self) -> list[AccessKey]:
         """Return all keys, revoked ones too, in the order in which they came."""
         query = _KEYS.order_by(access_keys.c.created_at, access_keys.c.id)
-        with self._database.reading() as connection:
-            return [AccessKey(*row) for row in connection.execute(query)]
+        return [AccessKey(*row) for row in self._database.rows(query)]
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
         """Revoke a key for good, and end its sessions; return it. To do so again changes nothing.
@@ -55,26 +53,17 @@ class AccessKeys:
             NotFoundError: there is no such key.
         """
         mine = access_keys.c.id == key_id
-        with self._database.writing() as connection:
-            connection.execute(
-                update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
-            )
-            for table in (access_sessions, access_links):
-                connection.execute(delete(table).where(table.c.key_id == key_id))
-            row = connection.execute(_KEYS.where(mine)).one_or_none()
-        if row is None:
-            raise NotFoundError(KEY, key_id)
-        return AccessKey(*row)
+        revoking = update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
+        self._database.change(revoking, *_ending([key_id]))
+        for row in self._database.rows(_KEYS.where(mine)):
+            return AccessKey(*row)
+        raise NotFoundError(KEY, key_id)
 
     def used(self, key_id: str, now: datetime) -> None:
         """Note that a key is used."""
         last = access_keys.c.last_used_at
-        with self._database.writing() as connection:
-            connection.execute(
-                update(access_keys)
-                .where(access_keys.c.id == key_id, or_(last.is_(None), last < now))
-                .values(last_used_at=now)
-            )
+        mine = update(access_keys).where(access_keys.c.id == key_id, or_(last.is_(None), last < now))
+        self._database.change(mine.values(last_used_at=now))
 
 
 class Sessions:
@@ -101,48 +90,36 @@ class Sessions:
             .order_by(columns.used_at.desc(), columns.token_hash)
             .limit(MOST_SESSIONS - 1)
         )
-        with self._database.writing() as connection:
-            connection.execute(delete(access_sessions).where(~self._lives(session.created_at)))
-            connection.execute(
-                delete(access_sessions).where(
-                    columns.key_id == session.key_id, columns.token_hash.not_in(kept)
-                )
-            )
-            connection.execute(insert(access_sessions).values(asdict(session)))
+        self._database.change(
+            delete(access_sessions).where(~self._lives(session.created_at)),
+            delete(access_sessions).where(columns.key_id == session.key_id, columns.token_hash.not_in(kept)),
+            insert(access_sessions).values(asdict(session)),
+        )
 
     def find(self, token_hash: str, now: datetime) -> SessionRecord | None:
         """Return a session; None if there is none, or it has ended."""
-        mine = access_sessions.c.token_hash == token_hash
-        with self._database.reading() as connection:
-            row = connection.execute(_SESSIONS.where(mine, self._lives(now))).one_or_none()
-        return None if row is None else SessionRecord(*row)
+        mine = _SESSIONS.where(access_sessions.c.token_hash == token_hash, self._lives(now))
+        return next((SessionRecord(*row) for row in self._database.rows(mine)), None)
 
     def used(self, token_hash: str, now: datetime) -> None:
         """Note that a session is used."""
-        mine = access_sessions.c.token_hash == token_hash
-        with self._database.writing() as connection:
-            connection.execute(
-                update(access_sessions).where(mine, access_sessions.c.used_at < now).values(used_at=now)
-            )
+        columns = access_sessions.c
+        mine = update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
+        self._database.change(mine.values(used_at=now))
 
     def end(self, token_hash: str) -> None:
         """End a session; to do so again changes nothing."""
-        with self._database.writing() as connection:
-            connection.execute(delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
+        self._database.change(delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
 
     def end_of(self, key_ids: Sequence[str]) -> None:
         """End all sessions of some keys, and their links."""
-        with self._database.writing() as connection:
-            for table in (access_sessions, access_links):
-                connection.execute(delete(table).where(table.c.key_id.in_(key_ids)))
+        self._database.change(*_ending(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
         """Store a link that begins one session of a key; remove those that have ended."""
-        with self._database.writing() as connection:
-            connection.execute(delete(access_links).where(access_links.c.ends_at <= now))
-            connection.execute(
-                insert(access_links).values(token_hash=token_hash, key_id=key_id, ends_at=ends_at)
-            )
+        link = {"token_hash": token_hash, "key_id": key_id, "ends_at": ends_at}
+        ended = delete(access_links).where(access_links.c.ends_at <= now)
+        self._database.change(ended, insert(access_links).values(link))
 
     def redeem(self, token_hash: str, now: datetime) -> str | None:
         """Use a link up; return the id of its key, None if there is no such link, or no longer.
@@ -150,9 +127,8 @@ class Sessions:
         Of two who use it at the same time one gets the key.
         """
         links = access_links.c
-        with self._database.reading() as connection:  # guesses do not take the writer's turn
-            if connection.execute(select(links.key_id).where(links.token_hash == token_hash)).first() is None:
-                return None
+        if not self._database.rows(select(links.key_id).where(links.token_hash == token_hash)):
+            return None  # guesses do not take the writer's turn
         taken = delete(access_links).where(links.token_hash == token_hash)
         with self._database.writing() as connection:
             row = connection.execute(taken.returning(links.key_id, links.ends_at)).one_or_none()
@@ -161,6 +137,11 @@ class Sessions:
     def _lives(self, now: datetime) -> ColumnElement[bool]:
         columns = access_sessions.c
         return and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
+
+
+def _ending(key_ids: Sequence[str]) -> list[Delete]:
+    """Return the statements that end all sessions of some keys, and their links."""
+    return [delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
 
 
 class WrongKeys:

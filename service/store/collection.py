@@ -162,10 +162,10 @@ class Collection(Generic[Record, Entry]):
         Raises:
             IdempotencyConflictError: it came with another body.
         """
-        with self._database.reading() as connection:
-            row = connection.execute(self._by_key, {"key_hash": _hash(key.key)}).one_or_none()
-        if row is None:
+        rows = self._database.rows(self._by_key, {"key_hash": _hash(key.key)})
+        if not rows:
             return None
+        (row,) = rows
         if row.body_hash != key.body_hash:
             raise IdempotencyConflictError(self.resource, key.key)
         return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
@@ -177,14 +177,11 @@ class Collection(Generic[Record, Entry]):
             NotFoundError: there is none.
             DeletedError: it was deleted.
         """
-        row = None
-        if is_indexable(identifier):
-            with self._database.reading() as connection:
-                row = connection.execute(self._by_id, {"id": identifier}).one_or_none()
-        if row is None:
-            deleted = is_indexable(identifier) and self._finds(self._exists, identifier)
-            raise (DeletedError if deleted else NotFoundError)(self.resource, identifier)
-        return self._record(**row._mapping)
+        self._refuse_unindexable(identifier)
+        for row in self._database.rows(self._by_id, {"id": identifier}):
+            return self._record(**row._mapping)
+        was_deleted = self._finds(self._exists, identifier)
+        raise (DeletedError if was_deleted else NotFoundError)(self.resource, identifier)
 
     def change(self, identifier: str, values: Mapping[str, object]) -> Record:
         """Change columns of a record that is no job, and return it as it is then.
@@ -199,8 +196,7 @@ class Collection(Generic[Record, Entry]):
         """
         if values and is_indexable(identifier):
             mine = update(self._table).where(self._table.c.id == identifier, self._visible)
-            with self._database.writing() as connection:
-                connection.execute(mine.values(**values))
+            self._database.change(mine.values(**values))
         return self.get(identifier)
 
     def page(
@@ -242,8 +238,7 @@ class Collection(Generic[Record, Entry]):
             .order_by(columns.sequence.desc())
             .limit(bindparam("limit", limit + 1, type_=Integer))
         )
-        with self._database.reading() as connection:
-            rows = connection.execute(query).all()
+        rows = self._database.rows(query)
         names = [field.name for field in fields(self._entry)]
         records = tuple(self._entry(**dict(zip(names, row[1:], strict=True))) for row in rows[:limit])
         return RecordPage(records, str(rows[limit - 1].sequence) if len(rows) > limit else None)
@@ -314,8 +309,7 @@ class Collection(Generic[Record, Entry]):
         free: list[ColumnElement[bool]] = [~exists().where(column == columns.id) for column in self._children]
         old = [*self._mine, columns.deleted_at < before, *free]
         first = select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
-        with self._database.reading() as connection:
-            expired = [str(row.id) for row in connection.execute(first)]
+        expired = [str(row.id) for row in self._database.rows(first)]
         if not expired:
             return []
         with self._database.writing() as connection:
@@ -386,8 +380,7 @@ class Collection(Generic[Record, Entry]):
             raise NotFoundError(self.resource, identifier)
 
     def _finds(self, query: Select[Any], identifier: str) -> bool:
-        with self._database.reading() as connection:
-            return connection.execute(query, {"id": identifier}).one_or_none() is not None
+        return bool(self._database.rows(query, {"id": identifier}))
 
 
 def parse_cursor(cursor: str) -> int:
@@ -445,8 +438,8 @@ class Journal(Generic[Noted]):
         """Return the records that have these values in these columns, oldest first."""
         if not all(map(is_indexable, values.values())):
             return []
-        with self._database.reading() as connection:
-            return self._found(connection, self._all.filter_by(**values).order_by(self._table.c.sequence))
+        query = self._all.filter_by(**values).order_by(self._table.c.sequence)
+        return [self._record(*row) for row in self._database.rows(query)]
 
     def page(
         self, limit: int, cursor: str | None = None, **values: str | None
@@ -470,17 +463,13 @@ class Journal(Generic[Noted]):
             .order_by(sequence.desc())
             .limit(limit + 1)
         )
-        with self._database.reading() as connection:
-            rows = connection.execute(query).all()
+        rows = self._database.rows(query)
         shown = [self._record(*row[:-1]) for row in rows[:limit]]
         return shown, str(rows[limit - 1].sequence) if len(rows) > limit else None
 
     def _insert(self, connection: Connection, record: Noted) -> Noted:
         connection.execute(insert(self._table).values(asdict(record)))
         return record
-
-    def _found(self, connection: Connection, query: Select[Any]) -> list[Noted]:
-        return [self._record(*row) for row in connection.execute(query)]
 
 
 _SAME: Final = ("content_hash", "key_id", "key_name", "note", "supersedes")
@@ -493,7 +482,7 @@ class Authorisations(Journal[AuthorisationRecord]):
         # Of two at the same time, one waits here; on SQLite it waited for the transaction to begin.
         connection.execute(select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
         mine = self._all.filter_by(run_id=record.run_id).order_by(authorisations.c.sequence.desc()).limit(1)
-        latest = self._found(connection, mine)
+        latest = [self._record(*row) for row in connection.execute(mine)]
         if latest and all(getattr(latest[0], name) == getattr(record, name) for name in _SAME):
             return latest[0]
         if record.number != (latest[0].number if latest else 0) + 1:

@@ -6,16 +6,18 @@ import os
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from sqlalchemy import (
     URL,
     Connection,
     Engine,
+    Executable,
     QueuePool,
     Table,
     create_engine,
@@ -45,6 +47,7 @@ BUSY_SECONDS = 20.0
 LOCKED_SECONDS = 1.0
 """Time that it waits after one that waited in vain, until one gets its turn [s]."""
 _CONNECTIONS = 16
+_NO_VALUES: Mapping[str, object] = MappingProxyType({})
 
 
 class Database:
@@ -125,6 +128,16 @@ class Database:
                         yield connection
             finally:
                 self._turns.release()
+
+    def rows(self, query: Executable, values: Mapping[str, object] = _NO_VALUES) -> Sequence[Any]:
+        """Return the rows that a query finds."""
+        with self.reading() as connection:
+            return connection.execute(query, values).all()
+
+    def change(self, *statements: Executable) -> int:
+        """Carry out statements in one transaction; return the number of rows that the last one changed."""
+        with self.writing() as connection:
+            return [connection.execute(statement).rowcount for statement in statements][-1]
 
     def now(self, connection: Connection) -> datetime:
         """Return the time by the clock that all who use the database share."""

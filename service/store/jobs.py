@@ -61,27 +61,22 @@ class JobLog:
 
     def statuses(self, job_ids: Collection[str]) -> dict[str, JobStatus]:
         """Return state and progress of those of some jobs that exist, by id."""
-        with self._database.reading() as connection:
-            rows = connection.execute(self._standings, {"ids": list(job_ids)}).all()
+        rows = self._database.rows(self._standings, {"ids": list(job_ids)})
         return {str(row.id): JobStatus(str(row.state), int(row.done)) for row in rows}
 
     def state(self, job_id: str) -> str | None:
         """Return the state of a job; None if there is no such job."""
-        with self._database.reading() as connection:
-            state = connection.execute(select(jobs.c.state).where(self._is(job_id))).scalar_one_or_none()
-        return None if state is None else str(state)
+        rows = self._database.rows(select(jobs.c.state).where(self._is(job_id)))
+        return str(rows[0].state) if rows else None
 
     def open_jobs(self) -> list[str]:
         """Return the ids of the jobs that have not ended."""
-        with self._database.reading() as connection:
-            return [str(row.id) for row in connection.execute(select(jobs.c.id).where(self._kind, _open))]
+        return [str(row.id) for row in self._database.rows(select(jobs.c.id).where(self._kind, _open))]
 
     def start(self, job_id: str, changes: JobChanges) -> None:
         """Write that a queued job is running."""
-        with self._database.writing() as connection:
-            connection.execute(
-                update(jobs).where(self._is(job_id), jobs.c.state == "queued").values(**changes)
-            )
+        queued = update(jobs).where(self._is(job_id), jobs.c.state == "queued")
+        self._database.change(queued.values(**changes))
 
     def end(
         self,
@@ -116,10 +111,11 @@ class JobLog:
 
         Deaths that were counted before are forgotten: the job goes on.
         """
-        row = {"job_id": job_id, "start": start, "done": stop - start}
-        with suppress(IntegrityError), self._database.writing() as connection:
-            connection.execute(insert(job_steps).values(**row))
-            connection.execute(update(jobs).where(self._is(job_id), jobs.c.deaths > 0).values(deaths=0))
+        step = insert(job_steps).values(job_id=job_id, start=start, done=stop - start)
+        with suppress(IntegrityError):
+            self._database.change(
+                step, update(jobs).where(self._is(job_id), jobs.c.deaths > 0).values(deaths=0)
+            )
 
     def done(self, job_id: str) -> int:
         """Return the number of units of a job that are done."""
@@ -138,9 +134,8 @@ class JobLog:
 
     def forget_steps(self, job_ids: Sequence[str]) -> None:
         """Remove what was reported of some jobs."""
-        with self._database.writing() as connection:
-            connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(job_ids)))
-            connection.execute(update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0))
+        steps = delete(job_steps).where(job_steps.c.job_id.in_(job_ids))
+        self._database.change(steps, update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0))
 
     def _is(self, job_id: Any) -> ColumnElement[bool]:  # noqa: ANN401 - an id, or a parameter
         return and_(self._kind, jobs.c.id == job_id)

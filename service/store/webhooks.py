@@ -35,8 +35,7 @@ class Webhooks:
 
     def add(self, webhook: WebhookRecord) -> None:
         """Store a webhook."""
-        with self._database.writing() as connection:
-            connection.execute(insert(webhooks).values(asdict(webhook)))
+        self._database.change(insert(webhooks).values(asdict(webhook)))
 
     def all(self) -> list[WebhookRecord]:
         """Return all webhooks, in the order in which they came."""
@@ -49,10 +48,9 @@ class Webhooks:
         Raises:
             NotFoundError: there is none.
         """
-        with self._database.writing() as connection:
-            if connection.execute(delete(webhooks).where(webhooks.c.id == webhook_id)).rowcount == 0:
-                raise NotFoundError(WEBHOOK, webhook_id)
-            connection.execute(delete(deliveries).where(deliveries.c.webhook_id == webhook_id))
+        messages = delete(deliveries).where(deliveries.c.webhook_id == webhook_id)
+        if self._database.change(messages, delete(webhooks).where(webhooks.c.id == webhook_id)) == 0:
+            raise NotFoundError(WEBHOOK, webhook_id)
 
     def outcome(self, webhook_id: str) -> tuple[int, list[DeliveryRecord]]:
         """Return how many messages arrived, and the newest that did not."""
@@ -110,30 +108,25 @@ class Webhooks:
             earlier.c.sequence < deliveries.c.sequence,
         )
         mine = and_(deliveries.c.webhook_id == webhook_id, _pending, deliveries.c.due_at <= now, ~behind)
-        with self._database.reading() as connection:
-            query = _MESSAGES.where(mine).order_by(deliveries.c.sequence).limit(_AT_ONCE)
-            return [DeliveryRecord(*row) for row in connection.execute(query)]
+        query = _MESSAGES.where(mine).order_by(deliveries.c.sequence).limit(_AT_ONCE)
+        return [DeliveryRecord(*row) for row in self._database.rows(query)]
 
     def claim(self, message: DeliveryRecord, until: datetime) -> DeliveryRecord | None:
         """Take a message to send it; None if somebody else has. It is due again at a time, unless settled."""
         mine = and_(self._is(message), _pending, deliveries.c.due_at == message.due_at)
         claimed = replace(message, attempts=message.attempts + 1, due_at=until)
-        with self._database.writing() as connection:
-            values = {"attempts": claimed.attempts, "due_at": until}
-            is_mine = connection.execute(update(deliveries).where(mine).values(values)).rowcount == 1
-        return claimed if is_mine else None
+        taking = update(deliveries).where(mine).values(attempts=claimed.attempts, due_at=until)
+        return claimed if self._database.change(taking) == 1 else None
 
     def settle(self, message: DeliveryRecord, state: str, error: str | None, due_at: datetime) -> None:
         """Write what became of a message that was claimed."""
         mine = and_(self._is(message), deliveries.c.due_at == message.due_at)
-        with self._database.writing() as connection:
-            connection.execute(update(deliveries).where(mine).values(state=state, error=error, due_at=due_at))
+        self._database.change(update(deliveries).where(mine).values(state=state, error=error, due_at=due_at))
 
     def forget(self, now: datetime) -> None:
         """Remove messages that are settled and old; those about alarms stay, as none is sent again."""
         old = and_(~_pending, deliveries.c.created_at < now - _KEPT, deliveries.c.type != "alarm.raised")
-        with self._database.writing() as connection:
-            connection.execute(delete(deliveries).where(old))
+        self._database.change(delete(deliveries).where(old))
 
     def _all(self, connection: Connection) -> list[WebhookRecord]:
         query = _HOOKS.order_by(webhooks.c.created_at, webhooks.c.id)
