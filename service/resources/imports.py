@@ -28,7 +28,7 @@ from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.records import Gathered
 from jointstiff.service.problems.errors import FilesError
-from jointstiff.service.problems.wording import reworded
+from jointstiff.service.problems.table import reworded
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
