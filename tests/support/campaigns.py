@@ -14,7 +14,7 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
-from jointstiff.service.conversion.robots import build_robot, dh_kinematics
+from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
 from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
@@ -46,7 +46,7 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
         chain = dh_kinematics(model, campaign.robot.name)
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    robot = build_robot(chain, campaign.robot.joint_map)
+    robot = robot_of_chain(chain, campaign.robot.joint_map)
     readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
     measurements = to_measurements(campaign.measurement_set, readings, robot)
     stated = measurements.common_uncertainty.stated
