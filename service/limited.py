@@ -26,8 +26,7 @@ from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import JobQueue
 
-_NO_THREAD: Final = "can't start new thread"
-"""Python's words for a thread that has no memory for its stack."""
+_NO_THREAD: Final = "can't start new thread"  # Python's words for a thread that has no memory for its stack
 
 
 def run_child(descriptor: int) -> None:

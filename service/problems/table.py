@@ -49,8 +49,7 @@ MAX_PROBLEM_BYTES: Final = 8_000
 _LONGEST: Final = 300
 _COMPARE: Final = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
 
-_OUTSIDE: Final = {"query", "path", "header"}
-"""Where a request has something beside its body."""
+_OUTSIDE: Final = {"query", "path", "header"}  # where a request has something beside its body
 _NO_OBJECT: Final = {"model_type", "model_attributes_type", "dict_type"}
 
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(

@@ -37,8 +37,7 @@ _FILES: Final[dict[Dialect, str]] = {"sqlite": "jointstiff.db", "postgresql": "j
 _FOLDER_MODE: Final = 0o700  # readings, and hashes of keys
 
 
-_AT_ONCE: Final = 50
-"""Rows in memory at a time; the largest have some megabytes."""
+_AT_ONCE: Final = 50  # rows in memory at a time; the largest have some megabytes
 
 
 class TableContent(BaseModel):

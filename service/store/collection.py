@@ -73,8 +73,7 @@ _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = Mappin
 _KEY: Final = insert(idempotency_keys)
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
-_NAMED: Final = 5
-"""Resources that a refusal to delete names."""
+_NAMED: Final = 5  # resources that a refusal to delete names
 
 
 class Collection(Generic[Record, Entry]):

@@ -313,8 +313,7 @@ def _check_encoding(connection: Connection) -> None:
         )
 
 
-_FRESH_SECONDS: Final = 1.0
-"""Validity of a size: a quota may be exceeded by what is posted in this time."""
+_FRESH_SECONDS: Final = 1.0  # validity of a size: a quota may be exceeded by what is posted in this time
 _SIZES: Final = {
     # Pages that are free will be used again; the file itself does not shrink.
     "sqlite": "SELECT (page_count - freelist_count) * page_size "

@@ -144,8 +144,7 @@ class JobLog:
 SILENT: Final = timedelta(seconds=30)
 """A worker not heard of for so long is taken for dead."""
 
-_FORGET: Final = 100
-"""Silences after which the row of an executor is removed."""
+_FORGET: Final = 100  # silences after which the row of an executor is removed
 
 
 class Heartbeats:

@@ -22,8 +22,7 @@ from jointstiff.solver.errors import RequestError
 
 _RUNS: Final = Resource(Run.kind, Run.collection)
 TIMEOUT_SECONDS: Final = 10.0
-_CLAIM: Final = timedelta(minutes=1)
-"""A message is sent again if whoever sends it has not settled it by then."""
+_CLAIM: Final = timedelta(minutes=1)  # a message is sent again if whoever sends it has not settled it by then
 _FIRST_PAUSE: Final = timedelta(seconds=5)
 _LONGEST_PAUSE: Final = timedelta(hours=1)
 _GIVEN_UP: Final = timedelta(days=1)

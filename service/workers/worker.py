@@ -25,12 +25,10 @@ from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import Engine, is_ended, job_of
 from jointstiff.service.workers.webhooks import Sender
 
-_KEPT: Final = timedelta(hours=1)
-"""What the steps of a job computed is kept for so long after its end."""
+_KEPT: Final = timedelta(hours=1)  # what the steps of a job computed is kept for so long after its end
 ATTEMPTS: Final = 5
 """Deaths of workers over one job, with no step done between them, after which it is given up."""
-_REMOVED: Final = 20
-"""Jobs whose steps are removed at a look; deleted jobs of each kind that are."""
+_REMOVED: Final = 20  # jobs whose steps are removed at a look; deleted jobs of each kind that are
 
 
 class Recovery:
@@ -181,22 +179,15 @@ class Recovery:
             resources.purge(before, _REMOVED)
 
 
-_BEAT_SECONDS: Final = 5.0
-"""Between two signs of life of a worker."""
-_EARLY_BEAT: Final = 1.0
-"""The first looks come sooner, as there may be something to take over."""
+_BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
+_EARLY_BEAT: Final = 1.0  # the first looks come sooner, as there may be something to take over
 
-_GOODBYE_SECONDS: Final = 8.0
-"""For handing over; after 30 s of silence others take over by themselves."""
+_GOODBYE_SECONDS: Final = 8.0  # for handing over; after 30 s of silence others take over by themselves
 
-_FAULT: Final = 70
-"""Exit status of a worker that cannot go on."""
-_SPARE_BYTES: Final = 64 * 1024 * 1024
-"""Memory that must be left to a worker; a step takes more at times."""
-_LOOK_SECONDS: Final = 1.0
-"""Between two looks at whether it can go on."""
-_BEGIN_SECONDS: Final = 20.0
-"""Time for its threads to begin."""
+_FAULT: Final = 70  # exit status of a worker that cannot go on
+_SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be left to a worker; a step takes more at times
+_LOOK_SECONDS: Final = 1.0  # between two looks at whether it can go on
+_BEGIN_SECONDS: Final = 20.0  # time for its threads to begin
 
 _logger = logging.getLogger(__name__)
 
