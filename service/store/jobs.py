@@ -148,7 +148,10 @@ _FORGET: Final = 100  # silences after which the row of an executor is removed
 
 
 class Heartbeats:
-    """Signs of life of the workers of a store."""
+    """Signs of life of the workers of a store.
+
+    DBOS has none: by itself it goes on only with what a process of the same name left behind.
+    """
 
     def __init__(self, database: Database, clock: Callable[[Connection], datetime] | None = None) -> None:
         """Keep the beats in a database; its own clock tells the time unless another is given."""

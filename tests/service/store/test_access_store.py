@@ -1,4 +1,4 @@
-"""Sessions, one-time links and the audit in both databases."""
+"""Sessions, one-time links and journals in both databases."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from jointstiff.service.problems.errors import CursorError
+from jointstiff.service.problems.errors import CursorError, QuotaError
 from jointstiff.service.store import access as access_module
-from jointstiff.service.store.records import AuditEntry, SessionRecord
+from jointstiff.service.store.records import AuditEntry, SessionRecord, TrendNote
 from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 
 NOW = datetime(2026, 11, 20, 12, tzinfo=UTC)
@@ -91,3 +91,20 @@ def test_the_audit_is_listed_newest_first(store):
 
 def test_no_method_changes_or_removes_an_entry(store):
     assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "of", "page"}
+
+
+NOTE = TrendNote("robot", "baseline", NOW, "0123456789", "tablet", "{}")
+
+
+def test_notes_come_back_oldest_first_and_by_robot(store):
+    unsigned = replace(NOTE, kind="acknowledgement", key_id=None, key_name=None, document='{"note": "µ"}')
+    for note in (NOTE, replace(NOTE, robot_id="other"), unsigned):
+        store.trend_notes.add(note)
+    assert store.trend_notes.of(robot_id="robot") == [NOTE, unsigned]
+    assert store.trend_notes.of(robot_id="nobody") == []
+    assert store.trend_notes.of(robot_id="a\x00b") == []
+
+
+def test_a_full_database_takes_no_note():
+    with Store.open("sqlite://", most_bytes=1) as store, pytest.raises(QuotaError):
+        store.trend_notes.add(NOTE)
