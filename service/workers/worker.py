@@ -11,14 +11,14 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Any, Final
+from typing import Final
 
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.problems.errors import WorkerLostError
-from jointstiff.service.store.collection import KEEP_DELETED, Collection
+from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
@@ -36,35 +36,30 @@ class Recovery:
 
     def __init__(
         self,
-        heartbeats: Heartbeats,
+        store: Store,
         jobs: Mapping[str, Jobs],
         engine: Engine,
         executor: str,
-        inputs: Sequence[Collection[Any, Any]] = (),
+        *,
+        heartbeats: Heartbeats | None = None,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
-        lost: Callable[[str, datetime], object] = lambda _worker, _at: None,
     ) -> None:
         """Look after the jobs of a store.
 
         Args:
-            heartbeats: of its workers.
+            store: with their inputs, and webhooks to tell.
             jobs: by the name of their kind.
             engine: of this worker.
             executor: name of this worker.
-            inputs: resources that jobs refer to, each before those that it refers to itself.
+            heartbeats: of the workers; those of the store unless others are given.
             now: tells the time, aware, by which deleted jobs are removed.
-            lost: is told of a worker that died, with its last sign of life.
         """
-        self._heartbeats = heartbeats
-        self._jobs = jobs
-        self._engine = engine
-        self._executor = executor
+        self._store, self._jobs, self._engine, self._executor = store, jobs, engine, executor
+        self._heartbeats = heartbeats or store.heartbeats
         self._now = now
-        self._inputs = inputs
         self._inherited = dict(engine.inherited)
         self._idle: set[str] = set()
         self._lost: set[str] = set()
-        self._tell_lost = lost
         self._silent: dict[str, datetime] = {}
 
     def look(self) -> None:
@@ -143,7 +138,7 @@ class Recovery:
         """Tell of workers that were silent at two looks in a row: after an outage all are, at the first."""
         before, self._silent = self._silent, self._heartbeats.silent(SILENT)
         for worker, at in self._silent.items() & before.items():
-            self._tell_lost(worker, at)
+            self._store.webhooks.worker_lost(worker, at)
 
     def _look_after_jobs(self) -> None:
         self._lost = set[str]().union(*map(self._fail_lost, self._jobs.values()))
@@ -175,8 +170,8 @@ class Recovery:
         before = self._now() - KEEP_DELETED
         for jobs in self._jobs.values():
             jobs.deletions.purge(before, _REMOVED)
-        for resources in self._inputs:
-            resources.purge(before, _REMOVED)
+        self._store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
+        self._store.robots.purge(before, _REMOVED)
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
@@ -213,14 +208,7 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     jobs = parts.jobs
     store.heartbeats.beat(executor)  # before it takes any work
     engine = Engine(store, jobs, database, executor)
-    recovery = Recovery(
-        store.heartbeats,
-        jobs,
-        engine,
-        executor,
-        inputs=[store.sets, store.robots],
-        lost=store.webhooks.worker_lost,
-    )
+    recovery = Recovery(store, jobs, engine, executor)
     sender = Sender(store, parts.trends)
     recovery.count_own_deaths()
     with engine:

@@ -182,7 +182,7 @@ class TestJobs:
         deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
         runs.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
-        recovery = Recovery(store.heartbeats, {"run": runs}, QueueEngine(), "alive", now=lambda: clock[0])
+        recovery = Recovery(store, {"run": runs}, QueueEngine(), "alive", now=lambda: clock[0])
         recovery.look()
         runs.restore(deleted.id)
         runs.delete(deleted.id)

@@ -86,14 +86,8 @@ class TestStore:
         assert robots.purge(later - KEEP_DELETED, 9) == ["r2"]
         assert store.robots.find(key) is None
         assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
-        recovery = Recovery(
-            store.heartbeats,
-            {"run": runs_of(store)},
-            QueueEngine(),
-            "alive",
-            inputs=[sets, robots],
-            now=lambda: later + timedelta(days=1),
-        )
+        now = later + timedelta(days=1)
+        recovery = Recovery(store, {"run": runs_of(store)}, QueueEngine(), "alive", now=lambda: now)
         recovery.look()
         for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
             with pytest.raises(NotFoundError) as caught:

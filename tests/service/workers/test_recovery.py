@@ -38,7 +38,7 @@ def engine():
 
 
 def recovery_of(store, runs, engine, executor="alive"):
-    return Recovery(store.heartbeats, {"run": runs}, engine, executor)
+    return Recovery(store, {"run": runs}, engine, executor)
 
 
 def test_what_a_dead_worker_left_is_shared_out(store, runs, engine):

@@ -475,7 +475,7 @@ def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
     jobs.fail(record.id, WorkerLostError("five workers died"))
     jobs.fail(record.id, WorkerLostError("and again"))
     beats = Heartbeats(store._database, lambda _: clock.time)
-    recovery = Recovery(beats, {"run": jobs}, QueueEngine(), "alive", lost=store.webhooks.worker_lost)
+    recovery = Recovery(store, {"run": jobs}, QueueEngine(), "alive", heartbeats=beats)
     beats.beat("gone")
     clock.go_on(seconds=31)
     with receiver.up():
