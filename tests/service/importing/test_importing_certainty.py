@@ -256,6 +256,22 @@ def test_a_number_without_an_end_is_asked_about_unless_another_row_has_it(end, u
     assert read(("a.csv", CAMPAIGN.rstrip("\n"))).unusual == ()
 
 
+@pytest.mark.parametrize(
+    ("content", "options", "guessed"),
+    [
+        (CAMPAIGN, {}, []),
+        (CAMPAIGN.replace("J1 [deg]", "J1_deg"), {}, [2]),
+        ("# name x[mm] y[mm] z[mm]\n" + POINTS, {}, [1, 2, 3, 4]),
+        (POINTS, {"units": MM}, [1, 2, 3, 4]),
+        (force_as("Kraft N"), {"columns": {"Kraft N": "Fz"}}, [7]),
+        (numbered("c01"), {}, [2, 3, 4, 5, 6, 7]),
+    ],
+)
+def test_meanings_that_were_assumed_are_marked(content, options, guessed):
+    columns = read(("a.csv", content), **options).preview.files[0].columns
+    assert [column.column for column in columns if column.guessed] == guessed
+
+
 # ---- times, temperatures, uncertainties
 
 
