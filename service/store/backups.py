@@ -11,14 +11,14 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
-from sqlalchemy import URL, Connection, create_engine, inspect, make_url, text
+from sqlalchemy import URL, Connection, Table, create_engine, make_url, select, text
 
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
@@ -35,8 +35,6 @@ from jointstiff.service.versions import JOINTSTIFF_VERSION
 MANIFEST: Final = "manifest.json"
 _FILES: Final[dict[Dialect, str]] = {"sqlite": "jointstiff.db", "postgresql": "jointstiff.dump"}
 _FOLDER_MODE: Final = 0o700  # readings, and hashes of keys
-
-
 _AT_ONCE: Final = 50  # rows in memory at a time; the largest have some megabytes
 
 
@@ -144,7 +142,6 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
                 return dialect, revision, content_of(connection)
         with database.writing() as connection:
             connection.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"))
-            _use_utc(connection)
             tables = content_of(connection)
             snapshot = str(connection.execute(text("SELECT pg_export_snapshot()")).scalar_one())
             schema = str(connection.execute(text("SELECT current_schema()")).scalar_one())
@@ -212,7 +209,6 @@ def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *,
             url, "pg_restore", "--no-owner", "--no-privileges", "--single-transaction", *replace, str(source)
         )
         with database.writing() as connection:
-            _use_utc(connection)
             _check_arrived(manifest, connection)
 
 
@@ -221,10 +217,6 @@ def _check_arrived(manifest: Manifest, connection: Connection) -> None:
     for name, expected in manifest.tables.items():
         if contents.get(name) != expected:
             raise StoreError(f"the restored table {name} differs from the backup", "make another backup")
-
-
-def _use_utc(connection: Connection) -> None:
-    connection.execute(text("SET LOCAL timezone = 'UTC'"))
 
 
 @contextmanager
@@ -297,30 +289,22 @@ def _as_store_errors() -> Iterator[None]:
 
 
 def content_of(connection: Connection) -> dict[str, TableContent]:
-    """Return the content of the store's tables that are there, by name.
-
-    What comes and goes with each minute, signs of life and wrong keys, does not count.
-
-    Values are hashed as the driver gives them, so the two kinds of database do not compare.
+    """Return the content of the store's tables by name, without signs of life and the count of wrong keys.
 
     Args:
         connection: in a transaction, if others write.
     """
-    inspector = inspect(connection)
-    names = set(inspector.get_table_names()) & {*metadata.tables} - {heartbeats.name, wrong_keys.name}
-    keys = {name: inspector.get_pk_constraint(name)["constrained_columns"] for name in sorted(names)}
-    return {name: _table_content(connection, name, columns) for name, columns in keys.items()}
+    kept = [table for table in metadata.sorted_tables if table not in {heartbeats, wrong_keys}]
+    return {table.name: _table_content(connection, table) for table in kept}
 
 
-def _table_content(connection: Connection, name: str, keys: Iterable[str]) -> TableContent:
-    order = ", ".join(f'"{key}"' for key in keys)
-    query = f'SELECT * FROM "{name}" ORDER BY {order}'  # noqa: S608 - names of our own tables and columns
+def _table_content(connection: Connection, table: Table) -> TableContent:
     hashed, rows = hashlib.sha256(), 0
     stream = connection.execution_options(stream_results=True, yield_per=_AT_ONCE)
-    for row in stream.exec_driver_sql(query):
+    for row in stream.execute(select(table).order_by(*table.primary_key)):
         rows += 1
         for value in row:
-            data = value if isinstance(value, bytes) else repr(value).encode()
+            data = value if isinstance(value, bytes) else repr(value).encode("utf-8", "surrogatepass")
             hashed.update(len(data).to_bytes(8, "big"))
             hashed.update(data)
     return TableContent(rows=rows, sha256=hashed.hexdigest())
