@@ -19,10 +19,15 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.deflection.models import to_forward_model
-from jointstiff.service.kinds.program.points import Corrections, points_sheet
-from jointstiff.service.kinds.program.rewriting import rewritten
-from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
+from jointstiff.service.kinds.program_work import (
+    Corrections,
+    ProgramWork,
+    packed,
+    points_sheet,
+    rewritten,
+    unpacked,
+)
+from jointstiff.service.kinds.work import joined
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text
@@ -30,6 +35,7 @@ from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
@@ -174,9 +180,9 @@ def timing(robot: Robot, run: Run, count: int) -> list[tuple[str, float]]:
     lap("read")
     made = work._path
     lap("postures")
-    found = Corrections.joined([Corrections(**work.compute(span)) for span in work._spans()])
+    found = Corrections(**joined(map(work.compute, work._spans())))
     lap("compensate")
-    _, points = rewritten(made, found, work._model, work._inverse, 2.0)
+    _, points = rewritten(made, found, work._used.model, work._inverse, 2.0)
     lap("write and certify")
     csv_text(points_sheet(points.table()))
     lap("table")
@@ -264,7 +270,7 @@ def _beams(count: int) -> Section:
     stored = jointstiff.identify(campaign, campaign.run).result
     if stored is None or stored.model is None or stored.model.elastic is None:
         raise RuntimeError("no elastic model")
-    links, _ = to_forward_model(robot, stored.model)
+    links, _ = forward_model(robot, stored.model)
     generator = np.random.default_rng(7)
     low, high = ARM.limits.T
     joints = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, 6))

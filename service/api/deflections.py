@@ -14,7 +14,7 @@ from jointstiff.service.api.bodies import BodyRoute, large_bodies
 from jointstiff.service.api.examples import DEFLECTIONS, shown
 from jointstiff.service.api.parts import PartsOf, json_response, problems
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.kinds.deflection.work import predict_by_run
+from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.resources.stored_jobs import stored_job
 from jointstiff.solver.errors import RequestError

@@ -19,8 +19,7 @@ from jointstiff.service.api.reports import REPORT_FILES, ReportFormat, report_an
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.report import job_parts, job_sheet
-from jointstiff.service.reports.job import job_document
+from jointstiff.service.reports.job import job_document, job_parts, job_sheet
 from jointstiff.service.tables.files import csv_parts, written
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS

@@ -20,7 +20,7 @@ from jointstiff.service.api.imports import BINARY, named_content
 from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, answer
 from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
 from jointstiff.service.kinds.program import PROGRAM
-from jointstiff.service.kinds.program.work import packed, unpacked
+from jointstiff.service.kinds.program_work import packed, unpacked
 from jointstiff.service.store.records import JobRecord
 from jointstiff.solver.errors import RequestError
 

@@ -7,10 +7,10 @@ import signal
 from typing import Final
 
 from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.report import job_parts
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.reports.job import job_parts
 from jointstiff.service.server import run_server
 from jointstiff.service.tables.table import Line
 from jointstiff.service.tables.terminal import console, printed, problem_text

@@ -84,7 +84,7 @@ def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
 
 
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> None:  # noqa: ANN401 - a Program
-    from jointstiff.service.kinds.program.work import unpacked
+    from jointstiff.service.kinds.program_work import unpacked
 
     outputs = _outputs(values, sources)
     for each in job.result.files:

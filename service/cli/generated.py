@@ -215,7 +215,7 @@ def _show(kind: AnyKind, job: Job, values: Mapping[str, Any]) -> None:
     Raises:
         typer.Exit: it has failed.
     """
-    from jointstiff.service.kinds.report import job_report
+    from jointstiff.service.reports.job import job_report
     from jointstiff.service.tables.terminal import console
 
     if values["as_json"]:

@@ -64,7 +64,7 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Predict deflections in given postures under given loads."""
-    from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_parts
+    from jointstiff.service.kinds.deflection import prediction_csv, prediction_parts
     from jointstiff.service.library import verbs
     from jointstiff.service.tables.terminal import console, printed
 

@@ -28,8 +28,7 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.inputs import Inputs
-from jointstiff.service.kinds.deflection.models import to_elastic_model, to_identified_model
-from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work
+from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.problem import Bounds, Constraints, Order
 from jointstiff.solver.convex.solution import StagesCertificate
@@ -67,6 +66,7 @@ from jointstiff.solver.links.fit import (
 )
 from jointstiff.solver.links.model import LOSSES, MODELS, ElasticColumns, ElasticModel, Loss, compared_losses
 from jointstiff.solver.messages import message, rows
+from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.resampling import (
@@ -222,9 +222,7 @@ class ResamplingWork:
         readings = int(self._prepared.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
         size = max(1, int(STEP_SECONDS / seconds))
-        return tuple(
-            (start, min(start + size, self.repetitions)) for start in range(0, self.repetitions, size)
-        )
+        return spans(self.repetitions, size)
 
     def compute(self, span: Span, bounds: Bounds | None = None) -> Resamples:
         """Fit some of the draws; their numbers do not depend on worker or division.
@@ -316,7 +314,7 @@ class RunWork(Work):
         left_out = error.left_out if isinstance(error, ModelError) else None
         result = _reported(prepared, options, settings, estimate, parts, left_out, screening)
         choice = to_choice_of_joints(options, screening, self._excluded)
-        return result.model_copy(update={"model": to_identified_model(model, error), "choice": choice})
+        return result.model_copy(update={"model": stored_model(model, error), "choice": choice})
 
 
 def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWork:
@@ -664,7 +662,7 @@ class ElasticWork(Work):
             error = leave_folds_out(robot, measurements, elastic)
         except JointstiffError as none:  # the run stands without it, and predictions say why
             error = none
-        return to_elastic_model(predictor, error)
+        return stored_model(predictor, error)
 
 
 def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
@@ -776,7 +774,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     given = readings.poses.sigma is not None
     model = None
     if any(joint.compliance is not None for joint in joints):
-        model = to_identified_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
+        model = stored_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
         assessment=to_assessment(assessment, joints),

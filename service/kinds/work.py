@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -78,6 +78,17 @@ class QuickWork(Work):
     def conclude(self, parts: Sequence[Arrays]) -> Message:  # noqa: ARG002 - there are none
         """Return the result."""
         return self.result()
+
+
+def spans(count: int, size: int) -> tuple[Span, ...]:
+    """Return units in order, cut into steps of a size."""
+    return tuple((start, min(start + size, count)) for start in range(0, count, size))
+
+
+def joined(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
+    """Return what all steps computed, in their order; there is at least one."""
+    listed = list(parts)
+    return {name: np.concatenate([part[name] for part in listed]) for name in listed[0]}
 
 
 def pack(arrays: Arrays) -> str:

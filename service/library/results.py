@@ -15,8 +15,8 @@ from rich.console import Console
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.kinds.kind import AnyJob, Kind
-from jointstiff.service.kinds.report import job_report, job_sheet
 from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.reports.job import job_report, job_sheet
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 

@@ -18,7 +18,6 @@ from jointstiff.schemas.run import CampaignRun, Run
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
 from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
-from jointstiff.service.kinds.report import job_sheet
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.work import carry_out, new_job
 from jointstiff.service.library import results
@@ -35,6 +34,7 @@ from jointstiff.service.library.files import (
 )
 from jointstiff.service.library.results import TabledRun, shown
 from jointstiff.service.problems.table import http_problem, problem_of
+from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
@@ -407,7 +407,7 @@ def _prepared(robot: str) -> PreparedRobot:
 
 
 def _packed(kind: AnyKind, files: Mapping[str, bytes]) -> list[dict[str, Any]]:
-    from jointstiff.service.kinds.program.work import packed
+    from jointstiff.service.kinds.program_work import packed
 
     if sum(map(len, files.values())) > kind.max_bytes:
         raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
@@ -450,7 +450,7 @@ def predict(
     Raises:
         CampaignError: run or table cannot be used.
     """
-    from jointstiff.service.kinds.deflection.work import predict_by_run
+    from jointstiff.service.kinds.deflection import predict_by_run
 
     here = Here()
     known = here.inputs.run(here.identified(run), "run_id")
@@ -471,7 +471,7 @@ def load_cases(
         CampaignError: the cases or the options cannot be used.
     """
     from jointstiff.schemas.deflection import DeflectionOptions
-    from jointstiff.service.kinds.deflection.tables import read_load_cases
+    from jointstiff.service.kinds.deflection import read_load_cases
 
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")

@@ -7,10 +7,22 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Final, Literal
 
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.report import Authorisation
 from jointstiff.service.tables.table import NO_NUMBER, Table, figure
 
 NOT_STATED: Final = "not stated"
+
+
+IDENTIFICATION: Final = "Identification"
+REQUESTED: Final = "What was asked for"
+RESULTS: Final = "Results"
+STATED: Final = "Statements"
+ORIGIN: Final = "Origin of the numbers"
+NOT_ISO_9283: Final = (
+    "The results are derived from the identified stiffness of the joints. They are not a test of static "
+    "compliance after ISO 9283:1998, clause 10, and do not replace one."
+)
 
 
 def moment(time: datetime | None) -> str:
@@ -21,6 +33,11 @@ def moment(time: datetime | None) -> str:
 def percent(share: float | None) -> str:
     """Return a share in percent."""
     return NO_NUMBER if share is None else f"{figure(100 * share, '.3g')} %"
+
+
+def versions_of(job: Job) -> str:
+    """Return the versions of the software that computed a job."""
+    return ", ".join(f"{name} {version}" for name, version in sorted(job.provenance.versions.items()))
 
 
 Fact = tuple[str, str]
@@ -49,13 +66,20 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Logo:
+    """A picture whose size is known."""
+
+    content: bytes
+    kind: Literal["png", "jpg"]
+
+
+@dataclass(frozen=True)
 class Letterhead:
     """The laboratory above the title."""
 
     name: str  # name of the laboratory
     lines: list[str]  # its address, contact and accreditation
-    logo: bytes | None = None  # bytes of a PNG or JPEG; none without
-    logo_type: Literal["png", "jpg"] = "png"  # format of the logo
+    logo: Logo | None = None
 
 
 @dataclass(frozen=True)

@@ -1,25 +1,96 @@
-"""Reports of other jobs, all by one template: what was asked for, and the tables that the terminal shows."""
+"""Jobs of any kind for people: the verdict first, then the tables, warnings and things to do."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from rich.console import RenderableType
 
 from jointstiff.schemas.job import Job
-from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.report import job_parts
-from jointstiff.service.reports.document import Attachment, Document, Fact, Section, State, moment
-from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.run import (
+from jointstiff.service.kinds.kind import AnyKind, File
+from jointstiff.service.kinds.work import Work
+from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
     ORIGIN,
     REQUESTED,
     RESULTS,
     STATED,
+    Attachment,
+    Document,
+    Fact,
+    Section,
+    State,
+    moment,
+    versions_of,
 )
-from jointstiff.service.tables.report import View, requested
-from jointstiff.service.tables.table import Line, Table
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.tables.report import (
+    View,
+    judged,
+    problem_line,
+    remedies,
+    requested,
+    to_do_lines,
+    verdict_lines,
+    warning_lines,
+)
+from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
+from jointstiff.service.tables.table import Line, Part, Sheet, Table, text_table
+from jointstiff.service.tables.terminal import printed
+
+_DEFAULT: Final = View()
+_DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
+
+
+def job_report(kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:
+    """Lay out a job for the terminal.
+
+    Args:
+        kind: its kind.
+        job: with its result, or its error.
+        details: whether to show all that the result says.
+        unit: name of a unit of `UNITS`.
+    """
+    parts = job_parts(kind, job, View(details, UNITS[unit]))
+    if details:
+        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request)]
+        parts.append(text_table(["what was asked for", ""], facts, texts=[0, 1]))
+    return printed(parts)
+
+
+def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
+    """Return what people read of a job: of its result, or why it has none."""
+    if job.result is None:
+        return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
+    result: Any = job.result
+    report = kind.report(job, result, view)
+    assessment = getattr(result, "assessment", None)
+    if assessment is None:
+        return [*report.parts, *report.evidence]
+    details, warnings = view.details, getattr(result, "warnings", ())
+    return [
+        *verdict_lines(assessment, details=details),
+        *([_DESPITE] if assessment.verdict == getattr(job.request, "accept_verdict", None) else []),
+        *report.parts,
+        *warning_lines(assessment, warnings, details=details),
+        *report.evidence,
+        *to_do_lines([*remedies(assessment), *report.advice], details=details),
+    ]
+
+
+def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
+    """Return the table of a file of a job that has succeeded, with the verdict.
+
+    Args:
+        file: one of the kind's.
+        job: with its result.
+        work: return the job's work, for a table that is made of it.
+    """
+    sheet = file.sheet(job if file.made_of == "result" else work())
+    return judged(sheet, getattr(job.result, "assessment", None))
+
 
 _UNSIGNED: Final = State("unsigned", "For information: reports of this kind are not authorised.")
 
@@ -31,7 +102,6 @@ def job_document(
     title, provenance = kind.title, job.provenance
     parts = job_parts(kind, job, View(details=True))
     notes = [line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines()]
-    versions = ", ".join(f"{name} {version}" for name, version in sorted(provenance.versions.items()))
     return Document(
         title=title,
         number=job.id,
@@ -58,7 +128,7 @@ def job_document(
                 ORIGIN,
                 facts=[
                     ("SHA-256 of the input", provenance.input_hash),
-                    ("Versions", versions),
+                    ("Versions", versions_of(job)),
                     ("Attached", f"{job.kind}.json, with all numbers"),
                 ],
             ),

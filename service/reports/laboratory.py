@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.report import Laboratory
 from jointstiff.service.problems.errors import ServiceError
-from jointstiff.service.reports.document import NOT_STATED, Letterhead
+from jointstiff.service.reports.document import NOT_STATED, Letterhead, Logo
 
 MAX_SETTINGS_BYTES: Final = 64 * 1024
 MAX_LOGO_BYTES: Final = 256 * 1024
@@ -31,14 +31,6 @@ class SettingsError(ServiceError):
 
 
 @dataclass(frozen=True)
-class Logo:
-    """A picture whose size is known."""
-
-    content: bytes
-    kind: Literal["png", "jpg"]
-
-
-@dataclass(frozen=True)
 class LaboratorySettings:
     """A laboratory with its logo; without settings nothing is stated."""
 
@@ -50,11 +42,8 @@ class LaboratorySettings:
         laboratory = self.laboratory
         if laboratory is None:
             return Letterhead(f"Laboratory: {NOT_STATED}", [])
-        lines = [", ".join(laboratory.address), laboratory.contact or "", laboratory.accreditation or ""]
-        shown = [line for line in lines if line]
-        if self.logo is None:
-            return Letterhead(laboratory.name, shown)
-        return Letterhead(laboratory.name, shown, self.logo.content, self.logo.kind)
+        lines = (", ".join(laboratory.address), laboratory.contact, laboratory.accreditation)
+        return Letterhead(laboratory.name, [line for line in lines if line], self.logo)
 
 
 def read_laboratory(path: Path) -> LaboratorySettings:
@@ -103,22 +92,23 @@ def _logo(folder: Path, name: str) -> Logo:
         )
     content = _read(folder / name, MAX_LOGO_BYTES)
     kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
-    size = _png_size(content) if kind == "png" else _jpeg_size(content)
+    size = _size(content)
     if size is None:
         raise SettingsError(f"logo: {name!r} is neither PNG nor JPEG", "convert it; SVG is refused")
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
         raise SettingsError(
             f"logo: {name!r} has {size[0]} × {size[1]} pixels", f"use at most {MAX_LOGO_SIDE} on a side"
         )
-    return _shown(Logo(content, kind), name)
+    _refuse_unshown(Logo(content, kind), name)
+    return Logo(content, kind)
 
 
-def _shown(logo: Logo, name: str) -> Logo:
-    """Return a logo that Typst can show, where Typst is there to try."""
+def _refuse_unshown(logo: Logo, name: str) -> None:
+    """Refuse a logo that Typst cannot show, where Typst is there to try."""
     try:
         import typst
     except ImportError:
-        return logo
+        return
     source = f'#image(bytes(json(bytes(sys.inputs.logo))), format: "{logo.kind}")'
     try:
         with TemporaryDirectory(prefix="jointstiff-report-") as empty:
@@ -126,21 +116,14 @@ def _shown(logo: Logo, name: str) -> Logo:
             typst.Compiler(source.encode(), root=empty, sys_inputs=inputs).compile(format="pdf")
     except typst.TypstError as error:
         raise SettingsError(f"logo: {name!r} cannot be shown: {error.message}", "save it again") from error
-    return logo
 
 
-def _png_size(content: bytes) -> tuple[int, int] | None:
-    if len(content) < 24 or content[12:16] != b"IHDR":
-        return None
-    width, height = struct.unpack(">II", content[16:24])
-    return width, height
-
-
-def _jpeg_size(content: bytes) -> tuple[int, int] | None:
-    """Return the size of a JPEG by its segments; None if it is none."""
-    if not content.startswith(_JPEG):
-        return None
-    place = 2
+def _size(content: bytes) -> tuple[int, int] | None:
+    """Return width and height of a PNG by its header, of a JPEG by its segments; None for another file."""
+    if content.startswith(_PNG) and content[12:16] == b"IHDR" and len(content) >= 24:
+        width, height = struct.unpack(">II", content[16:24])
+        return width, height
+    place = 2 if content.startswith(_JPEG) else len(content)
     while place + 9 <= len(content) and content[place] == 0xFF:
         if content[place + 1] in _FRAMES:
             height, width = struct.unpack(">HH", content[place + 5 : place + 9])

@@ -36,11 +36,9 @@ class Drawing:
         y2: float,
         colour: str = LINE,
         width: float = 0.6,
-        dash: str = "",
     ) -> None:
         """Draw a line."""
-        dashes = {"stroke-dasharray": dash} if dash else {}
-        self._add("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=colour, stroke_width=width, **dashes)
+        self._add("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=colour, stroke_width=width)
 
     def path(self, points: Iterable[tuple[float, float]], colour: str = INK, width: float = 2.0) -> None:
         """Draw lines from point to point."""
@@ -136,7 +134,9 @@ def before_and_after(result: RunResult) -> Picture | None:
         return None
     height, base, left_edge = 150.0, 128.0, 40.0
     drawing = Drawing(_WIDTH, height, "Deflection before and after compensation by the model")
-    top = _nice(max([*before, *after]))
+    greatest = max([*before, *after])
+    power = 10.0 ** floor(log10(greatest))
+    top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
     step = (_WIDTH - left_edge - 6) / len(before)
     for tick in (0.0, 0.5, 1.0):
         y = base - tick * (base - 12)
@@ -155,12 +155,6 @@ def before_and_after(result: RunResult) -> Picture | None:
         "subtraction of the model's prediction (dark).",
         0.8,
     )
-
-
-def _nice(value: float) -> float:
-    """Return a round number that is no less than a value."""
-    power = 10.0 ** floor(log10(value))
-    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= value * (1 - 1e-9))
 
 
 def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:

@@ -72,8 +72,8 @@ def report_page(document: Document) -> bytes:
 def _letterhead(head: Letterhead) -> str:
     logo = ""
     if head.logo is not None:
-        kind = "png" if head.logo_type == "png" else "jpeg"
-        logo = f'<img alt="Logo" src="data:image/{kind};base64,{base64.b64encode(head.logo).decode()}">'
+        kind, content = head.logo.kind.replace("jpg", "jpeg"), base64.b64encode(head.logo.content).decode()
+        logo = f'<img alt="Logo" src="data:image/{kind};base64,{content}">'
     lines = "".join(f"<br>{escape(line)}" for line in head.lines)
     return f"{logo}<p><strong>{escape(head.name)}</strong>{lines}</p>"
 
@@ -187,8 +187,8 @@ def _data(document: Document) -> dict[str, Any]:
         "state": {"kind": document.state.kind, "line": document.state.line},
         "by": document.state.by or "",
         "watermark": document.state.watermark,
-        "letterhead": {"name": head.name, "lines": head.lines, "logo_type": head.logo_type},
-        "logo": None if head.logo is None else list(head.logo),
+        "letterhead": {"name": head.name, "lines": head.lines},
+        "logo": head.logo and {"content": list(head.logo.content), "kind": head.logo.kind},
         "dated": {part: getattr(dated, part) for part in parts},
         "sections": [
             asdict(replace(section, tables=[])) | {"tables": [table.shown() for table in section.tables]}

@@ -15,29 +15,33 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, SetMetadata
-from jointstiff.schemas.report import Laboratory, Party
-from jointstiff.schemas.run import Budget, JointResult, RunRequest, RunResult
+from jointstiff.schemas.report import Laboratory
+from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 from jointstiff.service.exporting.model import ExportedModel, joints_csv, why_no_stiffness
 from jointstiff.service.reports.document import (
+    IDENTIFICATION,
+    NOT_ISO_9283,
     NOT_STATED,
+    ORIGIN,
+    REQUESTED,
+    RESULTS,
+    STATED,
     Attachment,
     Document,
+    Logo,
     Section,
     State,
     moment,
     percent,
+    versions_of,
 )
-from jointstiff.service.reports.laboratory import LaboratorySettings, Logo
+from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, figure, rounded, text_table
 
-NOT_ISO_9283: Final = (
-    "The results are derived from the identified stiffness of the joints. They are not a test of static "
-    "compliance after ISO 9283:1998, clause 10, and do not replace one."
-)
 STATEMENTS: Final = (
     "The results relate only to the item that is identified here, in the state and under the conditions of "
     "the measurement.",
@@ -51,17 +55,11 @@ STATEMENTS: Final = (
     "operator is named above.",
 )
 
-IDENTIFICATION: Final = "Identification"
-REQUESTED: Final = "What was asked for"
-RESULTS: Final = "Results"
 UNCERTAINTY: Final = "Uncertainty budget"
 METHOD: Final = "Method and deviations from it"
 ADJUSTMENT: Final = "Before and after adjustment"
 TRACEABILITY: Final = "Conditions and traceability"
 ASSESSMENT: Final = "Assessment and warnings"
-STATED: Final = "Statements"
-ORIGIN: Final = "Origin of the numbers"
-ITEMS_HEADING: Final = "Items of ISO/IEC 17025:2017 and their places in this report"
 
 ITEMS: Final = (
     ("7.8.2.1 a", "title", "above"),
@@ -94,6 +92,15 @@ MAX_ATTACHED_BYTES: Final = 2_500_000
 """JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
 TITLE: Final = "Report on joint stiffness"
 _BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
+_UNIT: Final = UNITS["MNm/rad"]
+_USUAL: Final = 0.95
+"""Coverage probability of k = 2, nearly."""
+_MOST_WARNINGS: Final = 12
+_TARGETS_NAMED: Final = 8
+_MISSING: Final = {
+    "model_error": "there is no bound of the model error",
+    "lack_of_fit": "the assessment names a lack of fit: U does not include the bending of links",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +131,9 @@ class RunSubject:
             "robot": self.model.name,
             "set": self.readings.name,
             "metadata": self.readings.model_dump(mode="json", include=fields, exclude_none=True),
-            "laboratory": None
-            if laboratory is None
-            else laboratory.model_dump(mode="json", exclude_defaults=True),
-            "logo": None if logo is None else [logo.kind, b64encode(logo.content).decode()],
-            "received_on": None if self.received_on is None else self.received_on.isoformat(),
+            "laboratory": laboratory and laboratory.model_dump(mode="json", exclude_defaults=True),
+            "logo": logo and [logo.kind, b64encode(logo.content).decode()],
+            "received_on": self.received_on and self.received_on.isoformat(),
             "alarms": list(self.alarms),
         }
 
@@ -138,52 +143,42 @@ class RunSubject:
 
     def as_stated(self, stated: Mapping[str, Any]) -> RunSubject:
         """Return the run as an authorised report stated it, whatever was changed since."""
-        noted = SetMetadata.model_validate(stated["metadata"])
-        changes = {name: getattr(noted, name) for name in SetMetadata.model_fields}
-        laboratory, logo = stated["laboratory"], stated["logo"]
-        received_on = stated["received_on"]
+        noted = dict(SetMetadata.model_validate(stated["metadata"]))
+        laboratory, logo, received_on = (stated[name] for name in ("laboratory", "logo", "received_on"))
         return RunSubject(
             replace(self.model, name=stated["robot"]),
-            self.readings.model_copy(update={**changes, "name": stated["set"]}),
+            self.readings.model_copy(update={**noted, "name": stated["set"]}),
             LaboratorySettings(
-                None if laboratory is None else Laboratory.model_validate(laboratory),
-                None if logo is None else Logo(b64decode(logo[1]), logo[0]),
+                laboratory and Laboratory.model_validate(laboratory),
+                logo and Logo(b64decode(logo[1]), logo[0]),
             ),
-            None if received_on is None else date.fromisoformat(received_on),
+            received_on and date.fromisoformat(received_on),
             stated["alarms"],
         )
 
 
 def run_document(subject: RunSubject, state: State) -> Document:
     """Return the report of a run. The same run, metadata, settings and state give the same document."""
-    run = subject.model.run
+    run, settings = subject.model.run, subject.settings
+    items = text_table(["item", "asks for", "stands in"], ITEMS, texts=[0, 1, 2])
     return Document(
         title=TITLE,
         number=f"{run.id}-{state.number}",
         state=state,
-        letterhead=subject.settings.letterhead(),
+        letterhead=settings.letterhead(),
         dated=state.issued_at or run.provenance.ended_at or run.provenance.created_at,
         sections=[
             _identification(subject, state),
             results(subject.model, subject.readings),
             uncertainty(subject.model),
-            method(subject.model, subject.settings.laboratory),
+            _method(subject.model, settings.laboratory),
             Section(REQUESTED, facts=requested(run.request)),
-            adjustment(subject.model),
-            traceability(subject.readings, subject.settings.laboratory),
+            _adjustment(subject.model),
+            _traceability(subject.readings, settings.laboratory),
             assessment(subject.model.result, subject.alarms),
             Section(STATED, paragraphs=list(STATEMENTS)),
             _origin(subject),
-            Section(
-                ITEMS_HEADING,
-                tables=[
-                    text_table(
-                        ["item", "asks for", "stands in"],
-                        [list(item) for item in ITEMS],
-                        texts=[0, 1, 2],
-                    )
-                ],
-            ),
+            Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
         ],
         attachments=[
             Attachment(
@@ -198,140 +193,73 @@ def run_document(subject: RunSubject, state: State) -> Document:
 
 
 def _identification(subject: RunSubject, state: State) -> Section:
-    readings, run, laboratory = subject.readings, subject.model.run, subject.settings.laboratory
-    place = None
-    if laboratory is not None:
-        place = laboratory.place or ", ".join(laboratory.address)
-    robot = subject.model.robot
-    return Section(
-        IDENTIFICATION,
-        facts=[
-            ("Report", f"{run.id}-{state.number}"),
-            ("State", f"{state.kind}: {state.line}"),
-            ("Customer", _party(None if laboratory is None else laboratory.customer)),
-            ("Location of the measurement", place or NOT_STATED),
-            (
-                "Item",
-                f"Industrial robot {subject.model.name}, {robot.n} joints: {', '.join(robot.joint_names)}",
-            ),
-            ("Serial number", readings.serial_number or NOT_STATED),
-            ("Condition of the item", readings.item_condition or NOT_STATED),
-            (
-                "Date of receipt",
-                NOT_STATED if subject.received_on is None else subject.received_on.isoformat(),
-            ),
-            ("Measured", moment(readings.measured_at)),
-            ("Computed", moment(run.provenance.ended_at)),
-            ("Date of issue", moment(state.issued_at) if state.issued_at else "not issued: draft"),
-            ("Measurement set", readings.name),
-            ("Operator", readings.operator or NOT_STATED),
-            ("Authorised by", state.by or "nobody"),
-            *([("Notes on the measurement", readings.notes)] if readings.notes else []),
-        ],
-    )
-
-
-def _party(party: Party | None) -> str:
-    if party is None:
-        return NOT_STATED
-    return ", ".join([party.name, *party.address, *([party.contact] if party.contact else [])])
-
-
-def _origin(subject: RunSubject) -> Section:
-    provenance = subject.model.run.provenance
-    versions = ", ".join(f"{name} {version}" for name, version in sorted(provenance.versions.items()))
-    geometry = subject.model.geometry_id
-    return Section(
-        ORIGIN,
-        facts=[
-            ("Run", subject.model.run.id),
-            ("SHA-256 of the input", provenance.input_hash),
-            ("SHA-256 of what is stated", subject.content_hash()),
-            ("Versions", versions),
-            ("Geometry", "as described" if geometry is None else f"as identified, geometry {geometry}"),
-            (
-                "Attached",
-                "run.json (the run; a large one without its residuals), joints.csv (the joints as a table)",
-            ),
-        ],
-    )
-
-
-_UNIT = UNITS["MNm/rad"]
-_MICRO = 1e6
-_USUAL = 0.95
-"""Coverage probability of k = 2, nearly."""
-_MOST_WARNINGS = 12
-_MISSING = {
-    "model_error": "there is no bound of the model error",
-    "lack_of_fit": "the assessment names a lack of fit: U does not include the bending of links",
-}
+    readings, run, robot = subject.readings, subject.model.run, subject.model.robot
+    laboratory = subject.settings.laboratory or Laboratory(name=NOT_STATED)
+    received, party = subject.received_on, laboratory.customer
+    customer = [party.name, *party.address, party.contact or ""] if party else [NOT_STATED]
+    facts = [
+        ("Report", f"{run.id}-{state.number}"),
+        ("State", f"{state.kind}: {state.line}"),
+        ("Customer", ", ".join(filter(None, customer))),
+        ("Location of the measurement", laboratory.place or ", ".join(laboratory.address) or NOT_STATED),
+        ("Item", f"Industrial robot {subject.model.name}, {robot.n} joints: {', '.join(robot.joint_names)}"),
+        ("Serial number", readings.serial_number or NOT_STATED),
+        ("Condition of the item", readings.item_condition or NOT_STATED),
+        ("Date of receipt", NOT_STATED if received is None else received.isoformat()),
+        ("Measured", moment(readings.measured_at)),
+        ("Computed", moment(run.provenance.ended_at)),
+        ("Date of issue", moment(state.issued_at) if state.issued_at else "not issued: draft"),
+        ("Measurement set", readings.name),
+        ("Operator", readings.operator or NOT_STATED),
+        ("Authorised by", state.by or "nobody"),
+        ("Notes on the measurement", readings.notes or ""),
+    ]
+    return Section(IDENTIFICATION, facts=[fact for fact in facts if fact[1]])
 
 
 def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return stiffness, uncertainty and interval of each joint, with pictures."""
-    result, confidence = model.result, model.run.request.confidence
-    factor = (
-        ""
-        if result.budget is None
-        else f", k = {figure(_factor(result.budget))}{', partial' * bool(result.budget.missing)}"
-    )
-    table = text_table(
-        [
-            "joint",
-            f"stiffness [{_UNIT.label}]",
-            f"standard uncertainty [{_UNIT.label}]",
-            f"expanded uncertainty [{_UNIT.label}]{factor}",
-            f"{100 * confidence:g} % interval [{_UNIT.label}]",
-            "verdict",
-        ],
-        [_joint_row(joint, result.budget) for joint in result.joints],
-        texts=[0, 5],
-    )
-    missing = [
-        f"{joint.name}: no number: {why_no_stiffness(joint)}."
-        for joint in result.joints
-        if joint.stiffness is None
-    ]
-    first = readings.observations[0].joints
-    factor_to_rad = ANGLE[readings.units.angle]
+    result, budget = model.result, model.result.budget
+    level, unit = f"{100 * model.run.request.confidence:g} % interval", f"[{_UNIT.label}]"
+    factor = "" if budget is None else f", k = {figure(_factor(budget))}{', partial' * bool(budget.missing)}"
+    head = ["joint", "stiffness", "standard uncertainty", "expanded uncertainty", level, "verdict"]
+    head[1:5] = [f"{name} {unit}" for name in head[1:5]]
+    head[3] += factor
+    rows = []
+    for joint in result.joints:
+        value, spread, interval = _UNIT.cells(joint)
+        expanded = NO_NUMBER
+        if budget is not None and joint.name in budget.joints and joint.stiffness is not None:
+            whole = budget.expanded_with_model_error[budget.joints.index(joint.name)] / budget.coverage_factor
+            combined = _UNIT.factor * whole * joint.stiffness**2
+            spread, expanded = (rounded(size, size) for size in (combined, _factor(budget) * combined))
+        identified = joint.status == "identified"
+        verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
+        rows.append([joint.name, value, spread, expanded, interval, verdict])
+    sigma = NO_NUMBER
+    if result.sigma is not None:
+        sigma = f"{rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
+    posture = [ANGLE[readings.units.angle] * angle for angle in readings.observations[0].joints]
     pictures = [
-        intervals(result.joints, confidence),
+        intervals(result.joints, model.run.request.confidence),
         before_and_after(result),
-        arm(model.robot, [factor_to_rad * angle for angle in first]),
+        arm(model.robot, posture),
     ]
     return Section(
         RESULTS,
-        tables=[table],
-        notes=missing,
+        tables=[text_table(head, rows, texts=[0, 5])],
+        notes=[
+            f"{joint.name}: no number: {why_no_stiffness(joint)}."
+            for joint in result.joints
+            if joint.stiffness is None
+        ],
         facts=[
             ("Share of the mean deflection that the model explains", percent(result.compensation)),
-            ("Root mean square of the residuals' lengths", f"{rounded(_MICRO * result.rms_residual)} µm"),
-            (
-                "Standard uncertainty of a coordinate of a reading",
-                NO_NUMBER
-                if result.sigma is None
-                else f"{rounded(_MICRO * result.sigma)} µm ({result.goodness.sigma_source})",
-            ),
+            ("Root mean square of the residuals' lengths", f"{rounded(1e6 * result.rms_residual)} µm"),
+            ("Standard uncertainty of a coordinate of a reading", sigma),
         ],
         pictures=[picture for picture in pictures if picture is not None],
     )
-
-
-def _joint_row(joint: JointResult, budget: Budget | None) -> list[str]:
-    value, uncertainty, interval = _UNIT.cells(joint)
-    expanded = NO_NUMBER
-    if budget is not None and joint.name in budget.joints and joint.stiffness is not None:
-        of_compliance = _combined(budget)[budget.joints.index(joint.name)]
-        combined = _UNIT.factor * of_compliance * joint.stiffness**2
-        uncertainty, expanded = (rounded(size, size) for size in (combined, _factor(budget) * combined))
-    verdict = VERDICTS[joint.verdict] if joint.status == "identified" else joint.status.replace("_", " ")
-    return [joint.name, value, uncertainty, expanded, interval, verdict]
-
-
-def _combined(budget: Budget) -> list[float]:
-    """Return the standard uncertainty of each compliance by all sources that the budget names."""
-    return [each / budget.coverage_factor for each in budget.expanded_with_model_error]
 
 
 def _factor(budget: Budget) -> float:
@@ -345,10 +273,10 @@ def uncertainty(model: ExportedModel) -> Section:
     """Return the budget of the compliances, in the words of the GUM."""
     budget, weight = model.result.budget, model.result.weight
     if weight is not None:
-        shares = [(each.joint, each.readings, each.masses) for each in weight.joints]
         cells = [
-            [name, *(NO_NUMBER if part is None else f"{100 * part:.0f} %" for part in parts)]
-            for name, *parts in shares
+            [each.joint, *(NO_NUMBER if part is None else f"{100 * part:.0f} %" for part in parts)]
+            for each in weight.joints
+            for parts in [(each.readings, each.masses)]
         ]
         return Section(
             UNCERTAINTY,
@@ -365,12 +293,13 @@ def uncertainty(model: ExportedModel) -> Section:
         )
     sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
 
-    def row(source: str, kind: str, values: list[float]) -> list[str]:
+    def row(source: str, kind: str, values: Sequence[float]) -> list[str]:
         pairs = zip(budget.joints, values, strict=True)
         shares = [100.0 * u / sizes[name] if sizes[name] else None for name, u in pairs]
         return [source, kind, *(NO_NUMBER if each is None else rounded(each, each) for each in shares)]
 
-    head = ["source", "type", *budget.joints]
+    factor = _factor(budget)
+    combined = [each / budget.coverage_factor for each in budget.expanded_with_model_error]
     rows = [
         row(
             f"{each.source.replace('_', ' ')}{'' if each.included else ' (not included)'}",
@@ -379,7 +308,6 @@ def uncertainty(model: ExportedModel) -> Section:
         )
         for each in budget.components
     ]
-    factor, combined = _factor(budget), _combined(budget)
     rows += [
         row("combined, sources in the intervals", "", budget.standard_uncertainty),
         row("combined, all sources", "", combined),
@@ -389,7 +317,7 @@ def uncertainty(model: ExportedModel) -> Section:
     caption = "Contributions to the standard uncertainty of each compliance [% of it]"
     return Section(
         UNCERTAINTY,
-        tables=[text_table(head, rows, caption)],
+        tables=[text_table(["source", "type", *budget.joints], rows, caption)],
         paragraphs=[
             "The reported expanded uncertainty U is stated as the standard uncertainty of measurement, by "
             f"all sources of this budget, multiplied by the coverage factor k = {figure(factor)}, which "
@@ -417,35 +345,10 @@ def _correlation(budget: Budget) -> str:
     )
 
 
-def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
-    """Return the verdict with its reasons, the alarms of the robot, and the warnings."""
-    reasons = result.assessment.reasons
-    known = {each.message for each in reasons}
-    further = [each for each in result.warnings if each.message not in known]
-    lines = [f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in (*reasons, *further)]
-    more = len(lines) - _MOST_WARNINGS
-    return Section(
-        ASSESSMENT,
-        facts=[
-            ("Verdict on the result", VERDICTS[result.assessment.verdict]),
-            *([("The robot is in alarm", "\n".join(alarms))] if alarms else []),
-        ],
-        notes=[
-            *(lines[:_MOST_WARNINGS] or [f"{support(result.assessment).capitalize()}."]),
-            *([f"And {more} more, in run.json."] if more > 0 else []),
-            *result.assessment.notes,
-        ],
-    )
-
-
-_TARGETS_NAMED: Final = 8
-
-
-def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
+def _method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     """Return the method, and what was done otherwise than by default."""
     request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"
-    stated = None if laboratory is None else laboratory.method
     way = (
         "Identification of joint compliances from readings of targets before and under load, "
         f"{METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, {constraint}"
@@ -456,29 +359,10 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
             "Identification of joint compliances, geometry and sag under the own weight from laser-tracker "
             f"positions of targets and masses within bounds, {constraint}"
         )
-        bodies = [
-            f"{body.name} {body.mass:g} kg ({body.least:.4g} to {body.most:.4g})"
-            for body in model.robot.bodies
-        ]
+        bodies = [f"{b.name} {b.mass:g} kg ({b.least:.4g} to {b.most:.4g})" for b in model.robot.bodies]
         masses = [("Masses with their bounds", "; ".join(bodies))]
-    return Section(
-        METHOD,
-        facts=[
-            (
-                "Method",
-                f"{way}; jointstiff {version}, as its documentation states (docs/method.md).",
-            ),
-            *masses,
-            ("Procedure of the laboratory", stated or NOT_STATED),
-        ],
-        notes=[f"Deviation: {line}" for line in _deviations(request)] or ["Deviations: none."],
-    )
-
-
-def _deviations(request: RunRequest) -> Iterator[str]:
-    """Yield options that differ from the defaults, in words."""
     chains = "; ".join(" ≥ ".join(chain) for chain in request.stiffness_order)
-    sentences = (
+    deviations = (
         (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
         (not request.positive, "negative compliances were allowed."),
         (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
@@ -491,13 +375,21 @@ def _deviations(request: RunRequest) -> Iterator[str]:
         ),
         (request.complementary_stiffness == "neglected", "the complementary stiffness is neglected."),
     )
-    yield from (text for differs, text in sentences if differs)
+    notes = [f"Deviation: {text}" for differs, text in deviations if differs]
+    return Section(
+        METHOD,
+        facts=[
+            ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
+            *masses,
+            ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
+        ],
+        notes=notes or ["Deviations: none."],
+    )
 
 
-def adjustment(model: ExportedModel) -> Section:
+def _adjustment(model: ExportedModel) -> Section:
     """Return deflections as found, and as the model would leave them."""
-    residuals = model.result.residuals
-    facts = []
+    residuals, facts = model.result.residuals, []
     if residuals:
         before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
         after = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
@@ -516,50 +408,36 @@ def adjustment(model: ExportedModel) -> Section:
     )
 
 
-def traceability(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
+def _traceability(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
     """Return conditions, instrument and what its uncertainty rests on."""
-    conditions = readings.conditions or (None if laboratory is None else laboratory.conditions)
-    chain = None if laboratory is None else laboratory.traceability
+    newtons, millimetres = FORCE[readings.units.force], 1e3 * LENGTH[readings.units.length]
+    sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
+    force = " N to ".join(dict.fromkeys((rounded(min(sizes)), rounded(max(sizes)))))
+    moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
+    point = "stated with each observation"
+    if readings.load_point and all(each.load_point is None for each in readings.observations):
+        point = f"({', '.join(figure(millimetres * value) for value in readings.load_point)}) mm"
+    targets = list(dict.fromkeys(each.target for one in readings.observations for each in one.readings))
+    named = ", ".join([*targets[:_TARGETS_NAMED], *["…"][: len(targets) > _TARGETS_NAMED]])
+    conditions = readings.conditions or (laboratory and laboratory.conditions)
     return Section(
         TRACEABILITY,
         facts=[
             ("Conditions", conditions or NOT_STATED),
             ("Instrument", readings.instrument or NOT_STATED),
-            ("Metrological traceability", chain or NOT_STATED),
+            ("Metrological traceability", (laboratory and laboratory.traceability) or NOT_STATED),
             ("Uncertainty of readings and load", " ".join(_noise(readings))),
             ("Position loop closed by", f"{readings.encoders} encoders"),
             ("Observations", f"{len(readings.observations)}"),
-            ("Force on the robot", _force(readings)),
-            ("Load point in the flange frame", _load_point(readings)),
-            ("Targets read", _targets(readings)),
+            ("Force on the robot", f"{force} N{', and moments' * moments}"),
+            ("Load point in the flange frame", point),
+            ("Targets read", f"{len(targets)}: {named}"),
         ],
     )
 
 
-def _force(readings: MeasurementSetDocument) -> str:
-    """Return the least and the greatest magnitude of the force over the observations."""
-    newtons = FORCE[readings.units.force]
-    sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
-    least, greatest = rounded(min(sizes)), rounded(max(sizes))
-    size = f"{greatest} N" if least == greatest else f"{least} N to {greatest} N"
-    moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
-    return f"{size}, and moments" if moments else size
-
-
-def _load_point(readings: MeasurementSetDocument) -> str:
-    if readings.load_point is None or any(each.load_point is not None for each in readings.observations):
-        return "stated with each observation"
-    millimetres = 1e3 * LENGTH[readings.units.length]
-    return f"({', '.join(f'{figure(millimetres * value)}' for value in readings.load_point)}) mm"
-
-
-def _targets(readings: MeasurementSetDocument) -> str:
-    names = list(dict.fromkeys(each.target for one in readings.observations for each in one.readings))
-    shown = ", ".join(names[:_TARGETS_NAMED])
-    return f"{len(names)}: {shown}{', …' if len(names) > _TARGETS_NAMED else ''}"
-
-
 def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
+    """Yield what is stated of the uncertainty of readings, and of what all observations share."""
     noise, length = readings.noise, LENGTH[readings.units.length]
     if noise is not None and noise.refuted:
         yield "estimated from the residuals, which refuted the noise as stated."
@@ -593,3 +471,40 @@ def _common(noise: Noise, millimetres: float) -> Iterator[str]:
             f"Axes of the robot's model: {rounded(millimetres * noise.axes.position)} mm across, "
             f"{rounded(1e3 * noise.axes.direction)} mrad."
         )
+
+
+def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
+    """Return the verdict with its reasons, the alarms of the robot, and the warnings."""
+    reasons = result.assessment.reasons
+    known = {each.message for each in reasons}
+    further = [each for each in result.warnings if each.message not in known]
+    lines = [f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in (*reasons, *further)]
+    more = len(lines) - _MOST_WARNINGS
+    facts = [("Verdict on the result", VERDICTS[result.assessment.verdict])]
+    return Section(
+        ASSESSMENT,
+        facts=[*facts, ("The robot is in alarm", "\n".join(alarms))] if alarms else facts,
+        notes=[
+            *(lines[:_MOST_WARNINGS] or [f"{support(result.assessment).capitalize()}."]),
+            *([f"And {more} more, in run.json."] if more > 0 else []),
+            *result.assessment.notes,
+        ],
+    )
+
+
+def _origin(subject: RunSubject) -> Section:
+    run, geometry = subject.model.run, subject.model.geometry_id
+    return Section(
+        ORIGIN,
+        facts=[
+            ("Run", run.id),
+            ("SHA-256 of the input", run.provenance.input_hash),
+            ("SHA-256 of what is stated", subject.content_hash()),
+            ("Versions", versions_of(run)),
+            ("Geometry", "as described" if geometry is None else f"as identified, geometry {geometry}"),
+            (
+                "Attached",
+                "run.json (the run; a large one without its residuals), joints.csv (the joints as a table)",
+            ),
+        ],
+    )

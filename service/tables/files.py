@@ -50,6 +50,19 @@ def csv_rows(rows: Iterable[Sequence[Value]]) -> str:
     return text.getvalue()
 
 
+def rows_of(text: str) -> tuple[list[list[str]], bool]:
+    """Return the rows of cells of a table as people write it, and whether commas part the cells.
+
+    Cells are parted by semicolons or tabs if the first line has one, else by commas.
+
+    Raises:
+        csv.Error: it is no table.
+    """
+    delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
+    rows = csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter)
+    return [[cell.strip() for cell in row] for row in rows], delimiter == ","
+
+
 def npz_bytes(sheet: Sheet) -> bytes:
     """Return a sheet for numpy, to the last digit: `headers`, `table` (rows, columns), each text column."""
     import numpy as np

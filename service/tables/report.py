@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 from types import MappingProxyType
-from typing import Any, Final, get_args
+from typing import Final
 
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
@@ -19,7 +19,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Finding, Verdict
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
-from jointstiff.service.tables.table import Line, Part, Sheet, Style, figure
+from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit, figure
 
 
 @dataclass(frozen=True)
@@ -265,17 +265,4 @@ def _unit(field: FieldInfo, units: object) -> str:
     """Return the unit of a field: of its schema, or that which its request states."""
     if match := _STATED_UNIT.search(field.description or ""):
         return getattr(units, match[1], None) or ""
-    return _declared(field.json_schema_extra) or _within(field.annotation)
-
-
-def _within(annotation: Any) -> str:  # noqa: ANN401 - a type
-    """Return the unit that a part of a type declares, such as that of the values of a dictionary."""
-    for part in get_args(annotation):
-        unit = _declared(part.json_schema_extra) if isinstance(part, FieldInfo) else _within(part)
-        if unit:
-            return unit
-    return ""
-
-
-def _declared(extra: object) -> str:
-    return str(extra.get("unit", "")) if isinstance(extra, Mapping) else ""
+    return field_unit(field)

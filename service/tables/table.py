@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor, isfinite, log10
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+from pydantic.fields import FieldInfo
+
+from jointstiff.schemas.fields import Message
 
 NO_NUMBER = "—"
 """Shown where there is no number."""
@@ -141,6 +146,84 @@ class Sheet:
         """Build a sheet of rows that have the same headers."""
         listed = list(rows)
         return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
+
+    @classmethod
+    def of_fields(
+        cls,
+        rows: Sequence[Message],
+        columns: Mapping[str, str],
+        units: Mapping[str, tuple[float, str]] = MappingProxyType({}),
+    ) -> Sheet:
+        """Build a sheet of messages of one kind. Headers carry the units of the fields.
+
+        Args:
+            rows: the messages.
+            columns: path of each field by its header; one such as `force {x y z}` has a column a component.
+            units: factor and name of units that are shown otherwise.
+        """
+        sheet: dict[str, list[Value]] = {}
+        for header, path in columns.items() if rows else ():
+            values, unit = [_value_at(row, path) for row in rows], _unit_at(type(rows[0]), path)
+            factor, shown = units.get(unit, (1.0, unit))
+            for name, place in _components(f"{header} [{shown}]" if shown else header):
+                parts = [_component(value, place) for value in values]
+                sheet[name] = [factor * part if isinstance(part, float) else part for part in parts]
+        return cls(sheet)
+
+
+def _components(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield a header such as `force {x y z} [N]` for each component, and the place of the component."""
+    before, brace, rest = header.partition("{")
+    if not brace:
+        yield header, ()
+        return
+    words, _, after = rest.partition("}")
+    for k, word in enumerate(words.split()):
+        for name, place in _components(after):
+            yield f"{before}{word}{name}", (k, *place)
+
+
+def _value_at(row: Message | None, path: str) -> Any:  # noqa: ANN401 - of any field
+    name, _, rest = path.partition(".")
+    value = None if row is None else getattr(row, name)
+    return _value_at(value, rest) if rest else value
+
+
+def _component(value: Any, place: Sequence[int]) -> Value:  # noqa: ANN401 - of any field
+    for k in place:
+        value = None if value is None else value[k]
+    return "; ".join(value) or None if isinstance(value, list) else value
+
+
+def _unit_at(kind: type[Message], path: str) -> str:
+    name, _, rest = path.partition(".")
+    field = kind.model_fields[name]
+    return _unit_at(next(_messages_in(field.annotation)), rest) if rest else field_unit(field)
+
+
+def field_unit(field: FieldInfo) -> str:
+    """Return the unit that the schema of a field states; none for one without a unit."""
+    return _declared(field.json_schema_extra) or _unit_within(field.annotation)
+
+
+def _messages_in(annotation: Any) -> Iterator[type[Message]]:  # noqa: ANN401 - a type
+    if isinstance(annotation, type) and issubclass(annotation, Message):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _messages_in(part)
+
+
+def _unit_within(annotation: Any) -> str:  # noqa: ANN401 - a type
+    """Return the unit that a part of a type declares, such as that of the values of a dictionary."""
+    for part in get_args(annotation):
+        unit = _declared(part.json_schema_extra) if isinstance(part, FieldInfo) else _unit_within(part)
+        if unit:
+            return unit
+    return ""
+
+
+def _declared(extra: object) -> str:
+    return str(extra.get("unit", "")) if isinstance(extra, Mapping) else ""
 
 
 def text_table(

@@ -166,12 +166,6 @@ class DeflectionMap:
             *(np.full((count, *shape), np.nan) for shape in ((joints,), (3,), (), (), (2,), (2,), ())),
         )
 
-    @classmethod
-    def joined(cls, parts: list[DeflectionMap]) -> DeflectionMap:
-        """Return the places of all parts, in order."""
-        columns = zip(*(vars(part).values() for part in parts), strict=True)
-        return cls(*map(np.concatenate, columns))
-
     @property
     def reached(self) -> BoolArray:
         """(P,) whether a place has numbers."""

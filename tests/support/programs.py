@@ -13,7 +13,7 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program.work import ProgramWork, packed
+from jointstiff.service.kinds.program_work import ProgramWork, packed
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
 from jointstiff.solver.robot.model import Robot

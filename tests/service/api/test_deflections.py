@@ -15,8 +15,7 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.cli.app import app
-from jointstiff.service.kinds.deflection.models import to_load_cases
-from jointstiff.service.kinds.deflection.tables import read_load_cases
+from jointstiff.service.kinds.deflection import load_cases, read_load_cases
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.chain import DhRow, dh_chain
@@ -193,9 +192,9 @@ def test_cases_are_bounded_by_the_joints():
     largest, larger = (
         DeflectionRequest.model_validate(request("any", cases=count * [case])) for count in (146, 147)
     )
-    assert len(to_load_cases(largest, robot).joints) == 146
+    assert len(load_cases(largest, robot).joints) == 146
     with pytest.raises(RequestError, match="147 cases for 32 joints") as caught:
-        to_load_cases(larger, robot)
+        load_cases(larger, robot)
     assert caught.value.where == "cases"
     assert "at most 146" in caught.value.remedy
 

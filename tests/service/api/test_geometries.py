@@ -25,8 +25,8 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.inputs import FromFile
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.kinds.report import job_report
 from jointstiff.service.problems.errors import DeletedError
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

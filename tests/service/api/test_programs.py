@@ -121,8 +121,8 @@ def test_the_documented_example_is_carried_out(client, run_id):
 
 
 def test_long_programs_are_jobs_with_progress(client, run_id, monkeypatch):
-    monkeypatch.setattr("jointstiff.service.kinds.program.work.MAX_QUICK_POINTS", 5)
-    monkeypatch.setattr("jointstiff.service.kinds.program.work.STEP_POINTS", 3)
+    monkeypatch.setattr("jointstiff.service.kinds.program_work.MAX_QUICK_POINTS", 5)
+    monkeypatch.setattr("jointstiff.service.kinds.program_work.STEP_POINTS", 3)
     long = post(client, run_id).json()
     assert long["progress"] == {"done": 8, "total": 8, "unit": "points", "activity": "compensating"}
     monkeypatch.undo()

@@ -25,8 +25,8 @@ from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.pair import PAIR
-from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS

@@ -23,8 +23,8 @@ from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.comparison.tables import entries_sheet
 from jointstiff.service.kinds.identification import run_identification
-from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.work import pack
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -19,9 +19,8 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.inputs import Stored
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.kinds.deflection.models import to_forward_model
-from jointstiff.service.kinds.deflection.work import predict_by_run
-from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.deflection import predict_by_run
+from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.resources.composition import Resources
@@ -30,6 +29,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.predict.answers import forward_model
 
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3}
 
@@ -125,7 +125,7 @@ def test_deflections_are_predicted_by_the_stored_model(store, given, document):
     masses = options | {"masses": [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]}
     with pytest.raises(RequestError, match="own weight"):
         predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
-    assert to_forward_model(robot, run.result.model)[0].first_order
+    assert forward_model(robot, run.result.model)[0].first_order
 
 
 def test_a_program_is_compensated_by_links(store, set_id, given):

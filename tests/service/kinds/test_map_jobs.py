@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.kinds.map.work import MapWork
+from jointstiff.service.kinds.map_work import MapWork
 from jointstiff.service.kinds.work import pack, unpack
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -162,7 +162,7 @@ def test_a_run_of_elastic_links_maps_as_it_predicts(client, run_id):
 
 def test_in_steps_it_is_the_same(client, run_id, monkeypatch):
     whole = posted(client, "maps", AREA | {"run_id": run_id})
-    monkeypatch.setattr("jointstiff.service.kinds.map.work.POSES_A_STEP", 10)
+    monkeypatch.setattr("jointstiff.service.kinds.map_work.POSES_A_STEP", 10)
     stepped = posted(client, "maps", AREA | {"run_id": run_id})
     assert stepped["progress"] == {"done": 18, "total": 18, "unit": "places", "activity": "mapping"}
     assert whole["progress"] is None

@@ -20,8 +20,8 @@ from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.pair import PAIR
-from jointstiff.service.kinds.report import job_report
 from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -17,7 +17,7 @@ from jointstiff.schemas.job import Result
 from jointstiff.service.cli.app import app
 from jointstiff.service.exporting.formats import FORMATS
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.report import job_report
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.programs import FORCE, START, compensated, tool_poses, work_of
 
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program_work import unpacked
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import program_text
 

@@ -16,8 +16,8 @@ from jointstiff.schemas.assessment import combined
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
-from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.reports.run import assessment
 from jointstiff.service.tables.report import support
 from jointstiff.service.tables.stiffness import UNITS

@@ -1,0 +1,308 @@
+"""Deflections by the model of a run: quick, and nothing to store. Load cases come as messages or as CSV."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
+from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.kinds.acceptance import RunModel, moment_factor
+from jointstiff.service.tables.files import csv_text, rows_of
+from jointstiff.service.tables.report import judged, verdict_lines
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, number
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.answers import case_results
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.model_error import ModelError
+from jointstiff.solver.robot.model import Robot
+
+MAX_CASE_WORK: Final = 150_000
+"""Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""
+_VECTORS: Final[Mapping[str, tuple[str, Mapping[str, float], str]]] = {
+    "force": ("F", FORCE, "force"),
+    "moment": ("M", MOMENT, "moment"),
+    "load_point": ("load point ", LENGTH, "length"),
+    "place": ("place ", LENGTH, "length"),
+    "direction": ("direction ", {"": 1.0, "1": 1.0}, ""),
+}
+"""Beginning of the headers of a vector, its units, and the name of its unit in a request."""
+_SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
+_MILLI: Final = {
+    "m": (1e3, "mm"),
+    "rad": (1e3, "mrad"),
+    "N/m": (1e-3, "N/mm"),
+    "m/N": (1e3, "mm/N"),
+    "1": (1.0, ""),
+}
+_CSV: Final = {
+    "label": "label",
+    "displacement {x y z}": "displacement",
+    "rotation {x y z}": "rotation",
+    "displacement {x y z} readings only {low high}": "readings_only.displacement",
+    "displacement {x y z} with model error {low high}": "with_model_error.displacement",
+    "model error radius": "with_model_error.radius",
+    "stiffness lateral free": "compliance.along.lateral_free",
+    "stiffness lateral blocked": "compliance.along.lateral_blocked",
+    "stiffness rotation blocked": "compliance.along.rotation_blocked",
+    "worst compliance": "compliance.worst.compliance",
+    "worst direction {x y z}": "compliance.worst.direction",
+    "remarks": "remarks",
+}
+
+AnyMessage = TypeVar("AnyMessage", bound=BaseModel)
+_Column = tuple[str, int, float]
+"""Field of a case, place in it, and factor to the units of the message."""
+
+
+def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
+    """Predict deflections.
+
+    Raises:
+        RequestError: the run has no model of joints, or the request does not fit the robot.
+    """
+    used, cases, confidence = RunModel.of(robot, run, request), load_cases(request, robot), request.confidence
+    bent = used.model.deflect(cases)
+    bound = None if used.error is None else used.error.bound(cases, bent.leverage, confidence)
+    wanted = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
+    directions: FloatArray = np.array(wanted, dtype=np.float64)
+    size = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
+    labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
+    return DeflectionResult(
+        assessment=used.result.assessment,
+        confidence=confidence,
+        model_error_postures=used.postures,
+        postures_needed=ModelError.needed(confidence),
+        remarks=used.remarks(confidence),
+        cases=case_results(bent, bound, directions, confidence, labels, used.result.budget),
+    )
+
+
+def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
+    """Return load cases in SI units.
+
+    Raises:
+        RequestError: too many cases for the joints, angles for another number of joints, no load point, a
+            point that no tool reaches, or a moment without a unit.
+    """
+    most = MAX_CASE_WORK // robot.n**2
+    if len(request.cases) > most:
+        raise RequestError(
+            f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
+            f"{MAX_CASE_WORK:,}",
+            where="cases",
+            remedy=f"ask for at most {most} at a time",
+        )
+    units, length = request.units, LENGTH[request.units.length]
+    refuse_far_point(request.load_point, "load_point", length=length)
+    refuse_far_point(request.place, "place", length=length)
+    points: list[Vector3] = []
+    places: list[Vector3] = []
+    for i, case in enumerate(request.cases):
+        refuse_other_angles(robot, case.joints, f"cases[{i}].joints")
+        refuse_far_point(case.load_point, f"cases[{i}].load_point", length=length)
+        refuse_far_point(case.place, f"cases[{i}].place", length=length)
+        point = case.load_point or request.load_point
+        if point is None:
+            raise RequestError(
+                "the load point is missing",
+                where=f"cases[{i}].load_point",
+                remedy="give load_point, in the flange frame, for all cases or for each",
+            )
+        points.append(point)
+        places.append(case.place or request.place or point)
+    moments = np.array([case.moment or (0.0, 0.0, 0.0) for case in request.cases], dtype=np.float64)
+    return LoadCases(
+        joints=ANGLE[units.angle] * np.array([case.joints for case in request.cases], dtype=np.float64),
+        force=FORCE[units.force] * np.array([case.force for case in request.cases], dtype=np.float64),
+        moment=moment_factor(units, moments) * moments,
+        load_point=length * np.array(points, dtype=np.float64),
+        place=length * np.array(places, dtype=np.float64),
+    )
+
+
+def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> DeflectionOptions:  # noqa: ANN401
+    """Understand a table of load cases.
+
+    Columns: `label`; an angle for each joint, as `J1 [deg]` or by the joint's name; `Fx [N]`, `Fy [N]`,
+    `Fz [N]`; and, where they are wanted, `Mx [N.m]` …, `load point x [mm]` …, `place x [mm]` … (both in the
+    flange frame) and `direction x` …. Cells are parted by commas, semicolons or tabs; between semicolons and
+    tabs a decimal comma may stand.
+
+    Args:
+        text: of the table.
+        joint_names: of the n joints.
+        options: other fields of the message, in their `units`; SI where these name none.
+
+    Raises:
+        RequestError: a header or a cell that cannot be understood, by its line and column, or an option.
+    """
+    rows, comma = rows_of(text)
+    if not rows or not any(any(row) for row in rows[1:]):
+        raise RequestError(
+            "the table has no load cases", where="line 1", remedy="give a header and one row per case"
+        )
+    stated = options.get("units", {})
+    if isinstance(stated, Units):
+        stated = stated.model_dump()
+    if isinstance(stated, Mapping):
+        stated = _SI | {name: unit for name, unit in stated.items() if unit is not None}
+    units = _validated(Units, stated, "units")
+    columns = [_column(header, joint_names, units) for header in rows[0]]
+    _refuse_missing(columns, len(joint_names))
+    cases = [_case(row, columns, i, decimal_comma=not comma) for i, row in enumerate(rows[1:], 2) if any(row)]
+    if len(cases) > MAX_CASES:
+        raise RequestError(
+            f"{len(cases):,} cases", where="cases", remedy=f"split them: at most {MAX_CASES:,}"
+        )
+    return _validated(DeflectionOptions, {**options, "units": units, "cases": cases})
+
+
+def _validated(message: type[AnyMessage], fields: object, *where: str) -> AnyMessage:
+    try:
+        return message.model_validate(fields)
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(map(str, (*where, *fault["loc"])))
+        raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
+
+
+def _column(header: str, joint_names: Sequence[str], units: Units) -> _Column:
+    name = header.partition("[")[0].strip()
+    if name.lower() == "label":
+        return "label", 0, 1.0
+    joint = re.fullmatch(r"J(\d+)", name)
+    if name in joint_names or (joint and 1 <= int(joint[1]) <= len(joint_names)):
+        place = joint_names.index(name) if name in joint_names else int(joint[1]) - 1 if joint else 0
+        return "joints", place, header_factor(header, ANGLE) / ANGLE[units.angle]
+    column = vector_column(header, _VECTORS)
+    if column is None:
+        raise RequestError(
+            f"the header '{header}' is not known",
+            where="line 1",
+            remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
+        )
+    field, place, factor = column
+    _, sizes, quantity = _VECTORS[field]
+    return field, place, factor / sizes[getattr(units, quantity, "")]
+
+
+def vector_column(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
+    """Return field, component and factor to SI units of a header such as `Fx [N]`; None for another name.
+
+    Raises:
+        RequestError: its unit is none of the field's.
+    """
+    name = header.partition("[")[0].strip().lower()
+    for field in fields:
+        prefix, sizes, _ = _VECTORS[field]
+        for k, axis in enumerate("xyz"):
+            if name == f"{prefix}{axis}".lower():
+                return field, k, header_factor(header, sizes)
+    return None
+
+
+def header_factor(header: str, units: Mapping[str, float]) -> float:
+    """Return the factor of the unit in a header.
+
+    Raises:
+        RequestError: it is none of these.
+    """
+    unit = header.partition("[")[2].strip().removesuffix("]").strip()
+    if unit not in units:
+        raise RequestError(
+            f"the header '{header}' has {f'the unit {unit}' if unit else 'no unit'}",
+            where="line 1",
+            remedy=f"write one of {', '.join(f'[{name}]' for name in units if name)} behind the name",
+        )
+    return units[unit]
+
+
+def _refuse_missing(columns: Sequence[_Column], joints: int) -> None:
+    places = [(field, k) for field, k, _ in columns]
+    vectors = [field for field in _VECTORS if field == "force" or any(field == each for each, _ in places)]
+    needed = [*(("joints", k) for k in range(joints)), *((field, k) for field in vectors for k in range(3))]
+    twice = [place for place in places if places.count(place) > 1]
+    for field, k in [*twice, *(place for place in needed if place not in places)][:1]:
+        name = f"{_VECTORS[field][0]}{'xyz'[k]}" if field in _VECTORS else field
+        raise RequestError(
+            f"the column {f'J{k + 1}' if field == 'joints' else name} "
+            f"{'occurs twice' if twice else 'is missing'}",
+            where="line 1",
+            remedy="give one column for each joint and three for each vector",
+        )
+
+
+def _case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
+    if len(row) != len(columns):
+        raise RequestError(
+            f"{len(row)} cells under {len(columns)} headers",
+            where=f"line {line}",
+            remedy="give a cell for each header",
+        )
+    case: dict[str, Any] = {}
+    for place, (text, (field, k, factor)) in enumerate(zip(row, columns, strict=True), 1):
+        if field == "label":
+            case["label"] = text or None
+            continue
+        try:
+            value = factor * float(text.replace(",", ".") if decimal_comma else text)
+        except ValueError:
+            raise RequestError(
+                f"'{text[:40]}' is not a number", where=f"line {line}, column {place}", remedy="correct it"
+            ) from None
+        case.setdefault(field, {})[k] = value
+    return {
+        field: [values[k] for k in sorted(values)] if isinstance(values, dict) else values
+        for field, values in case.items()
+    }
+
+
+def prediction_parts(result: DeflectionResult) -> list[Part]:
+    """Return predictions for people: the verdict, a row for each case in mm and N/mm, then the remarks."""
+    percent, cases = f"{100 * result.confidence:g} %", result.cases
+    along = [case.compliance and case.compliance.along for case in cases]
+    bounds = [case.with_model_error and case.with_model_error.radius for case in cases]
+    components = [
+        Column(f"{axis} ± U", [_component(case, i) for case in cases], unit="mm")
+        for i, axis in enumerate("xyz")
+    ]
+    table = Table(
+        [
+            Column("case", [case.label for case in cases], text=True),
+            *components,
+            Column("model error", bounds, number(".3f", 1e3), "mm"),
+            Column("stiffness", [each and each.lateral_free for each in along], number(".0f", 1e-3), "N/mm"),
+        ],
+        title="Deflections in R0, with U from the readings only",
+        caption=f"U and model error at {percent}; stiffness along the force, free to move sideways",
+        plain=True,
+    )
+    remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
+    return [*verdict_lines(result.assessment, details=False), table, *remarks]
+
+
+def _component(case: CaseResult, axis: int) -> str:
+    """Return a component of the displacement with the half width of its interval, in mm."""
+    if case.displacement is None:
+        return NO_NUMBER
+    half = ""
+    if case.readings_only is not None:
+        low, high = case.readings_only.displacement[axis]
+        half = f" ± {500 * (high - low):.3f}"
+    return f"{1e3 * case.displacement[axis]:.3f}{half}"
+
+
+def prediction_csv(result: DeflectionResult) -> str:
+    """Return predictions as a table for spreadsheets, one row a case; what has no number is an empty cell."""
+    return csv_text(judged(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment))

@@ -1,1 +1,0 @@
-"""Deflections under given loads, which are not stored."""

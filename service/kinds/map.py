@@ -1,0 +1,148 @@
+"""Deflection over a work area: the declaration of maps, and what people read of one."""
+
+from __future__ import annotations
+
+from math import degrees
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.schemas.map import Map, MapOptions, MapPlace, MapRequest, MapResult, MapSummary
+from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.tables.report import Report, View
+from jointstiff.service.tables.table import Column, Line, Part, Table, ends, figure, number, numbers
+
+if TYPE_CHECKING:
+    from jointstiff.service.inputs import Inputs
+    from jointstiff.service.kinds.map_work import MapWork
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.table import Sheet
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "milling a plate": {
+        "run_id": "ID_OF_A_RUN",
+        "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.4]],
+        "grid": [9, 13, 1],
+        "place": [0.0, 0.0, 0.25],
+        "turns": 8,
+        "force": [0.0, 300.0, -500.0],
+    },
+    "the same posture throughout, force along with the tool": {
+        "run_id": "ID_OF_A_RUN",
+        "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 1.2]],
+        "grid": [9, 13, 5],
+        "place": [0.0, 0.0, 0.25],
+        "directions": [[0.0, 0.0, -1.0], [0.5, 0.0, -0.8660254]],
+        "force": [100.0, 0.0, -400.0],
+        "axes": "flange",
+        "near": [0.0, -0.5, 0.8, 0.0, 1.0, 0.0],
+    },
+}
+
+
+def _compute(inputs: Inputs, request: MapRequest) -> Work:
+    from jointstiff.service.kinds.map_work import work
+
+    return work(inputs, request)
+
+
+def _places(work: MapWork) -> Sheet:
+    return work.sheet()
+
+
+_REASONS: Final = {
+    "out_of_reach": "out of reach",
+    "joint_limits": "beyond the joints' limits",
+    "unseen_joint": "load twists a joint that the readings do not determine",
+    "overloaded": "load beyond the range of the spring model",
+    "not_followed": "too near a singularity to keep the branch of the given posture",
+}
+
+
+def _report(job: Map, result: MapResult, _view: View) -> Report:
+    """Return counts first, then the worst and the stiffest place."""
+    counts = result.counts.model_dump()
+    without = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
+    lines = [f"{counts['reached']} of {result.places} places reached" + (f"; {without}" if without else "")]
+    if result.quantiles:
+        values = {each.share: 1e6 * each.deflection for each in result.quantiles}
+        lines.append(
+            f"deflection: median {figure(values[0.5])} µm, 90 % of the places {figure(values[0.05])} to "
+            f"{figure(values[0.95])} µm, greatest {figure(values[1.0])} µm"
+        )
+    if result.extrapolated:
+        lines.append(f"{result.extrapolated} places are beyond the loads or postures of the campaign")
+    parts: list[Part] = [Line(line) for line in [*lines, *result.remarks]]
+    if result.worst is not None and result.stiffest is not None:
+        parts.append(_extremes((result.worst, result.stiffest), job.request.confidence))
+    return Report(parts)
+
+
+def _extremes(places: tuple[MapPlace, MapPlace], confidence: float) -> Table:
+    angles, micro = [[*map(degrees, each.joints)] for each in places], number(".3g", 1e6)
+    interval = ends(".3g", 1e6)
+    return Table(
+        [
+            Column("", ["worst place", "stiffest place"], text=True),
+            Column("place", [each.position for each in places], numbers(".3f"), "m"),
+            Column("controller's angles", angles, numbers(".1f"), "°"),
+            Column("deflection", [each.deflection for each in places], number(".4g", 1e6), "µm"),
+            Column("readings only", [each.readings_only for each in places], interval, "µm"),
+            Column("with model error", [each.with_model_error for each in places], interval, "µm"),
+            Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
+            Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
+        ],
+        caption=f"intervals at {100 * confidence:g} %",
+        upright=True,
+    )
+
+
+MAP: Final = Kind[Map, MapRequest, MapSummary](
+    message=Map,
+    request=MapRequest,
+    options=MapOptions,
+    compute=_compute,
+    report=_report,
+    sources=("run",),
+    summary=MapSummary,
+    title="Map of a work area",
+    stepped=True,
+    filters={"robot_id": "robot", "name": "name (exact)"},
+    examples=_EXAMPLES,
+    files=(
+        File(
+            name="map.csv",
+            operation="get_map_table",
+            description="""Get all places as a table: status, place, posture, deflection, intervals,
+compliance; units in headers.
+
+The table is computed again from the map's run, which never changes: keep the run as long as the map.""",
+            content="One row per place (RFC 4180).",
+            media_type="text/csv",
+            sheet=_places,
+            made_of="work",
+        ),
+        File(
+            name="map.npz",
+            operation="get_map_arrays",
+            description="Get all places as numpy's npz, with all digits.",
+            content="Arrays `headers`, `table`, `status` and `overall verdict`.",
+            media_type="application/octet-stream",
+            sheet=_places,
+            made_of="work",
+        ),
+        File(
+            name="map.json",
+            operation="get_map_columns",
+            description="Get the table as JSON, column by column, with units.",
+            content="`columns`, each with `name`, `unit` and `values`.",
+            media_type="application/json",
+            sheet=_places,
+            made_of="work",
+        ),
+    ),
+    description="""Map a work area: deflection of the tool at each place, by the model of a run.
+
+The posture at each place is the stiffest, or the nearest to a given one, of all branches of the inverse
+kinematics and all orientations of the tool within the joint limits. Its deflection is the exact balance of
+springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
+201 with the finished map, or 202 if it takes longer than `wait` seconds.""",
+)

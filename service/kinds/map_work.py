@@ -1,0 +1,217 @@
+"""A map as work: blocks of places, each a step; and its table, made again from the request."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.map import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
+from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
+from jointstiff.service.inputs import Inputs
+from jointstiff.service.kinds.acceptance import RunModel, accepted_run
+from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
+from jointstiff.service.tables.table import Sheet
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.predict.answers import map_numbers
+from jointstiff.solver.predict.maps import STATUSES, DeflectionMap, MapTask, map_places, tool_rotations
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
+
+POSES_A_STEP: Final = 10_000
+"""Places times orientations of a quarter of a second."""
+_ELASTIC: Final = 5
+"""Postures in whose time and memory those with elastic links take one."""
+_LEAST_LENGTH: Final = 1e-9
+
+
+class MapWork(Work):
+    """The work of a map, its units the places; one that takes a single step is quick."""
+
+    unit = "places"
+    activity = "mapping"
+
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: MapOptions) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: the run has no model that predicts, or the request does not fit the robot.
+        """
+        self.robot_id = robot_id
+        self.robot, self.request = robot, request
+        options = request.model_dump_json(exclude={"run_id", "name"})
+        self.input_hash = hash_of(run.provenance.input_hash, options)
+        self._used = RunModel.of(robot, run, request)
+        self._task, self.places = map_task(request, robot), grid_of(request)
+        try:
+            self._inverse = InverseKinematics(robot)
+        except RobotError as error:
+            raise RequestError(error.reason, where="run_id", remedy=error.remedy) from error
+
+    def steps(self) -> tuple[Span, ...]:
+        """Return the places in blocks; none where one block holds them all."""
+        blocks = self._blocks()
+        return blocks if len(blocks) > 1 else ()
+
+    def compute(self, span: Span) -> Arrays:
+        """Map some of the places.
+
+        Raises:
+            JointstiffError: a load finds no stable balance.
+        """
+        places = self.places[slice(*span)]
+        return vars(map_places(self._used.model, self._used.error, self._task, self._inverse, places))
+
+    def conclude(self, parts: Sequence[Arrays]) -> MapResult:
+        """Return the summary.
+
+        Raises:
+            JointstiffError: as `compute` does.
+        """
+        table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
+        tool = self._task.rotation @ _unit(self.request.tool_axis, "tool_axis")
+        return MapResult(
+            assessment=used.result.assessment,
+            model_error_postures=used.postures,
+            remarks=used.remarks(self.request.confidence),
+            **map_numbers(table, self.places, tool),
+        )
+
+    @cached_property
+    def table(self) -> DeflectionMap:
+        """All places; the same numbers each time, as a run never changes."""
+        return DeflectionMap(**joined(map(self.compute, self._blocks())))
+
+    def sheet(self) -> Sheet:
+        """Return all places: status, place, posture, deflection, intervals, compliance; NaN for no number."""
+        table, request = self.table, self.request
+        direction, turn = np.divmod(table.orientation, request.turns)
+        posed = ~np.isnan(table.joints[:, 0])
+        columns = {"status": np.array(STATUSES)[table.status]}
+        columns |= {f"{axis} [m]": self.places[:, i] for i, axis in enumerate("xyz")}
+        columns["direction"] = np.where(posed, direction, np.nan)
+        columns["turn"] = np.where(posed, turn, np.nan)
+        columns |= {f"{name} [rad]": table.joints[:, j] for j, name in enumerate(self.robot.joint_names)}
+        columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
+        columns |= {
+            "deflection [m]": table.length,
+            "readings only low [m]": table.readings[:, 0],
+            "readings only high [m]": table.readings[:, 1],
+            "with model error low [m]": table.with_model_error[:, 0],
+            "with model error high [m]": table.with_model_error[:, 1],
+            "compliance along [m/N]": table.along,
+            "compliance across [m/N]": table.across,
+            "extrapolation [1]": np.where(np.isinf(table.extrapolation), np.nan, table.extrapolation),
+        }
+        return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
+
+    def _blocks(self) -> tuple[Span, ...]:
+        poses = POSES_A_STEP // _ELASTIC if self._used.model.first_order else POSES_A_STEP
+        size = max(1, poses // len(self._task.rotation))
+        return spans(len(self.places), size)
+
+
+def work(inputs: Inputs, request: MapRequest) -> MapWork:
+    """Return the work of a map.
+
+    Raises:
+        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+    """
+    run = accepted_run(inputs, request)
+    return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
+
+
+def grid_of(request: MapOptions) -> FloatArray:
+    """Return the places (P, 3) of the grid [m], z running fastest.
+
+    Raises:
+        RequestError: the box is inside out, or there are too many places or poses.
+    """
+    least, greatest = (np.array(corner) for corner in request.area)
+    if (least > greatest).any():
+        raise RequestError(
+            "the first corner of the box exceeds the second",
+            where="area",
+            remedy="give the least corner first",
+        )
+    places = int(np.prod(request.grid))
+    poses = places * len(request.directions) * request.turns
+    for what, count, most in (
+        ("places", places, MAX_PLACES),
+        ("places times directions times turns", poses, MAX_POSES),
+    ):
+        if count > most:
+            raise RequestError(
+                f"{count:,} {what} exceed {most:,}",
+                where="grid",
+                remedy="use a coarser grid, fewer orientations, or several maps",
+            )
+    axes = [
+        np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
+        for low, high, count in zip(least, greatest, request.grid, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def map_task(request: MapOptions, robot: Robot) -> MapTask:
+    """Return what to ask of each place.
+
+    Raises:
+        RequestError: a direction without length, no load, limits or angles of other joints than the robot's,
+            or a point that no tool reaches.
+    """
+    refuse_far_point(request.place, "place")
+    refuse_far_point(request.load_point, "load_point")
+    force, moment = np.array(request.force), np.array(request.moment or (0.0, 0.0, 0.0))
+    if not (force.any() or moment.any() or request.absolute):
+        raise RequestError("the load is missing", where="force", remedy="give the force of the process in N")
+    if request.direction is None and not force.any():
+        raise RequestError(
+            "the direction of the compliance is missing",
+            where="direction",
+            remedy="give `direction`, because there is no force",
+        )
+    limits = np.tile([-np.inf, np.inf], (robot.n, 1))
+    for name, (least, greatest) in request.limits.items():
+        if least > greatest:
+            raise RequestError(
+                "the least angle exceeds the greatest",
+                where=f"limits.{name}",
+                remedy="give the least angle first",
+            )
+        limits[joint_index(robot, name, f"limits.{name}")] = least, greatest
+    if request.near is not None:
+        refuse_other_angles(robot, request.near, "near")
+    rotation = tool_rotations(
+        _unit(request.tool_axis, "tool_axis"),
+        np.array([_unit(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
+        request.turns,
+    )
+    direction = _unit(tuple(force) if request.direction is None else request.direction, "direction")
+    turned = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
+    return MapTask(
+        rotation=rotation,
+        force=turned @ force,
+        moment=turned @ moment,
+        direction=turned @ direction,
+        place=np.array(request.place),
+        load_point=np.array(request.place if request.load_point is None else request.load_point),
+        limits=limits,
+        near=None if request.near is None else np.array(request.near),
+        confidence=request.confidence,
+    )
+
+
+def _unit(vector: Sequence[float], where: str) -> FloatArray:
+    array = np.array(vector, dtype=np.float64)
+    length = float(np.linalg.norm(array))
+    if length < _LEAST_LENGTH:
+        raise RequestError(
+            "the direction is the zero vector", where=where, remedy="give a vector that is not zero"
+        )
+    return np.asarray(array / length)

@@ -1,0 +1,171 @@
+"""Robot programs, corrected: the declaration, and what people read of one."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.schemas.program import (
+    Program,
+    ProgramOptions,
+    ProgramRequest,
+    ProgramResult,
+    ProgramSummary,
+)
+from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.tables.report import Report, View
+from jointstiff.service.tables.table import Column, Line, Part, Table, ends, number
+
+if TYPE_CHECKING:
+    from jointstiff.service.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.tables.table import Sheet
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "milling": {
+        "files": [
+            "DEF part()\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\n"
+            "LIN {X 1803.0,Y 290.3,Z 1505.4,A 18.5,B 140.5,C 9.0}\nEND\n"
+        ],
+        "options": {
+            "run_id": "ID_OF_A_RUN",
+            "units": {"length": "mm", "angle": "deg", "force": "N"},
+            "accuracy_option": "off",
+            "load": {"force": [0.0, 300.0, -500.0]},
+            "axes": "tool",
+            "tools": [{"name": "TOOL_DATA[1]", "values": [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]}],
+            "start": [10.0, -5.0, 10.0, 5.0, 45.0, 3.0],
+            "format": "krl",
+        },
+    }
+}
+
+
+def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
+    from jointstiff.service.kinds.program_work import work
+
+    return work(inputs, request)
+
+
+def _points(job: Program) -> Sheet:
+    from jointstiff.service.kinds.program_work import points_sheet, unpacked
+
+    if job.result is None:
+        raise ValueError("the program has no result")
+    return points_sheet(unpacked(job.result.table))
+
+
+_CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
+"""Content of a file: in a text of JSON, quotes would have a backslash before them."""
+
+
+def _without_contents(document: str) -> str:
+    """Return a stored document without the contents of its files, which have addresses of their own."""
+    return _CONTENT.sub('"content":null', document)
+
+
+_SHOWN = 8
+_REASONS = {
+    "no_load": "without load",
+    "uncertain": "whose deflection is less than its uncertainty",
+    "not_used": "that no move uses",
+}
+
+
+def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
+    """Return counts, spreads, the worst points, and what was left alone."""
+    left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
+    capped = f"; {result.capped} held back by the limits" if result.capped else ""
+    alone = f"; left alone: {left}" if left else ""
+    counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}")
+    worst: list[Part] = [_worst(result)] if result.worst else []
+    return Report([counts, _spreads(result), *worst, *map(Line, result.remarks)])
+
+
+def _spreads(result: ProgramResult) -> Table:
+    rows = {
+        "without correction": result.deflection,
+        "as written, predicted": result.residual,
+        "  of that, rounding": result.rounding,
+        "displacement of targets": result.correction,
+    }
+    shown = number(".4f", 1e3)
+    return Table(
+        [
+            Column("quantity", list(rows), text=True),
+            Column("median", [each and each.median for each in rows.values()], shown),
+            Column("95 %", [each and each.p95 for each in rows.values()], shown),
+            Column("greatest", [each and each.greatest for each in rows.values()], shown),
+        ],
+        title="Distance of the loaded tool from its target, mm",
+    )
+
+
+def _worst(result: ProgramResult) -> Table:
+    points, interval = result.worst[:_SHOWN], ends(".3f", 1e3, " … ")
+    return Table(
+        [
+            Column("point", [point.number for point in points]),
+            Column("name", [point.name for point in points], text=True),
+            Column("line", [point.line for point in points]),
+            Column("deflection", [point.deflection for point in points], number(".3f", 1e3), "mm"),
+            Column(
+                f"{100 * result.confidence:g} %, readings only",
+                [point.interval for point in points],
+                interval,
+                "mm",
+            ),
+            Column("with model error", [point.interval_with_model_error for point in points], interval, "mm"),
+            Column("residual", points, lambda p: f"{1e3 * p.residual:.4f}{p.capped * ' (capped)'}", "mm"),
+        ],
+        title="Worst points",
+    )
+
+
+PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
+    message=Program,
+    request=ProgramRequest,
+    options=ProgramOptions,
+    compute=_compute,
+    report=_report,
+    sources=("run", "files"),
+    summary=ProgramSummary,
+    title="Compensated program",
+    stepped=True,
+    max_bytes=16 * 1024 * 1024,
+    is_form=True,
+    answered=_without_contents,
+    files=(
+        File(
+            name="points.csv",
+            operation="get_program_points",
+            description="Get all points as a table: deflection, correction, interval, residual, and reason "
+            "if not corrected.",
+            content="One row per point (RFC 4180), in the order of the path.",
+            media_type="text/csv",
+            sheet=_points,
+            made_of="result",
+        ),
+        File(
+            name="points.json",
+            operation="get_program_columns",
+            description="Get the table as JSON, column by column, with units.",
+            content="`columns`, each with `name`, `unit` and `values`.",
+            media_type="application/json",
+            sheet=_points,
+            made_of="result",
+        ),
+    ),
+    filters={"robot_id": "robot"},
+    examples=_EXAMPLES,
+    description="""Compensate a program: the loaded tool then reaches the programmed points.
+
+Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
+base, loads and the state of
+the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files
+are at /program, every
+point with its deflection, correction, interval and predicted residual at /points.csv. A program that is
+not understood
+as a whole is refused by line, and nothing is stored. Programs of more than 10,000 targets are jobs with
+progress.""",
+)

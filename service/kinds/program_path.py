@@ -1,0 +1,524 @@
+"""The path of a program: frames and loads of its targets, and the postures that they want."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.program import LoadSegment, ProcessLoad, ProgramFrame, ProgramOptions
+from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.kinds.acceptance import moment_factor
+from jointstiff.service.kinds.deflection import vector_column
+from jointstiff.service.kinds.work import as_request_errors
+from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.programs.configuration import StatedConfigurations
+from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.formats import frame_notation
+from jointstiff.service.programs.notation import Notation, Orientation
+from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
+from jointstiff.service.tables.files import rows_of
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures
+from jointstiff.solver.robot.model import Robot
+
+_LEAST_SINE: Final = 1e-3
+"""Sine of the angle between tool and x axis under which they count as parallel."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramFrames:
+    """Frames of each target of a program."""
+
+    tool: FloatArray  # (t, 4, 4) in the model's flange frame [m]
+    base: FloatArray  # (t, 4, 4) in R0 [m]
+    # (3,) direction that the tools' x axes follow, in the base; None if it is not stated
+    x_axis: FloatArray | None
+
+    @classmethod
+    def of(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
+        """Find the numbers of all frames.
+
+        Raises:
+            RequestError: a frame has none, has them twice, is not in the program, or is no frame.
+        """
+        notation, targets = frame_notation(program), program.targets
+        world = _stated(notation, options.world, "world")
+        flange = _stated(notation, options.flange, "flange")
+        unused = targets.by_joints & (options.axes != "base")
+        bases = np.where(unused, -1, targets.base)
+        tool = _placed(flange, notation, options.tools, targets.frames, targets.tool, "tools")
+        base = _placed(world, notation, options.bases, targets.frames, bases, "bases")
+        return cls(tool, base, None if options.tool_x is None else np.array(options.tool_x))
+
+    def flange_poses(
+        self, program: Program, indices: IndexArray, values: FloatArray | None = None
+    ) -> FloatArray:
+        """Return poses (m, 4, 4) of the flange in R0 [m]; NaN for joint targets.
+
+        Args:
+            program: the program.
+            indices: m of its targets.
+            values: (m, 7) their numbers; those of the program if None.
+
+        Raises:
+            RequestError: a target states no orientation about the tool's axis, and the request does not.
+        """
+        wanted = np.empty((len(indices), 4, 4))
+        for start in range(0, len(indices), BLOCK):
+            block = slice(start, start + BLOCK)
+            own, poses = indices[block], np.full_like(wanted[block], np.nan)
+            stated = program.targets.values[own] if values is None else values[block]
+            for notation, rows in program.targets.by_notation(own):
+                numbers = stated[rows, : 3 + notation.count]
+                if notation.has_pose:
+                    poses[rows] = notation.poses(numbers)
+                elif not notation.is_joints:
+                    poses[rows] = self._about_axis(notation, numbers)
+            wanted[block] = self.base[own] @ poses @ _inverse(self.tool[own])
+        return wanted
+
+    def places(self, program: Program, indices: IndexArray) -> FloatArray:
+        """Return where targets are (m, 3), in R0 [m]; numbers without meaning for joint targets."""
+        length = np.array([each.length for each in program.targets.notations])
+        place = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
+        base = self.base[indices]
+        return np.asarray((base[:, :3, :3] @ place[..., None])[..., 0] + base[:, :3, 3])
+
+    def numbers(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
+        """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
+        poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
+        numbers = np.full((len(indices), NUMBERS), np.nan)
+        for notation, rows in program.targets.by_notation(indices):
+            near = program.targets.values[indices[rows], : 3 + notation.count]
+            if notation.is_joints:
+                continue
+            if notation.has_pose:
+                new = notation.values(poses[rows], near)
+            else:
+                new = near.copy()
+                new[:, :3] = poses[rows, :3, 3] / notation.length
+                size = np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
+                new[:, 3:] = -size * poses[rows, :3, 2][:, : notation.count]
+            numbers[rows, : new.shape[1]] = new
+        return numbers
+
+    def _about_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
+        """Return poses whose z axis points from spindle to tip, and whose x axis is nearest to `x_axis`."""
+        if self.x_axis is None:
+            raise RequestError(
+                "the program gives the tool's axis, but no angle about it",
+                where="tool_x",
+                remedy="give `tool_x`, the direction of the tool's x axis in the base",
+            )
+        axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
+        if notation.orientation is Orientation.TOOL_AXIS:
+            axis = numbers[:, 3:]
+        z = -axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        x = self.x_axis - (z @ self.x_axis)[:, None] * z
+        size = np.linalg.norm(x, axis=1, keepdims=True)
+        if not (size > _LEAST_SINE * np.linalg.norm(self.x_axis)).all():
+            raise RequestError(
+                "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
+            )
+        x = x / size
+        poses = np.tile(np.eye(4), (len(numbers), 1, 1))
+        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = x, np.cross(z, x), z
+        poses[:, :3, 3] = numbers[:, :3] * notation.length
+        return poses
+
+
+def _placed(
+    outer: FloatArray,
+    notation: Notation,
+    stated: Sequence[ProgramFrame],
+    frames: Sequence[FrameName],
+    chosen: IndexArray,
+    where: str,
+) -> FloatArray:
+    """Return frames (t, 4, 4) in R0 or the flange frame.
+
+    Args:
+        outer: (4, 4) in which they are; itself for −1.
+        notation: of the numbers of frames.
+        stated: by the request.
+        frames: that the program names.
+        chosen: (t,) place of each target's frame among them.
+        where: field of the request.
+    """
+    given: dict[str | None, FloatArray] = {
+        _key(frame.name): _stated(notation, frame.values, f"{where}[{i}].values")
+        for i, frame in enumerate(stated)
+    }
+    if len(given) < len(stated):
+        raise RequestError("a frame is given twice", where=where, remedy="give each frame once")
+    poses = np.tile(outer, (len(frames) + 1, 1, 1))
+    used: set[str | None] = set()
+    for place in np.unique(chosen[chosen >= 0]).tolist():
+        frame = frames[place]
+        if frame.pose is None:
+            used.add(key := _key_of(frame, given, where))
+            poses[place] = outer @ given[key]
+        elif _key(frame.name) in given:
+            reason = f"the program already has the numbers of {shown(frame.name)}"
+            raise RequestError(reason, where=where, remedy="omit this frame")
+        else:
+            poses[place] = outer @ frame.pose
+    for name in (frame.name for frame in stated if _key(frame.name) not in used):  # it may be misspelt
+        all_known = "all frames of the program have numbers"
+        reason = all_known if name is None else f"the program uses no {shown(name)}"
+        raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
+    if len(chosen) and (chosen == chosen[0]).all():
+        return np.broadcast_to(poses[chosen[0]], (len(chosen), 4, 4))
+    return poses[chosen]
+
+
+def _key_of(frame: FrameName, given: Mapping[str | None, FloatArray], where: str) -> str | None:
+    """Return the key of what the request gives for a frame: by its name, or for every frame."""
+    for key in (_key(frame.name), None):
+        if key in given:
+            return key
+    raise RequestError(
+        f"the program names {shown(frame.name)}, but has no numbers for it",
+        where=where,
+        remedy=f"give them: {{'name': {frame.name!r}, 'values': [...]}}",
+    )
+
+
+def _inverse(poses: FloatArray) -> FloatArray:
+    """Return the inverse of rigid transforms (m, 4, 4)."""
+    inverse = np.tile(np.eye(4), (len(poses), 1, 1))
+    inverse[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+    inverse[:, :3, 3] = -(inverse[:, :3, :3] @ poses[:, :3, 3:])[..., 0]
+    return inverse
+
+
+def _key(name: str | None) -> str | None:
+    return None if name is None else name.upper()
+
+
+def _stated(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
+    if values is None:
+        return np.eye(4)
+    if len(values) != 3 + notation.count or not notation.states(np.array(values)):
+        raise RequestError(
+            f"a frame has {3 + notation.count} numbers",
+            where=where,
+            remedy=f"give the position, then {notation.orientation.value}, in the program's units",
+        )
+    return notation.pose(values)
+
+
+_MORE_LINES: Final = 1_000
+"""Lines of a table beside two for each point. Each costs a hundred bytes and more, blank ones too."""
+_REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Loads (k, 6) [N, N·m] along the axes of the request, and which of them each move of a program has."""
+
+    values: FloatArray  # (k, 6) force, then moment; the first one is no load
+    of_visit: IndexArray  # (v,) index of each visit's load
+
+
+def loads_of(options: ProgramOptions, table: bytes | None, lines: IndexArray, points: IndexArray) -> Loads:
+    """Return the loads.
+
+    Args:
+        options: that state them.
+        table: CSV of points, if there is one.
+        lines: (v,) line of each visit's move.
+        points: (v,) number of each visit's point, from 1.
+
+    Raises:
+        RequestError: segments overlap, or a moment has no unit.
+        FilesError: the table is not understood.
+    """
+    if table is not None:
+        return _from_table(table, points)
+    stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
+    moments = np.array([load.moment for load in stated]).reshape(-1, 3)
+    values = np.zeros((len(stated) + 1, 6))
+    values[1:, :3] = FORCE[options.units.force] * np.array([load.force for load in stated]).reshape(-1, 3)
+    values[1:, 3:] = moment_factor(options.units, moments) * moments
+    if options.load is not None:
+        return Loads(values, np.ones(len(lines), dtype=np.intp))
+    if not options.segments:
+        return Loads(values, np.zeros(len(lines), dtype=np.intp))
+    return Loads(values, _segment_of(options.segments, lines))
+
+
+def _segment_of(segments: Sequence[LoadSegment], lines: IndexArray) -> IndexArray:
+    order = sorted(range(len(segments)), key=lambda i: segments[i].first_line)
+    first = np.array([segments[i].first_line for i in order])
+    last = np.array([segments[i].last_line for i in order])
+    overlap = np.flatnonzero(first[1:] <= last[:-1])
+    if len(overlap):
+        raise RequestError(
+            f"line {first[overlap[0] + 1]} has two loads",
+            where=f"segments[{order[overlap[0] + 1]}]",
+            remedy="let segments end before the next ones begin",
+        )
+    segment = np.searchsorted(first, lines, side="right") - 1
+    inside = (segment >= 0) & (lines <= last[segment])
+    return np.where(inside, np.array(order)[segment] + 1, 0)
+
+
+def _from_table(content: bytes, points: IndexArray) -> Loads:
+    most = int(points.max(initial=0))
+    text = content.decode("utf-8-sig", errors="replace")
+    lines, once = 2 * most + _MORE_LINES, f"number them 1 to {most}"
+    if any(text.count(sign) > lines for sign in "\n\r") or any(
+        text.count(sign) > 8 * lines for sign in ",;\t"
+    ):
+        raise _table_fault(1, "the table has more lines or cells than the program has points", once)
+    try:
+        rows, _ = rows_of(text)
+    except csv.Error:
+        raise _table_fault(1, "this is not a table", _REMEDY) from None
+    columns = _columns(rows[0] if rows else [])
+    values, number = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
+    for line, row in enumerate(rows[1:], 2):
+        if any(row):
+            point, load = _row(line, row, columns)
+            if not 1 <= point <= most or number[point]:
+                raise _table_fault(line, f"point {point} occurs twice, or is not in the program", once)
+            number[point] = len(values)
+            values.append(load)
+    return Loads(np.array(values), number[points])
+
+
+def _row(line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]) -> tuple[int, FloatArray]:
+    load = np.zeros(6)
+    try:
+        point, numbers = int(row[0]), [float(cell) for cell in row[1:]]
+    except ValueError:
+        raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
+    if len(numbers) != len(columns) or not np.isfinite(numbers).all() or max(map(abs, numbers)) > 1e9:
+        raise _table_fault(line, "cells are missing, or out of range", "give a finite number in each column")
+    for (place, factor), size in zip(columns, numbers, strict=True):
+        load[place] = factor * size
+    return point, load
+
+
+def _columns(header: Sequence[str]) -> list[tuple[int, float]]:
+    """Return the place of each column behind the first among force and moment, and its factor to SI units."""
+    columns = []
+    for cell in header[1:]:
+        try:
+            column = vector_column(cell, ("force", "moment"))
+        except RequestError:
+            column = None
+        if column is None:
+            raise _table_fault(1, f"the header {cell[:40]!r} is not known", _REMEDY)
+        columns.append((3 * (column[0] == "moment") + column[1], column[2]))
+    places = [place for place, _ in columns]
+    if header[:1] != ["point"] or len(set(places)) < len(places) or not {0, 1, 2} <= set(places):
+        raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
+    return columns
+
+
+def _table_fault(line: int, reason: str, remedy: str) -> FilesError:
+    return FilesError(reason, remedy=remedy, where=f"loads:{line}")
+
+
+_SAME: Final = 1e-6
+"""Difference of two postures [rad] that is rounding."""
+_REASONS: Final = {
+    Unreached.OUT_OF_REACH: ("the robot does not reach it", "check tool, base, `world` and `flange`"),
+    Unreached.OUT_OF_LIMITS: (
+        "its posture is outside of the joints' limits",
+        "check tool, base, `start`, and the limits of the robot's model",
+    ),
+    Unreached.NOT_AS_STATED: (
+        "no posture within the limits has the stated configuration",
+        "check tool and base, and that the joint map gives the controller's angles",
+    ),
+    Unreached.NOT_FOLLOWED: (
+        "the arm is so near a singularity that the configuration of the arm is ambiguous",
+        "move the part away from the singularity, or write the target as joint angles",
+    ),
+    Unreached.AMBIGUOUS: (
+        "the arm's configuration is not stated here",
+        "give `start`: the controller's angles near this target",
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramPath:
+    """The m targets that moves use, in the order of the path."""
+
+    program: Program  # the program
+    frames: ProgramFrames  # frames of its targets
+    stated: StatedConfigurations  # what it says of the arm's configuration
+    targets: IndexArray  # (m,) indices of the program's targets
+    cases: LoadCases  # the wanted, loaded postures; the place is the tool's centre
+
+    def fault(self, point: int, reason: str, remedy: str) -> Fault:
+        """Return a fault at a point of the path."""
+        return _fault(self.program, int(self.targets[point]), reason, remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """The v targets of all moves, one after the other, and their loads."""
+
+    targets: IndexArray  # (v,) indices of the program's targets
+    order: IndexArray  # (m,) targets that are visited, in the order of their first visits
+    number: IndexArray  # (v,) place of each visit's target among them
+    first: IndexArray  # (m,) first visit of each of them
+    loads: Loads  # loads of the visits
+    # (k,) places of the targets under load among those that are visited: all of them if own weight counts
+    loaded: IndexArray
+
+    @classmethod
+    def of(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
+        """Collect the visits of a program.
+
+        Raises:
+            RequestError: no move is under load, or a load does not fit the program.
+            ProgramError: there is no move, or a target has two loads.
+        """
+        visits = program.moves.visits
+        if not len(visits):
+            fault = Fault(
+                program.sources[0].name, None, "the program has no move", "send a program with moves"
+            )
+            raise ProgramError([fault])
+        unique, begin, place = np.unique(visits, return_index=True, return_inverse=True)
+        by_visit = np.argsort(begin)
+        rank = np.empty_like(by_visit)
+        rank[by_visit] = np.arange(len(by_visit))
+        first, number = begin[by_visit], rank[place]
+        loads = loads_of(options, table, program.moves.line[program.moves.of_visit], number + 1)
+        if not (loads.of_visit.any() or options.absolute):
+            raise RequestError(
+                "no move is under load",
+                where="segments",
+                remedy="give lines or points of moves for the loads",
+            )
+        load = loads.of_visit[first]
+        reason = "a target is used under two loads"
+        _refuse(
+            program, visits[loads.of_visit != load[number]], reason, "use a separate target for each load"
+        )
+        loaded = np.flatnonzero((load > 0) | options.absolute)
+        return cls(visits, unique[by_visit], number, first, loads, loaded)
+
+
+def program_path(
+    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, visits: Visits
+) -> ProgramPath:
+    """Return the path of a program.
+
+    Raises:
+        RequestError: something is not stated, or does not fit the program.
+        ProgramError: targets are not reached, or their configurations are not known.
+    """
+    frames, stated = ProgramFrames.of(program, options), StatedConfigurations(program)
+    joints = _postures(program, options, frames, stated, robot, inverse, visits.targets)
+    apart = joints - joints[visits.first][visits.number]
+    apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
+    reason = "a target is reached in two configurations of the arm"
+    remedy = "use a separate target for each configuration"
+    _refuse(program, visits.targets[apart > _SAME], reason, remedy)
+    load = visits.loads.of_visit[visits.first]
+    with as_request_errors("program"):
+        wanted = joints[visits.first]
+        cases = _cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
+    return ProgramPath(program, frames, stated, visits.order, cases)
+
+
+def _refuse(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
+    if len(targets):
+        raise ProgramError([_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
+
+
+def _fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
+    targets = program.targets
+    name = f"{shown(targets.names[target])}: " if targets.names[target] else ""
+    return Fault(
+        program.sources[targets.source[target]].name, int(targets.line[target]), name + reason, remedy
+    )
+
+
+def _postures(
+    program: Program,
+    options: ProgramOptions,
+    frames: ProgramFrames,
+    stated: StatedConfigurations,
+    robot: Robot,
+    inverse: InverseKinematics,
+    visits: IndexArray,
+) -> FloatArray:
+    """Return the wanted posture (v, 6) of each visit: controller's angles [rad]."""
+    targets, unit = program.targets, program.targets.angle_unit[visits, None]
+    by_joints = targets.by_joints[visits]
+    given = np.where(by_joints[:, None], targets.values[visits, :6] * unit, np.nan)
+    _refuse_new_letters(program, visits, by_joints)
+    poses = frames.flange_poses(program, visits)
+    ranges = stated.ranges(visits)
+    says = np.isfinite(ranges).any(axis=(1, 2))
+    start = None
+    if options.start is not None:
+        refuse_other_angles(robot, options.start, "start")
+        start = ANGLE[options.units.angle] * np.array(options.start)
+    by_joint = program.moves.by_joint & says & stated.decides
+    with as_request_errors("robot"):
+        joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)
+    faults = [
+        _fault(program, int(visits[row]), *_REASONS[Unreached(unreached[row])])
+        for row in np.flatnonzero(unreached)
+    ]
+    if faults:
+        raise ProgramError(faults)
+    return joints
+
+
+def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArray) -> None:
+    """Refuse a change of FANUC's N/F, U/D, T/B without a joint target between: no angles tell them."""
+    literals, before, changed = program.targets.literals, "", []
+    of_visit = program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
+    for target, literal, joints in zip(visits.tolist(), of_visit, by_joints.tolist(), strict=False):
+        letters = "" if joints else literals[literal].letters
+        if before and letters and letters != before:
+            changed.append(target)
+        before = "" if joints else letters or before
+    remedy = "insert a move to joint angles before it, or split the program there"
+    reason = "the arm changes its configuration (N/F, U/D, T/B)"
+    _refuse(program, np.array(changed, dtype=np.intp), reason, remedy)
+
+
+def _cases(
+    options: ProgramOptions,
+    frames: ProgramFrames,
+    robot: Robot,
+    targets: IndexArray,
+    joints: FloatArray,
+    loads: FloatArray,
+) -> LoadCases:
+    tool = frames.tool[targets]
+    place = tool[:, :3, 3].copy()
+    point = place
+    if options.load_point is not None:
+        length = LENGTH[options.units.length]
+        refuse_far_point(options.load_point, "load_point", length=length)
+        point = np.tile(length * np.array(options.load_point), (len(targets), 1))
+    force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
+    if options.axes != "robot":
+        if options.axes == "base":
+            axes = frames.base[targets, :3, :3]
+        else:
+            flange = Configurations(robot, robot.joint_map.model_angles(joints)).flange_rotation
+            axes = flange @ tool[:, :3, :3]
+        force, moment = np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
+    return LoadCases(joints.copy(), force, moment, point.copy(), place)

@@ -1,0 +1,492 @@
+"""A compensated program: from a run's model, a program and its loads to the program with other numbers."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.program import (
+    MAX_WORST,
+    LeftAlone,
+    Program,
+    ProgramFile,
+    ProgramFormat,
+    ProgramPoint,
+    ProgramRequest,
+    ProgramResult,
+    Spread,
+)
+from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.inputs import Inputs
+from jointstiff.service.kinds.acceptance import RunModel, accepted_run
+from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path
+from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import marked, read_program
+from jointstiff.service.programs.program import BLOCK, NUMBERS, Rewriting
+from jointstiff.service.tables.table import Sheet
+from jointstiff.solver import messages
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.forward import (
+    Compensation,
+    CorrectionLimits,
+    ForwardModel,
+    compensate,
+    ramp_shares,
+    residuals,
+)
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.model import Robot
+
+MAX_QUICK_POINTS: Final = 10_000
+"""Points of a program that is corrected at once; one that several moves use counts for each."""
+STEP_POINTS: Final = 2_000
+"""Points of a step of a longer one."""
+_MAX_REMARKS: Final = 50
+_MAX_UNPACKED: Final = 256 * 1024 * 1024
+_TOLERANCE: Final = 1e-4
+"""Angle by which a joint's limit may be exceeded [rad]."""
+_POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
+_LOADED: Final = (
+    *(f"deflection {axis} [mm]" for axis in "xyz"),
+    "deflection [mm]",
+    "deflection rotation [mrad]",
+    *(f"correction {axis} [mm]" for axis in "xyz"),
+    "correction [mm]",
+    "correction rotation [mrad]",
+    "deflection standard uncertainty [mm]",
+    "deflection low, readings [mm]",
+    "deflection high, readings [mm]",
+    "deflection low, with model error [mm]",
+    "deflection high, with model error [mm]",
+    *(f"residual {axis} [mm]" for axis in "xyz"),
+    "residual [mm]",
+    "residual rotation [mrad]",
+    "rounding [mm]",
+    "share [1]",
+)
+_REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections(Compensation):
+    """Corrections of k points under load."""
+
+    points: IndexArray  # (k,) places in the path
+    # (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where there is none
+    model_error: FloatArray
+    # (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
+    # without a model error
+    extrapolation: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenPoints:
+    """The m points of a path with what is written for them."""
+
+    path: ProgramPath  # the path
+    corrections: Corrections  # corrections of the points under load
+    residual: FloatArray  # (k, 6) from the wanted to the loaded place under what is written [m, rad]
+    rounding: FloatArray  # (k,) part of it that comes of the program's digits [m]
+    changed: BoolArray  # (k,) whether a number is another one than before
+    place: FloatArray  # (m, 3) where the tool's centre is wanted, in R0 [m]
+    quantile: float  # half the width of intervals in standard uncertainties
+
+    def spread(self, sizes: FloatArray) -> Spread | None:
+        """Return median, 95 % quantile and greatest of sizes (k,)."""
+        if not len(sizes):
+            return None
+        median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
+        return Spread(median=median, p95=p95, greatest=greatest)
+
+    @cached_property
+    def _intervals(self) -> FloatArray:
+        """(2, k, 2) of the deflection, from the readings and with model error [m]; NaN where unknown."""
+        corrections = self.corrections
+        half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
+        half = np.where(np.isfinite(half), half, np.nan)
+        half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
+        deflection = _size(corrections.uncorrected[:, :3])
+        return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
+
+    def worst(self) -> list[ProgramPoint]:
+        """Return the points with the greatest deflections, greatest first."""
+        corrections, targets = self.corrections, self.path.program.targets
+        order = np.argsort(-_size(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
+        points = corrections.points[order]
+        target = self.path.targets[points]
+        readings, with_error = self._intervals[:, order]
+        names = [targets.names[i] for i in target.tolist()]
+        return messages.rows(
+            ProgramPoint,
+            number=points + 1,
+            name=["".join(each if each.isprintable() else "?" for each in name) for name in names],
+            line=targets.line[target],
+            place=self.place[points],
+            deflection=_size(corrections.uncorrected[order, :3]),
+            deflection_rotation=_size(corrections.uncorrected[order, 3:]),
+            correction=_size(corrections.correction[order, :3]),
+            correction_rotation=_size(corrections.correction[order, 3:]),
+            standard_uncertainty=corrections.uncertainty[order],
+            interval=readings,
+            interval_with_model_error=with_error,
+            residual=_size(self.residual[order, :3]),
+            residual_rotation=_size(self.residual[order, 3:]),
+            rounding=self.rounding[order],
+            share=corrections.share[order],
+            capped=corrections.capped[order],
+        )
+
+    def _columns(self, block: slice) -> FloatArray:
+        """Return the columns `_LOADED` of some points."""
+        corrections = self.corrections
+        return np.column_stack(
+            [
+                *_moved(corrections.uncorrected[block]),
+                *_moved(corrections.correction[block]),
+                1e3 * corrections.uncertainty[block],
+                *(1e3 * interval for interval in self._intervals[:, block]),
+                *_moved(self.residual[block]),
+                1e3 * self.rounding[block],
+                corrections.share[block],
+            ]
+        )
+
+    def table(self) -> bytes:
+        """Return all points in the order of the path, as `points_sheet` reads them."""
+        corrections, path = self.corrections, self.path
+        numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
+        numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(path.cases.joints).T
+        for start in range(0, len(corrections.points), BLOCK):
+            block = slice(start, start + BLOCK)
+            numbers[len(_POSTURE) :, corrections.points[block]] = self._columns(block).T
+        remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
+        remark[corrections.points] = _REMARKS.index("")
+        remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
+        remark[corrections.points[corrections.uncertain]] = _REMARKS.index("uncertain: left alone")
+        targets = path.program.targets
+        names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
+        files = np.array([source.name for source in path.program.sources])
+        places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
+        content = io.BytesIO()
+        # Neighbours differ little: the differences of their bits, byte by byte, take a third of the room.
+        steps = (np.diff(column.view(np.uint32), prepend=np.uint32(0)) for column in numbers)
+        planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in steps)
+        for plane in planes:
+            np.save(content, plane, allow_pickle=False)
+        for array in (remark, *places, files, np.frombuffer(names, dtype=np.uint8)):
+            np.save(content, array, allow_pickle=False)
+        return content.getvalue()
+
+
+def points_sheet(content: bytes) -> Sheet:
+    """Return the points that `WrittenPoints.table` wrote; NaN, an empty cell, where there is no number."""
+    stored = io.BytesIO(content)
+    numbers = dict[str, FloatArray]()
+    for name in _POSTURE + _LOADED:
+        steps = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
+        numbers[name] = np.cumsum(steps, dtype=np.uint32).view(np.float32)
+    remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
+    columns: dict[str, Any] = {
+        "point": np.arange(1, len(line) + 1),
+        "name": names.tobytes().decode("latin-1").split("\n"),
+        "file": files.astype(object)[source],
+        "line": line,
+    }
+    columns |= numbers
+    columns["remark"] = np.array(_REMARKS, dtype=object)[remark]
+    return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
+
+
+def _moved(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return displacements (k, 3) and their lengths [mm], and rotations [mrad]."""
+    return 1e3 * motion[:, :3], 1e3 * _size(motion[:, :3]), 1e3 * _size(motion[:, 3:])
+
+
+def _size(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def rewritten(
+    path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
+) -> tuple[list[bytes], WrittenPoints]:
+    """Write the corrected numbers, and put what was written through the model of the loaded robot.
+
+    Returns:
+        The files, and the points with their certificate.
+
+    Raises:
+        ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
+    """
+    robot, program, frames = model.robot, path.program, path.frames
+    _refuse_out_of_limits(path, robot, found)
+    targets, text = path.targets[found.points], Rewriting(program)
+    residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
+    lost: list[int] = []
+    for rows in text.blocks(targets):
+        own, cases = targets[rows], path.cases[found.points[rows]]
+        by_joints, unit = program.targets.by_joints[own], program.targets.angle_unit[own, None]
+        under = Configurations(robot, robot.joint_map.model_angles(found.commanded[rows]))
+        values = frames.numbers(program, own, under.flange_pose)
+        values[by_joints, :6] = (found.commanded[rows] / unit)[by_joints]
+        values[found.share[rows] == 0.0] = np.nan
+        posed = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
+        words = path.stated.edits(own[posed], cases.joints[posed], found.commanded[rows[posed]])
+        numbers = text.replace(own, values, words)
+        before = program.targets.values[own, :NUMBERS]
+        changed[rows] = (np.isfinite(before) & (before != numbers)).any(axis=1)
+        # What the text says now, beside what it said
+        angles = robot.joint_map.model_angles(numbers[:, :6] * unit)
+        posed = np.flatnonzero(~by_joints)
+        poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, before))
+        angles[posed], reached = inverse.polished_from(
+            poses, under if len(posed) == len(own) else Configurations(robot, under.q[posed])
+        )
+        lost += found.points[rows[posed[~reached]]].tolist()
+        wanted = robot.joint_map.model_angles(cases.joints)
+        wanted_poses = np.empty((len(own), 4, 4))
+        wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
+        residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - under.q)
+    if lost:
+        reason, remedy = (
+            "the robot does not reach the corrected target",
+            "move the part away from the singularity",
+        )
+        raise ProgramError([path.fault(point, reason, remedy) for point in sorted(lost)])
+    points = WrittenPoints(
+        path=path,
+        corrections=found,
+        residual=residual,
+        rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
+        changed=changed,
+        place=_places(path, robot),
+        quantile=quantile,
+    )
+    return text.files(), points
+
+
+def _places(path: ProgramPath, robot: Robot) -> FloatArray:
+    """Return where the tool's centre is wanted (m, 3), in R0 [m]."""
+    places = path.frames.places(path.program, path.targets)
+    by_joints = np.flatnonzero(path.program.targets.by_joints[path.targets])
+    if len(by_joints):
+        goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
+        places[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
+    return places
+
+
+def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -> None:
+    low, high = robot.limits.T
+    angles = robot.joint_map.model_angles(found.commanded)
+    outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
+    reason = "the corrected target is outside of the joints' limits"
+    remedy = "move the part, or omit its load"
+    faults = [path.fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
+    if faults:
+        raise ProgramError(faults)
+
+
+class ProgramWork(Work):
+    """The work of a compensated program; the postures of its path are found when they are needed first."""
+
+    unit = "points"
+    activity = "compensating"
+
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
+        """Read the program.
+
+        Raises:
+            RequestError: the request contradicts itself, the run has no model, or the program is not
+            understood.
+        """
+        if request.accuracy_option == "compensates_load":
+            raise RequestError(
+                "the controller already compensates the load, which would be compensated twice",
+                where="accuracy_option",
+                remedy="switch the controller's accuracy option off, measure with it off, and give `off`",
+            )
+        self.robot_id, self._request = robot_id, request
+        options = request.model_dump_json(exclude={"run_id", "files"})
+        contents = [each.content or "" for each in request.files]
+        self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
+        with as_request_errors():
+            self._used = RunModel.of(robot, run, request)
+        files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
+        if request.loads is not None and len(files) == len(request.files):
+            raise RequestError(
+                "this file was not sent", where="loads", remedy="send the table of loads with the files"
+            )
+        self._program = read_program(files, request.format, request.leave_alone)
+        table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
+        self._visits = Visits.of(self._program, request, table)
+
+    @cached_property
+    def _inverse(self) -> InverseKinematics:
+        with as_request_errors():
+            return InverseKinematics(self._used.model.robot)
+
+    @cached_property
+    def _path(self) -> ProgramPath:
+        return program_path(self._program, self._request, self._used.model.robot, self._inverse, self._visits)
+
+    @cached_property
+    def _ramp(self) -> FloatArray:
+        length = LENGTH[self._request.units.length] * self._request.limits.ramp
+        return ramp_shares(self._used.model.robot, self._path.cases, length)
+
+    def steps(self) -> Sequence[Span]:
+        """Return the points under load of a long program, cut into steps."""
+        points = max(len(self._program.targets), len(self._program.moves.visits))
+        return () if points <= MAX_QUICK_POINTS else self._spans()
+
+    def _spans(self) -> tuple[Span, ...]:
+        return spans(len(self._visits.loaded), STEP_POINTS)
+
+    def compute(self, span: Span) -> Arrays:
+        """Correct the points of a part of the path.
+
+        Raises:
+            RequestError: a load twists a joint of which nothing is known, or the path is not reached.
+            ProgramError: a load finds no stable balance.
+        """
+        path, points = self._path, self._visits.loaded[slice(*span)]
+        try:
+            cases = path.cases[points]
+            compensation = compensate(self._used.model, cases, self._limits(), self._ramp[points])
+        except RequestError as error:
+            if error.where is None or not error.where.startswith("cases["):
+                raise
+            case = int(error.where.partition("[")[2].partition("]")[0])
+            raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
+        radius = beyond = np.full(len(points), np.nan)
+        if self._used.error is not None:
+            bound = self._used.error.bound(cases, compensation.leverage, self._request.confidence)
+            radius, beyond = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
+        return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": beyond}
+
+    def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
+        """Write the program, and certify what was written.
+
+        Raises:
+            RequestError: as `compute` does.
+            ProgramError: a corrected target is not reached.
+        """
+        corrections = Corrections(**joined(parts or map(self.compute, self._spans())))
+        del parts  # as large again
+        quantile = self._used.model.quantile(self._request.confidence)
+        contents, points = rewritten(self._path, corrections, self._used.model, self._inverse, quantile)
+        program, verdict = self._program, self._used.result.assessment.verdict
+        if (self._request.mark or verdict == "do_not_use") and points.changed.any():
+            today = datetime.now(UTC).date()
+            contents[0] = marked(program.format, contents[0], self._used.run.id, verdict, today)
+        files = [packed(source.name, contents.pop(0)) for source in program.sources]
+        return self._result(points, files)
+
+    def _limits(self) -> CorrectionLimits:
+        limits, units = self._request.limits, self._request.units
+        usual = CorrectionLimits()
+        return CorrectionLimits(
+            usual.displacement if limits.displacement is None else LENGTH[units.length] * limits.displacement,
+            usual.rotation if limits.rotation is None else ANGLE[units.angle] * limits.rotation,
+        )
+
+    def _result(self, points: WrittenPoints, files: list[ProgramFile]) -> ProgramResult:
+        corrections, program = points.corrections, self._program
+        left: dict[LeftAlone, int] = {
+            "no_load": len(points.path.targets) - len(corrections.points),
+            "uncertain": int(corrections.uncertain.sum()),
+            "not_used": len(program.targets) - len(points.path.targets),
+        }
+        kind: ProgramFormat = program.format  # type: ignore[assignment]
+        deflection, correction, residual = (
+            points.spread(np.linalg.norm(vectors[:, :3], axis=1))
+            for vectors in (corrections.uncorrected, corrections.correction, points.residual)
+        )
+        return ProgramResult(
+            assessment=self._used.result.assessment,
+            format=kind,
+            points=len(program.targets),
+            moves=len(program.moves),
+            corrected=int(points.changed.sum()),
+            capped=int(corrections.capped.sum()),
+            left_alone={reason: count for reason, count in left.items() if count},
+            deflection=deflection,
+            correction=correction,
+            residual=residual,
+            rounding=points.spread(points.rounding),
+            confidence=self._request.confidence,
+            worst=points.worst(),
+            remarks=self._remarks(corrections),
+            files=files,
+            table=packed("points", points.table()),
+        )
+
+    def _remarks(self, found: Corrections) -> list[str]:
+        lines: dict[str, list[int]] = {}
+        for remark in self._program.left_alone:
+            lines.setdefault(remark.text, []).append(remark.line)
+        left = [f"{_shown(numbers)}: {reason}" for reason, numbers in lines.items()]
+        more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
+        remarks = self._used.remarks(self._request.confidence)
+        beyond = int((found.extrapolation > 1.0).sum())
+        if beyond:
+            remarks.append(
+                f"{beyond} points are extrapolated: their loads or postures are beyond those of the campaign"
+            )
+        return [*remarks, *left[:_MAX_REMARKS], *more]
+
+
+def _shown(lines: Sequence[int]) -> str:
+    """Return line numbers as text, the first five of them."""
+    first = ", ".join(map(str, lines[:5]))
+    more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
+    return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
+
+
+def packed(name: str, content: bytes) -> ProgramFile:
+    """Return a file as it is stored: compressed, as text."""
+    text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
+    digest = hashlib.sha256(content).hexdigest()
+    return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
+
+
+def unpacked(file: ProgramFile) -> bytes:
+    """Return the bytes of a stored file.
+
+    Raises:
+        RequestError: it has none.
+    """
+    if file.content is None:
+        raise RequestError("the file has no content", where="files", remedy="send the file itself")
+    return zlib.decompressobj().decompress(base64.b64decode(file.content), _MAX_UNPACKED)
+
+
+def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
+    """Return the work of a compensated program.
+
+    Raises:
+        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+    """
+    run = accepted_run(inputs, request)
+    sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
+    for summary in inputs.listed(Program, run.prepared.robot_id):
+        if sent.intersection(summary.get("outputs", ())):
+            raise RequestError(
+                f"a file is the output of the compensated program '{summary['id']}'",
+                where="files",
+                remedy="send the original program",
+            )
+    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
