@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import sqlite3
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
@@ -19,6 +21,9 @@ from sqlalchemy import Connection, text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 from sqlalchemy.schema import CreateTable
 
+from jointstiff.schemas.measurement import StoredMeasurementSet
+from jointstiff.schemas.robot import Robot
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
 from jointstiff.service.store.database import Database
@@ -64,6 +69,30 @@ def test_other_tables_are_another_layout() -> None:
         "0002_wrong_keys",
         "a6f5c98344b3741b",
     )
+
+
+def shape(schema: Any) -> Any:
+    """A JSON schema without its words: what a stored document must look like to be read."""
+    if isinstance(schema, list):
+        return [shape(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    words = {"title", "description", "examples", "unit"}
+    return {
+        name: {field: shape(each) for field, each in value.items()}  # names of fields are no words
+        if name in {"properties", "$defs"}
+        else shape(value)
+        for name, value in schema.items()
+        if name not in words
+    }
+
+
+def test_documents_of_another_shape_are_another_layout() -> None:
+    """As they would not be read: another `LAYOUT` in `service/store/tables.py`, and it and its hash here."""
+    documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
+    shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
+    digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
+    assert (LAYOUT, digest) == ("0002_wrong_keys", "c5d56521cc0e49d5")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:
