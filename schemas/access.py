@@ -113,3 +113,6 @@ class AuditQuery(PageQuery):
     """Filters of the audit."""
 
     key_id: KeyId | None = Field(default=None, description="Filter by key.")
+    format: Literal["json", "csv"] = Field(
+        default="json", description="`csv`: the whole audit as a table for spreadsheets, without pages."
+    )

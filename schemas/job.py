@@ -64,7 +64,7 @@ class Job(Message):
 
     id: Identifier
     state: JobState = Field(
-        description="State of the job. While `queued` or `running`, poll its address or follow its /events."
+        description="State of the job. While `queued` or `running`, poll its address or follow its events."
     )
     progress: Progress | None = Field(
         default=None, description="Progress; null for a job that is computed immediately."
@@ -75,4 +75,16 @@ class Job(Message):
     provenance: Provenance
     requested_by: Requester | None = Field(
         default=None, description="Key of the request; null if the service required none."
+    )
+
+
+class JobChange(Message):
+    """Changes of a job: its end, its deletion. Omitted fields remain unchanged."""
+
+    cancelled: Literal[True] | None = Field(
+        default=None, description="True to cancel the job; one that has ended stays as it is."
+    )
+    deleted: bool | None = Field(
+        default=None,
+        description="True to delete the job, false to restore it within 30 days; null or absent: unchanged.",
     )

@@ -324,6 +324,10 @@ class SetChange(SetMetadata):
     archived: bool | None = Field(
         default=None, description="True to archive the set: listings omit it; null or absent: unchanged."
     )
+    deleted: bool | None = Field(
+        default=None,
+        description="True to delete the set, false to restore it within 30 days; null or absent: unchanged.",
+    )
 
 
 MAX_OBSERVATIONS = 10_000

@@ -289,7 +289,7 @@ class ProgramResult(FromRun):
     )
     remarks: list[str] = Field(description="Remarks on unchanged lines and on the prediction.")
     files: list[ProgramFile] = Field(description="Compensated program; null in answers: GET …/program.")
-    table: ProgramFile = Field(description="All points; null in answers: GET …/points.csv.")
+    table: ProgramFile = Field(description="All points; null in answers: its file `points.csv`.")
 
 
 class ProgramSummary(VerdictSummary):

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from jointstiff.schemas.assessment import AcceptingOptions
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
 from jointstiff.schemas.job import JobState
 from jointstiff.schemas.measurement import Moment
@@ -59,6 +60,22 @@ class WaitQuery(Message):
 
     wait: Annotated[float, Field(ge=0, le=MAX_WAIT_SECONDS)] = Field(
         default=5, description="Time to wait for a long job to finish, in seconds."
+    )
+
+
+class FileQuery(AcceptingOptions):
+    """Options of the files of jobs; a file takes those that it is about."""
+
+    unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
+        default="MNm/rad", description="Unit of stiffness in `tables.json`."
+    )
+    details: bool = Field(default=True, description="False: only the main tables in `tables.json`.")
+    draft: bool = Field(
+        default=False,
+        description="True: the report of a run as it would be authorised now, even if one was issued.",
+    )
+    file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
+        default=None, description="Name of the file of a corrected `program`; default: the first one."
     )
 
 

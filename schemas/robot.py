@@ -216,6 +216,11 @@ class RobotChange(Message):
     archived: bool | None = Field(
         default=None, description="True to archive the robot: listings omit it; null or absent: unchanged."
     )
+    deleted: bool | None = Field(
+        default=None,
+        description="True to delete the robot, false to restore it (within 30 days); null or absent: "
+        "unchanged.",
+    )
 
 
 class JointMapPreset(Message):

@@ -11,37 +11,26 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
-from jointstiff.service.access.keyring import Keyring
-from jointstiff.service.api import (
-    deflections,
-    health,
-    imports,
-    keys,
-    measurement_sets,
-    mending,
-    programs,
-    reports,
-    robots,
-    sessions,
-    trends,
-    webhooks,
-)
-from jointstiff.service.api.access import AccessGuard, operation_id, public_paths
-from jointstiff.service.api.errors import install_error_handlers
+from jointstiff.service.api import admin, health, jobs, resources, runs, uploads
+from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
 from jointstiff.service.api.events import Followers
-from jointstiff.service.api.gate import Gate
-from jointstiff.service.api.job_files import job_files
-from jointstiff.service.api.jobs import job_routes
-from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
-from jointstiff.service.api.metrics import Metrics
-from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, AnswerHeaders, Methods, Observed
+from jointstiff.service.api.health import Metrics, Watch
+from jointstiff.service.api.middleware import (
+    COMPRESSED_BYTES,
+    PACKED,
+    AnswerHeaders,
+    Guard,
+    Methods,
+    Observed,
+)
 from jointstiff.service.api.page import install_description, install_page
-from jointstiff.service.api.posture import Posture, PostureGuard
-from jointstiff.service.api.watch import Watch
-from jointstiff.service.jobs.life import Enqueue
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
+from jointstiff.service.security.keys import Keyring
+from jointstiff.service.security.origin import Posture
+from jointstiff.service.security.size import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
@@ -75,8 +64,9 @@ class _Application(FastAPI):
         for name, schema in document["components"]["schemas"].items():
             if name.endswith("-Output"):
                 schema["title"] = name.replace("-", "")
-        for operations in document["paths"].values():
-            for operation in operations.values():
+        for path, operations in document["paths"].items():
+            for method, operation in operations.items():
+                describe_problems(path, method, operation)
                 needed = operation.get("security", [])
                 if needed and {} not in needed and needed[0]["key"] != ["admin"]:
                     operation["security"] = [{}, *needed]
@@ -112,12 +102,13 @@ def create_app(
         openapi_url=None,  # ours is written once; FastAPI's pages load scripts from other hosts
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
+        responses=problems(422),  # else FastAPI describes errors of its own
     )
     posture = posture or Posture()
     demands_keys = posture.access == "keys"
     keyring = keyring or Keyring(store)
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)
-    app.state.gate = gate = Gate(store, keyring, watch, posture.access)
+    app.state.gate = gate = Gate(store, keyring, watch.latest, posture.access)
     app.state.access = posture.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts.of(store, enqueue)
@@ -129,23 +120,23 @@ def create_app(
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.state.parsers = CapacityLimiter(PARSERS)
     app.add_middleware(BodyLimits)
-    for module in (
-        robots,
-        trends,
-        measurement_sets,
-        mending,
-        imports,
-        programs,
-        deflections,
-        reports,
-        health,
+    for router in (
+        resources.robots,
+        resources.trends,
+        resources.sets,
+        runs.router,
+        runs.authorisations,
+        uploads.router,
+        uploads.programs,
+        health.router,
+        admin.sessions,
+        admin.router,
+        admin.webhooks,
+        jobs.router,
     ):
-        app.include_router(module.router)
-    for module in (sessions, keys, webhooks):
-        app.include_router(module.router)
-    app.include_router(job_files())
+        app.include_router(router)
     for kind in KINDS:
-        app.include_router(job_routes(kind))
+        app.include_router(jobs.kind_routes(kind))
     install_description(app)
     install_page(app)
     install_error_handlers(app)
@@ -154,8 +145,7 @@ def create_app(
     )
     app.add_middleware(Methods, routes=app.routes)
     public_paths(app.routes)  # now, as middleware is made with the first request
-    app.add_middleware(AccessGuard, gate=gate, store=store, routes=app.routes)
-    app.add_middleware(PostureGuard, posture=posture)
+    app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
     app.add_middleware(AnswerHeaders)
     app.state.metrics = Metrics()
     app.add_middleware(Observed, metrics=app.state.metrics)

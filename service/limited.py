@@ -20,9 +20,9 @@ from fastapi import FastAPI
 from starlette.types import Message
 
 from jointstiff.service.api.limited import FORWARDED, Forwarded
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import JobQueue
 

@@ -20,15 +20,15 @@ from fastapi import FastAPI
 from sqlalchemy import make_url
 from uvicorn.config import LOGGING_CONFIG
 
-from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
+from jointstiff.service.api.health import SILENT_SECONDS, Metrics, metrics_server
 from jointstiff.service.api.limited import LimitedChild
-from jointstiff.service.api.metrics import SILENT_SECONDS, Metrics, metrics_server
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.problems.errors import ServiceError, StoreError
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
+from jointstiff.service.security.keys import Keyring
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.threads import give_memory_back

@@ -163,11 +163,11 @@ def _connections(database: str, count: int) -> Section:
             rows.append((manner.name, f"{closed:.1f} s", f"{1e3 * answered:.0f} ms of {len(seconds)}"))
             figures += [
                 Figure(f"{count:,} × {manner.name}: all closed", closed, "at most", manner.bound, " s"),
-                Figure(f"{count:,} × {manner.name}: /health and /ready p95", answered, "at most", 0.05, " s"),
+                Figure(f"{count:,} × {manner.name}: /health p95", answered, "at most", 0.05, " s"),
             ]
     return Section(
         title=f"{count:,} connections that hold, to a service of {_DESCRIPTORS:,} descriptors",
-        columns=("connections", "all closed after", "/health and /ready p95 meanwhile"),
+        columns=("connections", "all closed after", "/health p95 meanwhile"),
         rows=tuple(rows),
         figures=tuple(figures),
         notes=("a dripping body may take 30 s and 1 s for each 64 kB that came",),
@@ -207,14 +207,14 @@ def _at_once(database: str, fewer: int) -> Section:
         )
         figures += [
             Figure(f"at once, {what}: memory above idle", peak - idle, "at most", 150.0, " MB"),
-            Figure(f"at once, {what}: /health and /ready p95", p95, "at most", 0.05, " s"),
+            Figure(f"at once, {what}: /health p95", p95, "at most", 0.05, " s"),
         ]
     others = posted.total() - posted[413]
     figures.append(Figure(f"at once, {_REFUSED}: answers that are not 413", others, "at most", 0))
     clients = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent"
     return Section(
         title=f"At once: {clients}, {64 // fewer} clients that post large bodies",
-        columns=("bodies", "answers", "memory idle", "peak", "/health and /ready p95"),
+        columns=("bodies", "answers", "memory idle", "peak", "/health p95"),
         rows=tuple(rows),
         figures=tuple(figures),
     )
@@ -273,7 +273,7 @@ def _asking(port: int) -> Iterator[list[float]]:
     stop = threading.Event()
 
     def ask() -> None:
-        for path in cycle(("/health", "/ready")):
+        for path in cycle(("/health", "/live")):
             if stop.wait(0.05):
                 return
             began = time.monotonic()
@@ -310,9 +310,9 @@ def _health(database: Path, duration: float) -> Section:
                 done = _repeated(service.url + path, body, threads, duration)
             p95 = float(np.percentile(seconds, 95))
             rows.append((name, f"{done.total()}", f"{1e3 * p95:.0f} ms", f"{1e3 * max(seconds):.0f} ms"))
-            figures.append(Figure(f"/health and /ready p95 under {name}", p95, "at most", 0.05, " s"))
+            figures.append(Figure(f"/health p95 under {name}", p95, "at most", 0.05, " s"))
     return Section(
-        title="/health and /ready beside work",
+        title="/health beside work",
         columns=("work", "requests", "p95", "slowest"),
         rows=tuple(rows),
         figures=tuple(figures),

@@ -17,7 +17,7 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.services import Service
 from benchmarks.timing import interleaved
-from jointstiff.service.access.key_text import mint
+from jointstiff.service.security.keys import mint
 from jointstiff.service.store.store import Store
 
 __all__ = ["run"]

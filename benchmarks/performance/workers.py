@@ -146,7 +146,7 @@ def _answers(database: str, *, quick: bool) -> Section:
         run_id = _start(client, set_id, configurations // 2, 100_000)
         _until(lambda: _get(client, run_id)["progress"]["done"] > 0)
         busy = _health(client, checks)
-        state = client.post(f"/v1/runs/{run_id}/cancel").json()
+        state = client.patch(f"/v1/jobs/{run_id}", json={"cancelled": True}).json()
     rows = tuple((name, *map(seconds_text, _tails(s))) for name, s in (("idle", idle), ("busy", busy)))
     ratio = _tails(busy)[1] / _tails(idle)[1]
     return Section(
@@ -185,7 +185,7 @@ def _cancelling(database: str, *, quick: bool) -> Section:
             _until(lambda run_id=run_id: _get(client, run_id)["progress"]["done"] > 0)  # type: ignore[misc]
             time.sleep(0.13 * number)
             start = time.perf_counter()
-            told = client.post(f"/v1/runs/{run_id}/cancel").json()
+            told = client.patch(f"/v1/jobs/{run_id}", json={"cancelled": True}).json()
             answered = time.perf_counter() - start
             step, after = _settled(database, run_id)
             done = told["progress"]["done"]
@@ -226,7 +226,7 @@ def _ended(client: httpx2.Client, run_id: str) -> dict[str, Any]:
     To ask twenty times a second would take a tenth of a processor from the workers.
     """
     deadline = time.monotonic() + _END_SECONDS
-    with client.stream("GET", f"/v1/runs/{run_id}/events") as events:
+    with client.stream("GET", f"/v1/jobs/{run_id}/events") as events:
         for _ in events.raise_for_status().iter_lines():
             if time.monotonic() > deadline:
                 raise ServiceError(f"the run did not end within {_END_SECONDS:.0f} s")

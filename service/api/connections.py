@@ -19,10 +19,9 @@ from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
-from jointstiff.service.api.errors import RETRY_SECONDS, answer_problem
-from jointstiff.service.api.limits import SMALL_BYTES
-from jointstiff.service.api.middleware import ANSWER_HEADERS
+from jointstiff.service.api.answers import ANSWER_HEADERS, RETRY_SECONDS, answer_problem
 from jointstiff.service.problems.table import http_problem
+from jointstiff.service.security.size import SMALL_BYTES
 
 SPARE_DESCRIPTORS: Final = 256
 """Left to databases, files, and what is accepted before room is made."""

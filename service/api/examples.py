@@ -56,6 +56,7 @@ ROBOTS: Final[dict[str, Any]] = {
 ROBOT_CHANGES: Final[dict[str, Any]] = {
     "another name": {"name": "six-axis arm, cell 4"},
     "archived": {"archived": True},
+    "restored": {"deleted": False},
 }
 
 SET_CHANGES: Final[dict[str, Any]] = {
@@ -109,6 +110,21 @@ MEASUREMENT_SETS: Final[dict[str, Any]] = {
             }
         ],
     },
+}
+
+CAMPAIGNS: Final[dict[str, Any]] = {
+    "positions": {
+        "robot": ROBOTS["modified DH"],
+        "measurement_set": {
+            name: value for name, value in MEASUREMENT_SETS["positions"].items() if name != "robot_id"
+        },
+        "run": {"method": "partial_pose"},
+    }
+}
+
+JOB_CHANGES: Final[dict[str, Any]] = {
+    "cancelled": {"cancelled": True},
+    "restored": {"deleted": False},
 }
 
 IMPORTS: Final[dict[str, Any]] = {

@@ -1,41 +1,71 @@
-"""Health of the service, and the index of its addresses."""
+"""Health: the state that a thread of its own renews, what answers with it, and metrics for Prometheus."""
 
 from __future__ import annotations
 
+import logging
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from socketserver import ThreadingMixIn
+from typing import Any, ClassVar, Final, Literal, NamedTuple
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
+
+from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
+from prometheus_client import CollectorRegistry, Counter, Histogram, make_wsgi_app
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
 
 from jointstiff.schemas.health import Health
-from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
-from jointstiff.service.api.parts import problems
-from jointstiff.service.api.watch import Seen, Watch
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
+from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute
+from jointstiff.service.security.keys import Keyring
+from jointstiff.service.store.jobs import SILENT
+from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 router = APIRouter(tags=["health"], route_class=AccessRoute)
 
+LOOK_SECONDS: Final = 0.5
+"""Pause between two looks at the database."""
+STALE_SECONDS: Final = 10.0
+"""A look that takes longer counts as a database that does not answer."""
+PROOF_SECONDS: Final = 2.0
+"""Pause between two proofs that the database can be written."""
+STALE_PROOF_SECONDS: Final = 30.0
+"""A proof that takes longer counts as a database that cannot be written."""
+_GOODBYE_SECONDS: Final = 1.0
+"""For a look or proof under way at the end."""
+Gauges = Callable[[], dict[str, float]]
 
-@router.get("/health", dependencies=[VIEWER], response_model=Health, responses=problems())
+SILENT_SECONDS: Final = 10.0
+"""A connection to the metrics that says nothing for so long is closed."""
+_SECONDS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
+_HELP: Final = {
+    "database_up": "1 if the last check of the database succeeded.",
+    "workers": "Workers with a sign of life within 30 s.",
+    "failing_workers": "Workers of this service that end soon after each start.",
+    "stored_bytes": "Size of the database.",
+    "quota_bytes": "Size that the database may have.",
+    "connections": "Open connections.",
+    "held_body_bytes": "Bytes of bodies that are received or worked on.",
+    "unfinished_jobs": "Jobs that are queued or running.",
+}
+
+_logger = logging.getLogger(__name__)
+
+
+@router.get("/health", dependencies=[VIEWER], response_model=Health)
 async def get_health(request: Request) -> Health:
-    """Return the version of the service, its database and the number of its workers, as last looked at."""
-    watch: Watch = request.app.state.watch
-    return _health(request, await watch.latest())
+    """Return the version of the service, its database and the number of its workers, as last looked at.
 
-
-@router.get("/ready", dependencies=[VIEWER], response_model=Health, responses=problems())
-async def get_ready(request: Request) -> Health:
-    """Return the same as /health: 503 while the database cannot be written, as work would be lost."""
-    watch: Watch = request.app.state.watch
-    return _health(request, await watch.writable())
-
-
-@router.get("/live", dependencies=[PUBLIC], status_code=204, response_class=Response)
-async def get_live() -> Response:
-    """Return nothing: the process answers, whatever its database does."""
-    return Response(status_code=204)
-
-
-def _health(request: Request, seen: Seen) -> Health:
+    Answers 503 while the database does not answer or cannot be written, as work would be lost.
+    """
     # No thread and no database while the service runs: it is answered however much others ask for.
+    watch: Watch = request.app.state.watch
+    seen = await watch.writable()
     return Health(
         status="ok",
         version=JOINTSTIFF_VERSION,
@@ -43,9 +73,15 @@ def _health(request: Request, seen: Seen) -> Health:
         failing_workers=request.app.state.failing_workers(),
         database=seen.database,
         stored_bytes=seen.stored_bytes,
-        quota_bytes=request.app.state.watch.quota_bytes,
+        quota_bytes=watch.quota_bytes,
         access=request.app.state.access,
     )
+
+
+@router.get("/live", dependencies=[PUBLIC], status_code=204, response_class=Response)
+async def get_live() -> Response:
+    """Return nothing: the process answers, whatever its database does."""
+    return Response(status_code=204)
 
 
 @router.get("/v1", dependencies=[VIEWER], include_in_schema=False)
@@ -59,6 +95,7 @@ def get_index() -> dict[str, str]:
         "robots": "/v1/robots",
         "measurement_sets": "/v1/measurement-sets",
         **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},
+        "campaigns": "/v1/campaigns",
         "deflections": "/v1/deflections",
         "imports": "/v1/imports",
         "kinematics": "/v1/kinematics",
@@ -67,3 +104,236 @@ def get_index() -> dict[str, str]:
         "keys": "/v1/keys",
         "audit": "/v1/audit",
     }
+
+
+class Seen(NamedTuple):
+    """Outcome of a look."""
+
+    at: float  # monotonic time of its end [s]
+    workers: int = 0  # number of living workers
+    database: Literal["sqlite", "postgresql"] = "sqlite"  # which one it is
+    stored_bytes: int = 0  # size of the database
+    error: StoreError | None = None  # why there is no answer
+
+
+class Watch:
+    """Look at the database in a thread of its own, so that who asks for the health never waits for work.
+
+    Used as a context manager, it looks until the block ends; before and after that each question is a look.
+    """
+
+    def __init__(self, store: Store, keyring: Keyring | None = None) -> None:
+        """Watch the database of a store.
+
+        Args:
+            store: which stays the caller's to close.
+            keyring: to keep up to date, so that a key that was revoked is refused after the next look.
+        """
+        self._store = store
+        self._keyring = keyring
+        self._seen: Seen | None = None
+        self._unwritable: StoreError | None = None
+        self._proved = 0.0
+        self._ended = threading.Event()
+
+    @property
+    def quota_bytes(self) -> int | None:
+        """Return the size that the database may have; None for any."""
+        return self._store.quota.most
+
+    def __enter__(self) -> Watch:
+        self._ended.clear()
+        self._seen = self._look()
+        self._proved = time.monotonic()
+        self._threads = [
+            threading.Thread(target=act, daemon=True) for act in (self._renew, self._prove_again)
+        ]
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        for thread in self._threads:  # one in the middle of a look would use a store that is closed
+            thread.join(_GOODBYE_SECONDS)
+        self._seen = None
+
+    def seen(self) -> Seen | None:
+        """Return the outcome of the last look; None if there was none yet."""
+        return self._seen
+
+    async def latest(self) -> Seen:
+        """Return the outcome of the last look.
+
+        Raises:
+            StoreError: the database did not answer the last look, or has not for `STALE_SECONDS`.
+        """
+        seen = self._seen
+        if seen is None:
+            seen = await run_sync(self._look)
+        if seen.error is not None:
+            raise seen.error.with_traceback(None)
+        if time.monotonic() - seen.at > STALE_SECONDS:
+            raise StoreUnavailableError("the database is slow to answer", "try again; look at its server")
+        return seen
+
+    async def writable(self) -> Seen:
+        """Return the outcome of the last look, if the database could be written of late.
+
+        Raises:
+            StoreError: the database did not answer the last look, or could not be written.
+        """
+        seen = await self.latest()
+        if self._seen is None:
+            await run_sync(self._prove)
+        if self._unwritable is not None:
+            raise self._unwritable.with_traceback(None)
+        if self._seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
+            raise StoreUnavailableError(
+                "a write to the database does not finish", "find the program that locks it"
+            )
+        return seen
+
+    def _prove_again(self) -> None:
+        while not self._ended.wait(PROOF_SECONDS):
+            self._prove()
+
+    def _prove(self) -> None:
+        """Write: a file that can be read only, or a standby server, answers every look."""
+        try:
+            self._store.heartbeats.prove()
+        except StoreError as error:
+            self._unwritable = error
+        except Exception:
+            _logger.exception("unexpected failure of a write to the database")
+            self._unwritable = StoreUnavailableError("a write to the database failed", "see the log")
+        else:
+            self._unwritable = None
+        self._proved = time.monotonic()
+
+    def _renew(self) -> None:
+        while not self._ended.wait(LOOK_SECONDS):
+            seen = self._look()
+            if not self._ended.is_set():
+                self._seen = seen
+
+    def _look(self) -> Seen:
+        try:
+            database = self._store.ping()
+            if self._keyring is not None:
+                self._keyring.look()
+            workers = len(self._store.heartbeats.living(SILENT))
+            stored = self._store.quota.used()
+        except StoreError as error:
+            return Seen(time.monotonic(), error=error)
+        except Exception:  # the thread has to go on; it may work again at the next look
+            if self._seen is None or self._seen.error is None:  # not at each look again
+                _logger.exception("unexpected failure of a check of the database")
+            failed = StoreUnavailableError("the check of the database failed", "try again; see the log")
+            return Seen(time.monotonic(), error=failed)
+        return Seen(time.monotonic(), workers, database, stored)
+
+
+class _Handler(WSGIRequestHandler):
+    """A connection."""
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+        """Log nothing."""
+
+
+class _Threads(ThreadingMixIn, WSGIServer):
+    """A server with a thread for each connection, and few of them."""
+
+    daemon_threads = True
+    CONNECTIONS: ClassVar[int] = 16
+    request_queue_size = CONNECTIONS
+
+    def __init__(self, *given: Any) -> None:  # noqa: ANN401
+        self._room = threading.BoundedSemaphore(self.CONNECTIONS)
+        super().__init__(*given)
+
+    def process_request(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """Answer in a thread, or close the connection if there are too many."""
+        if self._room.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """Answer, and make room."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """Report nothing about clients that disconnected."""
+
+
+def metrics_server(
+    host: str, port: int, registry: CollectorRegistry, silence: float = SILENT_SECONDS
+) -> WSGIServer:
+    """Return a server of metrics that listens, and is still to be run.
+
+    Args:
+        host: address to listen on.
+        port: TCP port.
+        registry: that it shows.
+        silence: after which a connection is closed [s].
+
+    Raises:
+        OSError: the address cannot be listened on.
+    """
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    handler = type("_Patient", (_Handler,), {"timeout": silence})
+    server = type("_Server", (_Threads,), {"address_family": family})((host, port), handler)
+    server.set_app(make_wsgi_app(registry))
+    return server  # type: ignore[no-any-return]
+
+
+class Metrics:
+    """Counts of the requests of one application, and the state of its service."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()  # for the server that shows it
+        self.gauges: Gauges = dict  # return the state when it is asked for
+        labels = ["method", "route"]
+        self._requests = Counter(
+            "jointstiff_requests", "Requests answered.", [*labels, "status"], registry=self.registry
+        )
+        self._seconds = Histogram(
+            "jointstiff_request_seconds",
+            "Time until the whole answer was given.",
+            labels,
+            registry=self.registry,
+            buckets=_SECONDS,
+        )
+        self.registry.register(_State(self))
+
+    def count(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count a request.
+
+        Args:
+            method: of those that HTTP has.
+            route: template of the address, not the address itself, of which there is no end.
+            status: of the answer.
+            seconds: until all of it was given.
+        """
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(method, route).observe(seconds)
+
+
+class _State(Collector):
+    """State of the service, looked up when it is asked for."""
+
+    def __init__(self, metrics: Metrics) -> None:
+        self._metrics = metrics
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield a gauge for each figure."""
+        for name, value in self._metrics.gauges().items():
+            yield GaugeMetricFamily(f"jointstiff_{name}", _HELP[name], value=value)
+
+    def describe(self) -> list[Metric]:
+        """Return nothing: the figures are not known yet when this is registered."""
+        return []

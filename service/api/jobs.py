@@ -1,11 +1,10 @@
-"""The routes of every kind of job, made of its declaration."""
+"""The routes of jobs: post, list and get of each kind, made of its declaration; and what all jobs share.
 
-from __future__ import annotations
+Annotations are evaluated where they stand: those of a kind's routes name the messages of that kind.
+"""
 
-import inspect
-from collections.abc import AsyncIterator, Callable, Mapping
-from functools import cache
-from typing import Annotated, Any, TypeVar
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, Final, Union, cast
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
@@ -13,202 +12,61 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.job import Requester
-from jointstiff.schemas.query import JobQuery, WaitQuery
-from jointstiff.service.api.access import OPERATOR, VIEWER, RequesterOf, asked_of
-from jointstiff.service.api.bodies import BodyRoute, Key
-from jointstiff.service.api.events import Followers
-from jointstiff.service.api.examples import shown
-from jointstiff.service.api.gate import Gate
-from jointstiff.service.api.parts import (
-    LOCATION,
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.job import JobChange, Requester
+from jointstiff.schemas.query import FileQuery, WaitQuery
+from jointstiff.service.api.answers import (
+    DELETED,
+    NOT_MODIFIED,
     PartsOf,
     accepted,
-    add_deletion,
     created,
     json_response,
     problems,
+    unchanging,
 )
+from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies
+from jointstiff.service.api.events import Followers
+from jointstiff.service.api.examples import JOB_CHANGES, shown
+from jointstiff.service.api.files import FILES, content_of, stored_content
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
 from jointstiff.service.store.jobs import OPEN_STATES
 from jointstiff.service.store.records import JobRecord
 
 JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]
 Wait = Annotated[WaitQuery, Query()]
-Route = TypeVar("Route", bound=Callable[..., Any])
+ANY_JOB: Final[Any] = Union[tuple(kind.message for kind in KINDS)]  # noqa: UP007 - of types known at run time
+"""A job of any kind."""
 
 
 def _work(request: Request) -> CapacityLimiter:
-    work: CapacityLimiter = request.app.state.work
-    return work
+    return cast("CapacityLimiter", request.app.state.work)
 
 
 Work = Annotated[CapacityLimiter, Depends(_work)]
 
 
-def _followers(request: Request) -> Followers:
-    followers: Followers = request.app.state.followers
-    return followers
+class JobRoute(BodyRoute):
+    """Route that stores a job. Of one that the child has stored the service waits for the end."""
 
-
-FollowersOf = Annotated[Followers, Depends(_followers)]
-
-
-@cache
-def job_routes(kind: AnyKind) -> APIRouter:
-    """Return the routes of a kind: create, list, get, delete and restore; follow and cancel if stepped.
-
-    What is posted as a form has a route of its own to create it.
-    """
-    router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection], route_class=BodyRoute)
-    identifier = Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)]
-
-    def jobs_of(parts: PartsOf) -> Jobs:
-        return parts.jobs[kind.name]
-
-    jobs = Annotated[Jobs, Depends(jobs_of)]
-    types = {"jobs": jobs, "job_id": identifier}
-    if not kind.is_form:
-        _add_create(router, kind, types)
-    _add_list(router, kind, types)
-    _add_get(router, kind, types)
-    add_deletion(
-        router,
-        f"/{{{kind.name}_id}}",
-        kind.name,
-        kind.message,
-        delete=lambda parts, job_id: parts.jobs[kind.name].delete(job_id),
-        restore=lambda parts, job_id: kind.answered(parts.jobs[kind.name].restore(job_id)),
-        description=f"Delete a {kind.name}. Resources made from it are kept. It can be restored for 30 days. "
-        "Cancel an unfinished one first.",
-    )
-    if kind.stepped:
-        _add_stepped(router, kind, types)
-    return router
-
-
-def _typed(types: Mapping[str, Any]) -> Callable[[Route], Route]:
-    """Give a route's parameters the types of its kind, which FastAPI reads."""
-
-    def typed(route: Route) -> Route:
-        own = inspect.get_annotations(route)
-        route.__annotations__ = {name: types.get(name, found) for name, found in own.items()}
-        return route
-
-    return typed
-
-
-def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    body = Annotated[kind.request, shown(kind.examples)]  # type: ignore[name-defined]
-
-    async def create_stepped(
-        work: Work,
-        jobs: Jobs,
-        body: Message,
-        key: Key,
-        asked_by: AskedBy,
-        query: Wait,
-        followers: FollowersOf,
-    ) -> Response:
-        record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
-        return await answer(jobs, record, query.wait, followers)
-
-    async def create_quick(work: Work, jobs: Jobs, body: Message, key: Key, asked_by: AskedBy) -> Response:
-        record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
-        return created(kind.collection, record.id, kind.answered(record.document))
-
-    stepped = kind.stepped
-    later = accepted(kind.message) | problems(429) if stepped else {}
-    router.post(
-        "",
-        name=f"create_{kind.name}",
-        dependencies=[OPERATOR],
-        description=kind.description,
-        status_code=201,
-        response_model=kind.message,
-        responses=LOCATION | later | problems(400, 413, 415, 422, 507),
-    )(_typed({**types, "body": body})(create_stepped if stepped else create_quick))
-
-
-def _add_list(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    @router.get(
-        "",
-        name=f"list_{kind.collection}",
-        dependencies=[VIEWER],
-        description=f"List {kind.collection} without their results, newest first.",
-        response_model=Page[kind.summary],  # type: ignore[name-defined]
-        responses=problems(422),
-    )
-    @_typed({**types, "query": Annotated[kind.query, Query()]})
-    def page(jobs: Jobs, query: JobQuery) -> Page[Any]:
-        return jobs.page(query)
-
-
-def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    @router.get(
-        f"/{{{kind.name}_id}}",
-        name=f"get_{kind.name}",
-        dependencies=[VIEWER],
-        description=f"Get a {kind.name}: request, state, result and provenance. Once finished, it never "
-        "changes.",
-        response_model=kind.message,
-        responses=problems(404, 422),
-    )
-    @_typed(types)
-    def get(jobs: Jobs, job_id: str) -> Response:
-        return json_response(kind.answered(jobs.document(job_id)))
-
-
-def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    async def events_of(
-        request: Request, followers: FollowersOf, jobs: Jobs, job_id: str
-    ) -> AsyncIterator[ServerSentEvent]:
-        # Before the stream begins: a job that is not there is a 404, not an event.
-        await run_in_threadpool(jobs.status, job_id)
-        await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
-        gate: Gate = request.app.state.gate
-        return followers.events(jobs, job_id, lambda: gate.still_opens(request, asked_of(request).key))
-
-    @router.get(
-        f"/{{{kind.name}_id}}/events",
-        name=f"follow_{kind.name}",
-        dependencies=[VIEWER],
-        description=f"Follow a {kind.name}: `progress` events with state and progress, then one `end` event.",
-        response_class=EventSourceResponse,
-        responses=problems(404, 422),
-    )
-    @_typed({"events": Annotated[AsyncIterator[ServerSentEvent], Depends(_typed(types)(events_of))]})
-    async def follow(events: AsyncIterator[ServerSentEvent]) -> AsyncIterator[ServerSentEvent]:
-        async for event in events:
-            yield event
-
-    @router.post(
-        f"/{{{kind.name}_id}}/cancel",
-        name=f"cancel_{kind.name}",
-        dependencies=[OPERATOR],
-        description=f"Cancel a {kind.name}. Its workers stop at their next step; a finished one "
-        "stays as it is.",
-        response_model=kind.message,
-        responses=problems(404, 422),
-    )
-    @_typed(types)
-    def cancel(jobs: Jobs, job_id: str) -> Response:
-        return json_response(kind.answered(jobs.cancel(job_id).model_dump_json()))
+    async def after_child(self, request: Request, response: Response) -> Response:
+        """Wait for a job that goes on: the child waits for no worker."""
+        if response.status_code != 202:
+            return response
+        wait = float(request.query_params.get("wait", WaitQuery().wait))  # a number: it was answered 202
+        job_id = response.headers["Location"].rpartition("/")[2]  # the body may be compressed
+        jobs = await run_in_threadpool(request.app.state.parts.jobs_of, job_id)
+        record = await run_in_threadpool(jobs.record, job_id)
+        return await answer(jobs, record, wait, request.app.state.followers)
 
 
 async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
-    """Answer with a new job: 201 if it ends within `wait` seconds, else 202 with the job as it is.
-
-    Args:
-        jobs: those of its kind.
-        record: the job.
-        wait: in seconds.
-        followers: those who follow jobs.
-    """
+    """Answer with a new job: 201 if it ends within `wait` seconds, else 202 with the job as it is."""
     collection, answered = jobs.kind.collection, jobs.kind.answered
     if record.state not in OPEN_STATES:
         return created(collection, record.id, answered(record.document))
@@ -220,3 +78,138 @@ async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Follower
         return created(collection, record.id, answered(record.document), 202)
     text = answered(job.model_dump_json())
     return created(collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
+
+
+def kind_routes(kind: AnyKind) -> APIRouter:
+    """Return the routes of a kind: post, list and get. What is posted as a form has a post of its own."""
+    router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection], route_class=JobRoute)
+
+    if not kind.is_form:
+
+        @router.post(
+            "",
+            name=f"create_{kind.name}",
+            dependencies=[OPERATOR],
+            description=kind.description,
+            status_code=201,
+            response_model=kind.message,
+            responses=accepted(kind.message),
+        )
+        async def create(
+            request: Request,
+            parts: PartsOf,
+            work: Work,
+            body: Annotated[kind.request, shown(kind.examples)],  # type: ignore[name-defined]
+            key: Key,
+            asked_by: AskedBy,
+            query: Wait,
+        ) -> Response:
+            jobs = parts.jobs[kind.name]
+            record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
+            return await answer(jobs, record, query.wait, request.app.state.followers)
+
+    @router.get(
+        "",
+        name=f"list_{kind.collection}",
+        dependencies=[VIEWER],
+        description=f"List {kind.collection} without their results, newest first.",
+        response_model=Page[kind.summary],  # type: ignore[name-defined]
+        responses=problems(422),
+    )
+    def page(parts: PartsOf, query: Annotated[kind.query, Query()]) -> Page[Any]:  # type: ignore[name-defined]
+        return parts.jobs[kind.name].page(query)
+
+    @router.get(
+        f"/{{{kind.name}_id}}",
+        name=f"get_{kind.name}",
+        dependencies=[VIEWER],
+        description=f"Get a {kind.name}: request, state, result and provenance. Once finished, it never "
+        "changes.",
+        response_model=kind.message,
+        responses=NOT_MODIFIED,
+    )
+    def get(
+        request: Request,
+        parts: PartsOf,
+        job_id: Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)],
+    ) -> Response:
+        return unchanging(request, kind.answered(parts.jobs[kind.name].document(job_id)))
+
+    return router
+
+
+router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["jobs"], route_class=BodyRoute)
+
+
+@router.patch("", dependencies=[OPERATOR], response_model=ANY_JOB)
+def change_job(parts: PartsOf, job_id: JobId, body: Annotated[JobChange, shown(JOB_CHANGES)]) -> Response:
+    """Cancel, delete or restore a job of any kind, and get it.
+
+    The workers of a cancelled job stop at their next step; one that has ended stays as it is. A deleted job
+    can be restored for 30 days; resources made from it are kept. Cancel an unfinished one first.
+    """
+    jobs = parts.jobs_of(job_id)
+    if body.deleted is False:
+        jobs.restore(job_id)
+    if body.cancelled:
+        jobs.cancel(job_id)
+    document = jobs.document(job_id)
+    if body.deleted:
+        jobs.delete(job_id)
+    return json_response(jobs.kind.answered(document))
+
+
+@router.delete(
+    "",
+    dependencies=[OPERATOR],
+    status_code=204,
+    response_class=Response,
+    responses=DELETED,
+)
+def delete_job(parts: PartsOf, job_id: JobId) -> Response:
+    """Delete a job of any kind. It can be restored for 30 days. Cancel an unfinished one first."""
+    parts.jobs_of(job_id).delete(job_id)
+    return Response(status_code=204)
+
+
+async def _events(request: Request, parts: PartsOf, job_id: JobId) -> AsyncIterator[ServerSentEvent]:
+    # Before the stream begins: a job that is not there is a 404, not an event.
+    jobs = await run_in_threadpool(parts.jobs_of, job_id)
+    await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
+    gate: Gate = request.app.state.gate
+    followers: Followers = request.app.state.followers
+    return followers.events(jobs, job_id, lambda: gate.still_opens(request, asked_of(request).key))
+
+
+@router.get("/events", dependencies=[VIEWER], response_class=EventSourceResponse)
+async def follow_job(
+    events: Annotated[AsyncIterator[ServerSentEvent], Depends(_events)],
+) -> AsyncIterator[ServerSentEvent]:
+    """Follow a job of any kind: `progress` events with state and progress, then one `end` event."""
+    async for event in events:
+        yield event
+
+
+@router.get(
+    "/files/{name}",
+    dependencies=[VIEWER],
+    name="get_job_file",
+    description=FILES.description,
+    response_class=Response,
+    responses=FILES.answers | NOT_MODIFIED | problems(409),
+)
+async def get_job_file(
+    request: Request,
+    parts: PartsOf,
+    job_id: JobId,
+    name: Annotated[str, Path(max_length=200)],
+    query: Annotated[FileQuery, Query()],
+) -> Response:
+    """Get a file of a job."""
+    jobs = await run_in_threadpool(parts.jobs_of, job_id)
+    content = await run_in_threadpool(stored_content, parts, jobs, job_id, name, query)
+    if content is None:  # what is computed may take seconds: it waits for its turn, and leaves others theirs
+        content = await run_sync(
+            content_of, request, parts, jobs, job_id, name, query, limiter=large_bodies(request)
+        )
+    return unchanging(request, content.body, content.media_type, content.headers)

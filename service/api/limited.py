@@ -20,9 +20,9 @@ from fastapi import HTTPException, Request, Response
 from pydantic import TypeAdapter
 from starlette.types import Scope
 
-from jointstiff.service.api.access import ASKED, Asked, asked_of
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.logs import REQUEST_ID
+from jointstiff.service.security.access import ASKED, Asked, asked_of
 
 LIMITED_BYTES: Final = 256 * 1024
 """Larger bodies, and workbooks and archives of any size, are the child's."""
@@ -31,7 +31,8 @@ LIMITED_SECONDS: Final = 60.0
 LIMITED_MEMORY: Final = 512 * 1024 * 1024
 """Memory that the child may take for a body [bytes]."""
 _PATHS: Final = frozenset(
-    f"/v1/{name}" for name in ("robots", "kinematics", "measurement-sets", "imports", "plans", "deflections")
+    f"/v1/{name}"
+    for name in ("robots", "kinematics", "measurement-sets", "campaigns", "imports", "plans", "deflections")
 )
 """Addresses whose large bodies are the child's."""
 _ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})

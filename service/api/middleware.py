@@ -1,4 +1,4 @@
-"""Middleware of every answer: methods as in RFC 9110, security headers, an id, a count, a line in the log."""
+"""Middleware of every answer: who is let in, methods as in RFC 9110, security headers, a line in the log."""
 
 from __future__ import annotations
 
@@ -6,23 +6,88 @@ import logging
 import secrets
 import time
 from collections.abc import Iterable
-from types import MappingProxyType
 from typing import Final
 
 import anyio
 from anyio.lowlevel import checkpoint
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES
+from starlette.requests import HTTPConnection
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Match, Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from jointstiff.service.access.key_text import without_keys
-from jointstiff.service.api.metrics import Metrics
+from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, answer_error, answer_problem
+from jointstiff.service.api.health import Metrics
 from jointstiff.service.logs import ACCESS_LOGGER, REQUEST_ID
+from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems.table import http_problem
+from jointstiff.service.security.access import ASKED, Asked, Audit, Gate, address_of, public_paths
+from jointstiff.service.security.keys import without_keys
+from jointstiff.service.security.origin import SAFE, Posture, is_loopback, refusal
 
+_LIFE: Final = "/live"
+"""Address that probes of containers ask, whether there is a key or not."""
+_NO_KEY: Final = (
+    "no key opens this service yet, so it answers its own machine only",
+    "create one with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
+    "container); or publish its port on its machine alone (`--publish 127.0.0.1:8000:8000`) and start it "
+    "with `serve --host 0.0.0.0 --no-access-control --allowed-host localhost`",
+)
 _METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _METHOD_NOT_ALLOWED: Final = 405
+
+
+class Guard:
+    """Middleware: host and origin, then who asks and the audit. What is refused gets no further."""
+
+    def __init__(
+        self, app: ASGIApp, posture: Posture, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
+    ) -> None:
+        """Wrap an application.
+
+        Raises:
+            UndeclaredRoleError: a route has no role.
+        """
+        self._app = app
+        self._posture, self._gate, self._audit = posture, gate, audit
+        self._paths, self._mounts = public_paths(routes)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on with who asks, or refuse it."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+        elif problem := refusal(self._posture, scope):
+            await answer_problem(problem)(scope, receive, send)
+        elif ASKED in scope:  # the service that forwards it has found out
+            await self._app(scope, receive, send)
+        else:
+            asked = scope[ASKED] = Asked(None, self._gate.is_open, address_of(scope))
+            await self._admit(asked, scope, receive, send)
+
+    async def _admit(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
+        if asked.is_open:
+            await self._app(scope, receive, send)
+        elif scope["path"] != _LIFE and not is_loopback(asked.address) and await self._gate.awaits_key():
+            await answer_problem(http_problem(403, *_NO_KEY))(scope, receive, send)
+        elif scope["path"].startswith(self._mounts):
+            await self._app(scope, receive, send)
+        elif scope["method"] in SAFE:
+            await self._pass(asked, scope, receive, send)
+        else:
+            await self._audit.follow(asked, scope, send, lambda sent: self._pass(asked, scope, receive, sent))
+
+    async def _pass(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
+        is_public = scope["path"] in self._paths
+        try:
+            if not is_public or scope["path"].startswith("/v1/"):
+                asked.key = await self._gate.caller(HTTPConnection(scope), asked.address)
+            if not is_public:
+                asked.require("viewer")
+        except StoreError as error:
+            await answer_error(error)(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
 
 
 class Methods:
@@ -91,18 +156,6 @@ PACKED: Final = (
 )
 """Types of answers that are sent as they are, whatever their size."""
 
-ANSWER_HEADERS: Final = MappingProxyType(
-    {
-        "Cache-Control": "no-store",
-        "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
-        "Cross-Origin-Resource-Policy": "same-origin",
-        "Referrer-Policy": "no-referrer",
-        "X-Content-Type-Options": "nosniff",
-    }
-)
-"""Headers of an answer that says nothing else: no cache keeps it, no page of another site embeds it, and no
-browser takes it for a program."""
-
 
 class AnswerHeaders:
     """Middleware that gives each answer the headers it lacks."""
@@ -123,7 +176,6 @@ class AnswerHeaders:
         await self._app(scope, receive, sent if scope["type"] == "http" else send)
 
 
-REQUEST_ID_HEADER: Final = "X-Request-Id"
 KNOWN_ID: Final = "jointstiff.request_id"
 """Identifier in the scope of a request that another process forwards, which counts and logs it."""
 _COUNTED: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})

@@ -17,7 +17,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
+from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute
 
 BUNDLE: Final = Path(__file__).parents[1] / "static"
 DOCS: Final = Path(__file__).parents[1] / "static-docs"

@@ -61,8 +61,7 @@ def create(
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest
-    from jointstiff.service.access.key_text import mint
-    from jointstiff.service.access.keys_file import KeysFile
+    from jointstiff.service.security.keys import KeysFile, mint
 
     now = datetime.now(UTC)
     expires_at = None if expires is None else expires.replace(tzinfo=UTC)
@@ -87,7 +86,7 @@ def create(
 @keys.command("list")
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
     """List all keys, including revoked ones."""
-    from jointstiff.service.access.keyring import described
+    from jointstiff.service.security.keys import described
     from jointstiff.service.tables.terminal import console, printed
 
     with _refusals():
@@ -100,7 +99,7 @@ def revoke(
     key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
 ) -> None:
     """Revoke a key, and end its sessions."""
-    from jointstiff.service.access.keys_file import KeysFile
+    from jointstiff.service.security.keys import KeysFile
 
     now = datetime.now(UTC)
     with _refusals():
@@ -124,7 +123,7 @@ def link(
     """Print a link, with a QR code, that signs one browser in with a key: once, within ten minutes."""
     import segno
 
-    from jointstiff.service.access.key_text import digest, mint_token
+    from jointstiff.service.security.keys import digest, mint_token
 
     now, token = datetime.now(UTC), mint_token("jsl")
     with _refusals():
@@ -141,7 +140,7 @@ def link(
 
 
 def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
-    from jointstiff.service.access.keys_file import KeysFile
+    from jointstiff.service.security.keys import KeysFile
 
     if keys_file is not None:
         return KeysFile(keys_file).all()

@@ -163,7 +163,7 @@ def post(
         addresses = [f"{server.rstrip('/')}/v1/{kind}/{identifier}" for kind, identifier in posted]
         for address in addresses:
             console().print(address, markup=False, soft_wrap=True)
-        run = _ended(client, run, addresses[-1])
+        run = _ended(client, run, server.rstrip("/"))
     console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
@@ -187,7 +187,7 @@ def _post_all(client: "Client", folder: Path) -> int:
     return 1 if refused else 0
 
 
-def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":
+def _ended(client: "Client", run: "TabledRun", server: str) -> "TabledRun":
     """Wait for the end of a run; who waits no longer is told that it goes on."""
     from jointstiff.service.tables.terminal import progress_bar
 
@@ -195,7 +195,8 @@ def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":
         with progress_bar(shown=run.progress is not None) as tell:
             return client.runs.wait(run, tell)
     except KeyboardInterrupt:
-        warn(f"the run continues; to cancel it: curl -X POST {address}/cancel")
+        change = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
+        warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
         raise
 
 

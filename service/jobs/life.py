@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -11,12 +12,14 @@ from typing import Any, Final
 
 from sqlalchemy import Connection
 
+from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.job import Job, JobState, Requester
+from jointstiff.schemas.job import Job, JobState, Requester, Result
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.inputs import Stored
-from jointstiff.service.jobs.records import record_of
 from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.trend.trends import Trends
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,
@@ -26,17 +29,32 @@ from jointstiff.service.kinds.work import (
     unexpected_failure,
     unpack,
 )
-from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
+from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.composition import Resources
+from jointstiff.service.resources.measurement_sets import MeasurementSets
+from jointstiff.service.resources.robots import Robots
 from jointstiff.service.store.jobs import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import IdempotencyKey, JobRecord
+from jointstiff.service.store.store import Store
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
 
 MAX_OPEN: Final = 1_000
 """Maximum number of unfinished jobs of a kind; concurrent posts may exceed it by a few."""
-
+_COLUMNS: Final = (
+    "measurement_set_id",
+    "first_set_id",
+    "second_set_id",
+    "name",
+    "method",
+    "weighting",
+    "elasticity",
+    "verdict",
+)
+"""Columns of the store that have the values of the summary's fields."""
+JOB: Final = Resource("job", "{collection}")
+"""A job of any kind; its listing is that of its kind."""
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
@@ -271,3 +289,61 @@ class Jobs:
         """Leave the end of a run to those who tell webhooks of it, in the transaction that writes it."""
         if self.kind.name == "run":
             self._webhooks.run_ended(connection, job_id, datetime.now(UTC))
+
+
+def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
+    """Return a job as the store keeps it."""
+    summary = summary_of(kind, job, robot_id)
+    return JobRecord(
+        id=job.id,
+        kind=kind.name,
+        state=job.state,
+        created_at=job.provenance.created_at,
+        summary=summary,
+        robot_id=robot_id,
+        document=job.model_dump_json(),
+        **{name: summary.get(name) for name in _COLUMNS},
+    )
+
+
+def summary_of(kind: AnyKind, job: Job, robot_id: str | None) -> dict[str, Any]:
+    """Return a job as it is listed, as JSON."""
+    result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
+    sources = (job, job.request, job.provenance, result)
+    fields = {
+        name: next(getattr(source, name) for source in sources if hasattr(source, name))
+        for name in kind.summary.model_fields
+        if name != "robot_id"
+    }
+    listed = kind.summary.model_validate({"robot_id": robot_id, **fields})
+    summary: dict[str, Any] = listed.model_dump(mode="json")
+    return summary
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The application's parts."""
+
+    store: Store  # the store
+    robots: Robots  # its robots
+    sets: MeasurementSets  # its measurement sets
+    jobs: Mapping[str, Jobs]  # its jobs, by the name of their kind
+    trends: Trends  # trends of its robots
+
+    def jobs_of(self, job_id: str) -> Jobs:
+        """Return the jobs of the kind that a job is of; it may be deleted.
+
+        Raises:
+            NotFoundError: there is no such job.
+        """
+        kind = self.store.kind_of_job(job_id)
+        if kind is None:
+            raise NotFoundError(JOB, job_id)
+        return self.jobs[kind]
+
+    @classmethod
+    def of(cls, store: Store, enqueue: Enqueue | None = None) -> Parts:
+        """Compose the parts on a store; without `enqueue` every job is carried out at once."""
+        resources = Resources.of(store)
+        jobs = {kind.name: Jobs(kind, resources, enqueue) for kind in KINDS}
+        return cls(store, resources.robots, resources.sets, jobs, Trends(store))

@@ -38,9 +38,7 @@ class File:
     """A file that can be downloaded of a job that has succeeded."""
 
     name: str  # last part of its address, such as `table.csv`
-    operation: str  # name of the operation in the API, such as `get_pair_table`
-    description: str  # description of the operation, for the API's users
-    content: str  # description of the answer
+    description: str  # what it has, for the API's users
     media_type: str
     sheet: Callable[[Any], Sheet]  # the table that it is written from
     made_of: Literal["result", "work"]  # what the sheet is made of: the job, or its work, done again

@@ -110,30 +110,23 @@ MAP: Final = Kind[Map, MapRequest, MapSummary](
     files=(
         File(
             name="map.csv",
-            operation="get_map_table",
-            description="""Get all places as a table: status, place, posture, deflection, intervals,
-compliance; units in headers.
-
-The table is computed again from the map's run, which never changes: keep the run as long as the map.""",
-            content="One row per place (RFC 4180).",
+            description="all places as a table: status, place, posture, deflection, intervals, compliance; "
+            "units in headers. It is computed again from the map's run, which never changes: keep the run as "
+            "long as the map.",
             media_type="text/csv",
             sheet=_places,
             made_of="work",
         ),
         File(
             name="map.npz",
-            operation="get_map_arrays",
-            description="Get all places as numpy's npz, with all digits.",
-            content="Arrays `headers`, `table`, `status` and `overall verdict`.",
+            description="all places as numpy's npz, with all digits.",
             media_type="application/octet-stream",
             sheet=_places,
             made_of="work",
         ),
         File(
             name="map.json",
-            operation="get_map_columns",
-            description="Get the table as JSON, column by column, with units.",
-            content="`columns`, each with `name`, `unit` and `values`.",
+            description="the table as JSON, column by column, with units.",
             media_type="application/json",
             sheet=_places,
             made_of="work",

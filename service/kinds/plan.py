@@ -204,10 +204,8 @@ PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
     files=(
         File(
             name="readings.csv",
-            operation="get_plan_table",
-            description="Get the readings of a plan in their order as a table for spreadsheets, units in the "
+            description="the readings of a plan in their order as a table for spreadsheets, units in the "
             "headers.",
-            content="The table as CSV (RFC 4180).",
             media_type="text/csv",
             sheet=readings_sheet,
             made_of="result",

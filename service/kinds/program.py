@@ -138,19 +138,15 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     files=(
         File(
             name="points.csv",
-            operation="get_program_points",
-            description="Get all points as a table: deflection, correction, interval, residual, and reason "
+            description="all points as a table: deflection, correction, interval, residual, and reason "
             "if not corrected.",
-            content="One row per point (RFC 4180), in the order of the path.",
             media_type="text/csv",
             sheet=_points,
             made_of="result",
         ),
         File(
             name="points.json",
-            operation="get_program_columns",
-            description="Get the table as JSON, column by column, with units.",
-            content="`columns`, each with `name`, `unit` and `values`.",
+            description="the table as JSON, column by column, with units.",
             media_type="application/json",
             sheet=_points,
             made_of="result",
@@ -162,10 +158,8 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
 
 Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
 base, loads and the state of
-the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files
-are at /program, every
-point with its deflection, correction, interval and predicted residual at /points.csv. A program that is
-not understood
-as a whole is refused by line, and nothing is stored. Programs of more than 10,000 targets are jobs with
-progress.""",
+the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files are
+its file `program`, every point with its deflection, correction, interval and predicted residual its file
+`points.csv`. A program that is not understood as a whole is refused by line, and nothing is stored. Programs
+of more than 10,000 targets are jobs with progress.""",
 )

@@ -321,14 +321,17 @@ class Collection(Generic[Resource, Summary]):
 
     def delete(self, identifier: str) -> None:
         """Delete a resource, which can be restored for 30 days."""
-        self._client.send("DELETE", self._address(identifier))
+        self._client.send("DELETE", self._changed_at(identifier))
 
     def restore(self, identifier: str) -> None:
         """Restore a deleted resource."""
-        self._client.send("POST", f"{self._address(identifier)}/restore", None, {})
+        self._client.send("PATCH", self._changed_at(identifier), None, {"deleted": False})
 
     def _address(self, identifier: str) -> str:
         return f"{self._path}/{quote(identifier, safe='')}"
+
+    def _changed_at(self, identifier: str) -> str:
+        return self._address(identifier)
 
     def _in(self, answer: httpx2.Response) -> Resource:
         return resource_in(answer, self._kind)
@@ -373,7 +376,8 @@ class Jobs(Collection[AnyJob, AnySummary]):
         if laboratory is not None:
             remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
             raise RequestError("a service reports for its own laboratory", where="laboratory", remedy=remedy)
-        content: bytes = self._client.send("GET", f"{self._address(job.id)}/{name}", query).content
+        address = f"{self._changed_at(job.id)}/files/{name}"
+        content: bytes = self._client.send("GET", address, query).content
         return content
 
     def files(self, program: Program) -> dict[str, bytes]:
@@ -389,6 +393,10 @@ class Jobs(Collection[AnyJob, AnySummary]):
             chosen = advised(cast("Any", run.result).assessment, action)
         answer = self._client.send("POST", f"{self._address(run.id)}/apply", {"wait": "1"}, chosen)
         return cast("TabledRun", self.wait(self._in(answer)))
+
+    def _changed_at(self, identifier: str) -> str:
+        """Return the address that jobs of all kinds share."""
+        return f"/v1/jobs/{quote(identifier, safe='')}"
 
     def _in(self, answer: httpx2.Response) -> AnyJob:
         return results.of(super()._in(answer), self)

@@ -34,6 +34,8 @@ from typing import NamedTuple
 from jointstiff.solver.errors import RequestError
 
 _MAX_SHOWN = 80
+_CHANGED = ("robots", "measurement-sets")
+"""Collections that are no jobs, whose resources are changed at their own addresses."""
 
 
 class Resource(NamedTuple):
@@ -41,6 +43,11 @@ class Resource(NamedTuple):
 
     name: str  # in messages
     collection: str  # name of all resources of this kind in addresses
+
+    def change(self, identifier: str, change: str) -> str:
+        """Return the request that changes one, for remedies; jobs of all kinds have one address."""
+        collection = self.collection if self.collection in _CHANGED else "jobs"
+        return f"PATCH /v1/{collection}/{identifier} {{{change}}}"
 
 
 class ItemsError(RequestError):
@@ -118,7 +125,7 @@ class DeletedError(NotFoundError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(kind, identifier)
         self.reason = f"the {kind.name} {_shown(identifier)} was deleted"
-        self.remedy = f"restore it with POST /v1/{kind.collection}/{identifier}/restore"
+        self.remedy = "restore it with " + kind.change(identifier, '"deleted": false')
         self.args = (f"{self.reason}: {self.remedy}",)
 
 
@@ -126,10 +133,10 @@ class NotEndedError(StoreError):
     """A job that has not ended cannot be deleted."""
 
     def __init__(self, kind: Resource, identifier: str) -> None:
+        cancel = kind.change(identifier, '"cancelled": true')
         super().__init__(
             f"the {kind.name} {_shown(identifier)} has not finished",
-            f"cancel it first with POST /v1/{kind.collection}/{identifier}/cancel, or wait until it "
-            "has finished",
+            f"cancel it first with {cancel}, or wait until it has finished",
         )
         self.kind = kind  # The kind of job
         self.id = identifier  # Its id

@@ -96,15 +96,21 @@ class MeasurementSets:
         )
 
     def change(self, set_id: str, change: SetChange) -> MeasurementSetRecord:
-        """Change name, metadata or place of a set; its readings, hash and runs stay as they are.
+        """Change name, metadata or place of a set, or delete or restore it; its readings stay as they are.
 
         Raises:
-            NotFoundError: there is no such set.
-            DeletedError: it was deleted.
+            NotFoundError: there is no such set, or it has been removed for good.
+            DeletedError: it was deleted and stays so, or its robot is deleted.
+            ReferencedError: it is to be deleted, and jobs refer to it.
         """
+        if change.deleted is False:
+            self._deletions.restore(set_id)
         changes = {name: getattr(change, name) for name in change.model_fields_set}
-        kept = {name for name in ("name", "archived") if changes.get(name) is None}
-        return self._store.sets.change(set_id, {n: value for n, value in changes.items() if n not in kept})
+        kept = {"deleted", *(name for name in ("name", "archived") if changes.get(name) is None)}
+        record = self._store.sets.change(set_id, {n: value for n, value in changes.items() if n not in kept})
+        if change.deleted:
+            self.delete(set_id)
+        return record
 
     def delete(self, set_id: str) -> None:
         """Hide a set that no job refers to; to do so again changes nothing.
@@ -115,16 +121,6 @@ class MeasurementSets:
         """
         self._deletions.delete(set_id, datetime.now(UTC))
         self._prepared.cache_clear()
-
-    def restore(self, set_id: str) -> messages.MeasurementSet:
-        """Bring a deleted set back, and return it; to do so again changes nothing.
-
-        Raises:
-            NotFoundError: there is no such set, or it has been removed for good.
-            DeletedError: its robot is deleted.
-        """
-        self._deletions.restore(set_id)
-        return self.document(set_id)
 
     def document(self, set_id: str) -> messages.MeasurementSet:
         """The set as it was posted, with what was noticed.

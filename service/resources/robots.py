@@ -73,14 +73,21 @@ class Robots:
         return self._store.robots.add(record, key)
 
     def change(self, robot_id: str, change: messages.RobotChange) -> messages.Robot:
-        """Change the name of a robot, or whether listings leave it out; its kinematics stay.
+        """Change the name of a robot, or whether listings leave it out, or delete or restore it.
 
         Raises:
-            NotFoundError: there is no such robot.
-            DeletedError: it was deleted.
+            NotFoundError: there is no such robot, or it has been removed for good.
+            DeletedError: it was deleted, and stays so.
+            ReferencedError: it is to be deleted, and measurement sets or jobs refer to it.
         """
-        record = self._store.robots.change(robot_id, change.model_dump(exclude_none=True))
+        if change.deleted is False:
+            self._deletions.restore(robot_id)
+        record = self._store.robots.change(
+            robot_id, change.model_dump(exclude_none=True, exclude={"deleted"})
+        )
         self._stored.cache_clear()
+        if change.deleted:
+            self.delete(robot_id)
         return described(record)
 
     def delete(self, robot_id: str) -> None:
@@ -92,15 +99,6 @@ class Robots:
         """
         self._deletions.delete(robot_id, datetime.now(UTC))
         self._stored.cache_clear()
-
-    def restore(self, robot_id: str) -> messages.Robot:
-        """Bring a deleted robot back, and return it; to do so again changes nothing.
-
-        Raises:
-            NotFoundError: there is no such robot, or it has been removed for good.
-        """
-        self._deletions.restore(robot_id)
-        return described(self._store.robots.get(robot_id))
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
         """Return the robot ready for computation, and the hash of its content.

@@ -18,6 +18,7 @@ from jointstiff.service.store.collection import (
     Authorisations,
     Collection,
     Journal,
+    is_indexable,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
 from jointstiff.service.store.jobs import Heartbeats, JobLog
@@ -118,6 +119,14 @@ class Store:
         """Return the robots, measurement sets, or jobs of a kind, to delete and restore some."""
         kept: dict[Resource, Collection[Any, Any]] = {ROBOT: self.robots, MEASUREMENT_SET: self.sets}
         return kept.get(kind) or self.jobs(kind)
+
+    def kind_of_job(self, job_id: str) -> str | None:
+        """Return the name of the kind of a job, deleted or not; None if there is no such job."""
+        if not is_indexable(job_id):
+            return None
+        with self._database.reading() as connection:
+            found = connection.execute(select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
+        return None if found is None else str(found)
 
     def job_log(self, kind: Resource) -> JobLog:
         """Return the changing side of the jobs of a kind."""

@@ -11,10 +11,9 @@ from typing import Any, Final
 import httpx2
 
 from jointstiff.schemas.run import Run
-from jointstiff.service.access.addresses import receiver_addresses
-from jointstiff.service.access.signing import signature
 from jointstiff.service.kinds.trend.trends import Trends
 from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.security.receivers import receiver_addresses, signature
 from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
 from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION

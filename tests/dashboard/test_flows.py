@@ -344,7 +344,7 @@ def test_selected_runs_stand_side_by_side(visit, api, stored):
 
 def test_a_deleted_run_is_found_and_restored(visit, api, stored):
     run = post(api, "/v1/runs", {"measurement_set_id": stored.other_set})["id"]
-    api.delete(f"/v1/runs/{run}")
+    api.delete(f"/v1/jobs/{run}")
     visited = visit("tablet")
     visited.go("#/runs?state=deleted")
     page = visited.page
@@ -366,7 +366,7 @@ def test_deleted_comparisons_and_pairs_are_found_and_restored(visit, api, stored
         "pairs": ("/v1/pairs", sides),
     }[kind]
     made = post(api, path, request)["id"]
-    api.delete(f"{path}/{made}")
+    api.delete(f"/v1/jobs/{made}")
     visited = visit("phone")
     visited.go(f"#/compare/{kind}")
     page = visited.page

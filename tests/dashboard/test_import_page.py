@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from playwright.sync_api import expect
+from support.api import file_at
 from support.browsing import ROOT, post
 
 from jointstiff.simulator import default_arm
@@ -103,7 +104,7 @@ def test_five_taps_among_several_robots(visit, api, stored):
     expect(report).to_be_visible()
     run = api.get("/v1/runs?limit=1").json()["items"][0]
     assert run["robot_id"] == newer["id"] != older["id"]
-    assert report.get_attribute("href").endswith(f"/v1/runs/{run['id']}/report.pdf")
+    assert report.get_attribute("href").endswith(file_at(run, "report.pdf"))
 
 
 def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):

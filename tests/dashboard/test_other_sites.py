@@ -25,8 +25,8 @@ TRY = """async ([service, run, robot]) => {
   await sent("/v1/robots", {});
   await sent("/v1/robots", { method: "POST", mode: "no-cors", body: robot });
   await sent("/v1/robots", { method: "POST", body: robot, headers: { "Content-Type": "application/json" } });
-  await sent("/v1/runs/" + run, { method: "DELETE" });
-  await sent("/v1/runs/" + run + "/cancel", { method: "POST", mode: "no-cors" });
+  await sent("/v1/jobs/" + run, { method: "DELETE" });
+  await sent("/v1/jobs/" + run, { method: "PATCH", mode: "no-cors" });
   await sent("/v1/runs/" + run, {});
   return seen.join("");
 }"""

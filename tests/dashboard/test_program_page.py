@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from playwright.sync_api import expect
+from support.api import file_at
 from support.programs import START, path, tool_poses
 
 from jointstiff.service.programs.formats import read_program
@@ -45,7 +46,7 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     assert unmarked not in (content, corrected)
     assert len(read_program([("pocket.src", unmarked)]).targets) == 6
     made = page.url.rsplit("/", 1)[1]
-    assert api.get(f"/v1/programs/{made}/program").content == corrected
+    assert api.get(file_at(made, "program")).content == corrected
     visited.go(f"#/runs/{stored.run}/program")
     listed = page.locator("section", has_text="Compensated programs of this robot")
     expect(listed.get_by_role("link", name="pocket.src").first).to_have_attribute("href", re.compile(made))

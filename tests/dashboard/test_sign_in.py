@@ -12,7 +12,7 @@ from sqlalchemy import insert
 from support.browsing import post
 from support.processes import Service
 
-from jointstiff.service.access.key_text import digest, mint, mint_token
+from jointstiff.service.security.keys import digest, mint, mint_token
 from jointstiff.service.store.records import DeliveryRecord
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import deliveries
@@ -23,7 +23,7 @@ KEY = mint("tablet hall 3", "operator", NOW, None)
 ADMIN = mint("admin Smith", "admin", NOW, None)
 
 FOLLOW = """async (run) => {
-  const source = new EventSource(`/v1/runs/${run}/events`);
+  const source = new EventSource(`/v1/jobs/${run}/events`);
   return new Promise((tell) => {
     source.addEventListener("end", () => { source.close(); tell("end"); });
     source.addEventListener("error", () => { source.close(); tell("refused"); });

@@ -19,6 +19,7 @@ import httpx2
 import psycopg
 import pytest
 from sqlalchemy import func, select
+from support.api import CANCEL, file_at, job_at
 from support.processes import free_port, ready, serving, until, workers_of, working
 
 import jointstiff
@@ -116,7 +117,7 @@ def test_a_run_that_is_waited_for_is_created(
     assert numbers(answer.json()) == undisturbed
     address = answer.headers["location"]
     assert client.get(address).json() == answer.json()
-    assert client.post(f"{address}/cancel").status_code == 200
+    assert client.patch(job_at(address), json=CANCEL).status_code == 200
     assert client.get(address).json() == answer.json()
     assert [name for name, _ in followed(client, address)] == ["end"]
 
@@ -127,7 +128,7 @@ def test_a_small_run_does_not_wait_for_a_large_one(client: httpx2.Client, set_id
     assert small["state"] == "succeeded"
     states = [client.get(address).json()["state"] for address in large]
     for address in large:
-        client.post(f"{address}/cancel")
+        client.patch(job_at(address), json=CANCEL)
     assert set(states[1:]) <= OPEN
 
 
@@ -137,7 +138,7 @@ def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
     address = post_run(client, set_id, LONGEST).headers["location"]
     until(lambda: client.get(address).json()["progress"]["done"] > 0)
 
-    answer = client.post(f"{address}/cancel")
+    answer = client.patch(job_at(address), json=CANCEL)
 
     assert answer.status_code == 200
     cancelled = answer.json()
@@ -148,7 +149,7 @@ def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
     _, done, step = steps_of(database, cancelled["id"])
     assert done <= cancelled["progress"]["done"] + 2 * step
     assert client.get(address).json() == cancelled
-    assert client.post(f"{address}/cancel").json() == cancelled
+    assert client.patch(job_at(address), json=CANCEL).json() == cancelled
     assert [data["state"] for _, data in followed(client, address)] == ["cancelled"]
 
 
@@ -160,7 +161,7 @@ def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
     assert answer.status_code == 202
     address = answer.headers["location"]
     assert address == f"/v1/comparisons/{answer.json()['id']}"
-    assert client.get(f"{address}/table.csv").status_code == 409
+    assert client.get(file_at(address, "table.csv")).status_code == 409
 
     told = list(followed(client, address))
 
@@ -170,7 +171,7 @@ def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
     document = Campaign.model_validate_json(json.dumps(campaign))
     here = jointstiff.compare(document, ComparisonOptions.model_validate(options))
     assert numbers(found) == numbers(json.loads(here.model_dump_json()))
-    table = client.get(f"{address}/table.csv")
+    table = client.get(file_at(address, "table.csv"))
     assert table.headers["content-type"].startswith("text/csv")
     assert table.text.count("\r\n") == 8 * 6 + 1
 
@@ -180,11 +181,11 @@ def test_a_cancelled_comparison_stays_as_it_is(client: httpx2.Client, set_id: st
     body = {"measurement_set_id": set_id, "resampling": resampling}
     address = client.post("/v1/comparisons?wait=0", json=body).headers["location"]
     until(lambda: client.get(address).json()["progress"]["done"] > 0)
-    cancelled = client.post(f"{address}/cancel").json()
+    cancelled = client.patch(job_at(address), json=CANCEL).json()
     assert (cancelled["state"], cancelled["result"]) == ("cancelled", None)
     assert 0 < cancelled["progress"]["done"] < 8 * 50_000
     assert client.get(address).json() == cancelled
-    assert client.get(f"{address}/table.csv").status_code == 409
+    assert client.get(file_at(address, "table.csv")).status_code == 409
 
 
 def test_a_key_belongs_to_one_long_run(client: httpx2.Client, set_id: str) -> None:
@@ -232,8 +233,8 @@ def test_a_method_that_the_readings_cannot_support_is_refused_before_it_is_queue
 
 
 def test_a_run_that_is_not_there(client: httpx2.Client) -> None:
-    assert client.get("/v1/runs/nothing/events").status_code == 404
-    assert client.post("/v1/runs/nothing/cancel").status_code == 404
+    assert client.get("/v1/jobs/nothing/events").status_code == 404
+    assert client.patch(job_at("nothing"), json=CANCEL).status_code == 404
 
 
 def test_a_run_survives_the_death_of_worker_and_service(
@@ -330,7 +331,7 @@ def post_run(
 
 def followed(client: httpx2.Client, address: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """Names and data of a run's events until the stream ends."""
-    with client.stream("GET", f"{address}/events") as answer:
+    with client.stream("GET", f"{job_at(address)}/events") as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
         name = ""
         for line in answer.iter_lines():

@@ -13,8 +13,8 @@ import httpx2
 import uvicorn
 
 from jointstiff.service.api.connections import BoundedProtocol
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 
 

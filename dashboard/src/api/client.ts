@@ -143,25 +143,34 @@ function collection<Item, Summary, Change = never>(name: string) {
     add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}`, { body, key }),
     change: (item: string, body: Change) => call<unknown>("PATCH", at(item), { body }),
     delete: (item: string) => call<undefined>("DELETE", at(item)),
-    restore: (item: string) => call<Item>("POST", `${at(item)}/restore`),
-    /** The address of a file of an item. */
-    file: (item: string, name: string) => `${at(item)}/${name}`,
+    restore: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: false } }),
+    /** The address of what belongs to an item. */
+    below: (item: string, name: string) => `${at(item)}/${name}`,
   };
 }
 
-/** Of jobs; where they may take long one waits a second for the answer. */
-function jobs<Job, Summary>(name: string, quick = false) {
-  const common = collection<Job, Summary>(name);
+/** The addresses of a kind of job; one waits a second for the answer to a post. */
+function kind<Job, Summary>(name: string) {
+  const { list, one, below } = collection<Job, Summary>(name);
   return {
-    ...common,
-    add: (body: unknown, key: string) => call<Job>("POST", `/v1/${name}${quick ? "" : "?wait=1"}`, { body, key }),
-    cancel: (job: string) => call<Job>("POST", common.file(job, "cancel")),
+    list,
+    one,
+    below,
+    add: (body: unknown, key: string) => call<Job>("POST", `/v1/${name}?wait=1`, { body, key }),
   };
 }
 
-const runs = jobs<Run, RunSummary>("runs");
-const maps = jobs<WorkMap, MapSummary>("maps");
-const programs = jobs<Program, ProgramSummary>("programs");
+/** The addresses that jobs of all kinds share. */
+const jobs = {
+  ...collection<unknown, unknown>("jobs"),
+  cancel: (job: string) => call<unknown>("PATCH", `/v1/jobs/${id(job)}`, { body: { cancelled: true } }),
+  /** The address of a file of a job. */
+  file: (job: string, name: string) => `/v1/jobs/${id(job)}/files/${name}`,
+};
+
+const runs = kind<Run, RunSummary>("runs");
+const maps = kind<WorkMap, MapSummary>("maps");
+const programs = kind<Program, ProgramSummary>("programs");
 const robots = collection<Robot, RobotSummary, RobotChange>("robots");
 
 /** Every address of the API that the page uses. */
@@ -180,28 +189,29 @@ export const api = {
 
   robots,
   trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
-    call<Trend>("GET", `${robots.file(robot, "trend")}${query(filters)}`, options(signal)),
+    call<Trend>("GET", `${robots.below(robot, "trend")}${query(filters)}`, options(signal)),
   addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
-    call<unknown>("POST", robots.file(robot, "trend/baselines"), { body }),
+    call<unknown>("POST", robots.below(robot, "trend/baselines"), { body }),
   acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
-    call<unknown>("POST", robots.file(robot, "trend/acknowledgements"), { body }),
+    call<unknown>("POST", robots.below(robot, "trend/acknowledgements"), { body }),
   sets: collection<MeasurementSet, MeasurementSetSummary, SetChange>("measurement-sets"),
 
+  jobs,
   runs,
   authorisations: (run: string, signal?: AbortSignal) =>
-    call<AuthorisationList>("GET", runs.file(run, "authorisations"), options(signal)),
+    call<AuthorisationList>("GET", jobs.file(run, "authorisations.json"), options(signal)),
   authorise: (run: string, body: Partial<AuthorisationRequest>) =>
-    call<Authorisation>("POST", runs.file(run, "authorisations"), { body }),
+    call<Authorisation>("POST", runs.below(run, "authorisations"), { body }),
   predict: (body: unknown) => call<DeflectionResult>("POST", "/v1/deflections", { body }),
-  comparisons: jobs<Comparison, ComparisonSummary>("comparisons"),
-  pairs: jobs<Pair, PairSummary>("pairs", true),
-  geometries: jobs<Geometry, GeometrySummary>("geometries", true),
-  plans: jobs<Plan, PlanSummary>("plans", true),
+  comparisons: kind<Comparison, ComparisonSummary>("comparisons"),
+  pairs: kind<Pair, PairSummary>("pairs"),
+  geometries: kind<Geometry, GeometrySummary>("geometries"),
+  plans: kind<Plan, PlanSummary>("plans"),
   maps,
-  mapTable: (map: string) => call<Columns>("GET", maps.file(map, "map.json")),
+  mapTable: (map: string) => call<Columns>("GET", jobs.file(map, "map.json")),
   programs,
-  tables: (collection: string, job: string, view: Filters) =>
-    call<{ tables: ShownTable[] }>("GET", `/v1/${collection}/${id(job)}/tables.json${query(view)}`).then(
+  tables: (job: string, view: Filters) =>
+    call<{ tables: ShownTable[] }>("GET", `${jobs.file(job, "tables.json")}${query(view)}`).then(
       (answer) => answer.tables,
     ),
   apply: (run: string, action: Action) => call<Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
@@ -209,8 +219,8 @@ export const api = {
   addWebhook: (body: { url: string; events: readonly string[] }) => call<NewWebhook>("POST", "/v1/webhooks", { body }),
   deleteWebhook: (hook: string) => call<undefined>("DELETE", `/v1/webhooks/${id(hook)}`),
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
-  programPoints: (program: string) => call<Columns>("GET", programs.file(program, "points.json")),
-  programFile: (program: string, file: string) => programs.file(program, `program${query({ file })}`),
+  programPoints: (program: string) => call<Columns>("GET", jobs.file(program, "points.json")),
+  programFile: (program: string, file: string) => jobs.file(program, `program${query({ file })}`),
 };
 
 /** Files, and what is stated of them. */

@@ -15,12 +15,11 @@ export type Collection = "runs" | "comparisons" | "pairs" | "geometries" | "plan
  * reached, and when it can again: the browser tries by itself. Answers with how to stop.
  */
 export function follow(
-  collection: Collection,
   id: string,
   tell: (standing: Standing, ended: boolean) => void,
   away?: (isAway: boolean) => void,
 ): () => void {
-  const source = new EventSource(`/v1/${collection}/${encodeURIComponent(id)}/events`);
+  const source = new EventSource(`/v1/jobs/${encodeURIComponent(id)}/events`);
   const hear = (ended: boolean) => (event: MessageEvent<string>) => {
     if (ended) source.close(); // else the browser would come back and hear it again
     tell(JSON.parse(event.data) as Standing, ended);

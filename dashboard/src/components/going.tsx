@@ -1,7 +1,7 @@
 /** Something that takes long: how far it is, how long it will take, whether the service is there, and how to end it. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import { api } from "../api/client";
-import { type Collection, follow, type Standing } from "../api/events";
+import { follow, type Standing } from "../api/events";
 import type { Progress, RunState } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/progress";
 import { useAction } from "../state/action";
@@ -16,13 +16,13 @@ interface Job {
   progress?: Progress | null;
 }
 
-export function Going({ collection, job, ended }: { collection: Collection; job: Job; ended: () => void }) {
+export function Going({ job, ended }: { job: Job; ended: () => void }) {
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
   const [away, setAway] = useState(false);
-  useEffect(() => follow(collection, job.id, (now, end) => (end ? ended() : set(now)), setAway), [collection, job.id]);
+  useEffect(() => follow(job.id, (now, end) => (end ? ended() : set(now)), setAway), [job.id]);
   const alone = useNoWorker(standing.progress?.done ?? 0);
   const stuck = away ? text.run.away : alone ? text.run.noWorker : null;
-  const stop = useAction(() => api[collection].cancel(job.id));
+  const stop = useAction(() => api.jobs.cancel(job.id));
   return (
     <section class="card going" aria-live="polite">
       <Busy label={text.states[standing.state]} />

@@ -83,7 +83,7 @@ export function JobPage<Of extends Job, Context>({
                 {actions}
               </Actions>
             </div>
-            {goesOn(job.state) && <Going collection={collection} job={job} ended={loaded.reload} />}
+            {goesOn(job.state) && <Going job={job} ended={loaded.reload} />}
             {job.state === "cancelled" && <Cancelled progress={job.progress} />}
             {job.error && <ProblemNote problem={job.error} />}
             <Carried collection={collection} job={job} />
@@ -134,8 +134,8 @@ function Actions({
     void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
   };
   const deletion = useDeletion({
-    remove: () => api[collection].delete(job.id),
-    restore: () => api[collection].restore(job.id),
+    remove: () => api.jobs.delete(job.id),
+    restore: () => api.jobs.restore(job.id),
     list,
     deleted: text.runs.deleted(name),
   });
@@ -145,7 +145,7 @@ function Actions({
     <div class="actions">
       {children}
       {REPORTED.includes(collection) && job.result && (
-        <Download href={api[collection].file(job.id, "report.pdf")}>{text.run.report}</Download>
+        <Download href={api.jobs.file(job.id, "report.pdf")}>{text.run.report}</Download>
       )}
       <Button onClick={share}>{text.run.share}</Button>
       <Button title={text.run.downloadHint} onClick={download}>

@@ -22,7 +22,7 @@ export function JobTables({
   const unit = STIFFNESS_UNITS[useSettings().unit].name;
   const tables = useCached(
     `tables/${id}/${unit}`,
-    () => api.tables(collection, id, { unit, details: String(collection !== "comparisons") }),
+    () => api.tables(id, { unit, details: String(collection !== "comparisons") }),
     Number.POSITIVE_INFINITY,
   );
   return (

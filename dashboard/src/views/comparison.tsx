@@ -34,7 +34,7 @@ export function ComparisonView({ id }: { id: string }) {
         name: set.name,
         list: "#/compare/methods",
         about: <a href={link(["sets", set.id])}>{text.sets.kind}</a>,
-        actions: job.result && <Download href={api.comparisons.file(id, "table.csv")}>{text.figure.csv}</Download>,
+        actions: job.result && <Download href={api.jobs.file(id, "table.csv")}>{text.figure.csv}</Download>,
       })}
     >
       {({ assessment, warnings, entries }, { job }) => (

@@ -61,7 +61,7 @@ export function jobRow<Of extends Collection>(
     at: job.created_at,
     standing: (
       <>
-        <JobStanding collection={collection} job={job} live={live} />
+        <JobStanding job={job} live={live} />
         {job.robot_id && set && <AlarmState alarms={names?.alarms(job.robot_id, set) ?? []} />}
       </>
     ),
@@ -118,7 +118,7 @@ export function JobList<Of extends Collection>({
   }, [filter, shown, address]);
 
   const restore = (item: Summary<Of>) =>
-    void api[collection].restore(item.id).then(
+    void api.jobs.restore(item.id).then(
       () => {
         if (deleted) take(item.id);
         else put(item);
@@ -128,7 +128,7 @@ export function JobList<Of extends Collection>({
     );
   const remove = (item: Summary<Of>, name: string) => {
     take(item.id);
-    api[collection].delete(item.id).then(
+    api.jobs.delete(item.id).then(
       () => toast(words.deleted(name), { label: text.runs.undo, run: () => restore(item) }),
       (error: unknown) => {
         put(item);
@@ -222,11 +222,11 @@ const DeleteIcon = ({ name, remove }: { name: string; remove: () => void }) => (
 );
 
 /** Verdict, or state and progress, live while the job goes on and is followed. */
-function JobStanding({ collection, job, live }: { collection: Collection; job: Listed; live: boolean }) {
+function JobStanding({ job, live }: { job: Listed; live: boolean }) {
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: null });
   useEffect(() => {
     set({ id: job.id, state: job.state, progress: null });
-    return live && goesOn(job.state) ? follow(collection, job.id, set) : undefined;
+    return live && goesOn(job.state) ? follow(job.id, set) : undefined;
   }, [job.id, job.state, live]);
   if (job.verdict && standing.state === "succeeded") return <Badge verdict={job.verdict} />;
   return (

@@ -68,13 +68,13 @@ export function MapView({ id, beside }: { id: string; beside: string | null }) {
         actions:
           job.result &&
           (["csv", "npz"] as const).map((extension) => (
-            <Download href={api.maps.file(id, `map.${extension}`)}>{words[extension]}</Download>
+            <Download href={api.jobs.file(id, `map.${extension}`)}>{words[extension]}</Download>
           )),
       })}
     >
       {(_, { own, other }, reload) =>
         other && goesOn(other.map.state) ? (
-          <Going collection="maps" job={other.map} ended={reload} />
+          <Going job={other.map} ended={reload} />
         ) : (
           <Explorer own={own} other={other} />
         )

@@ -71,7 +71,7 @@ function Files({
       >
         {words.fillIn}
       </Button>
-      <Download href={api.plans.file(plan, "readings.csv")}>{words.csv}</Download>
+      <Download href={api.jobs.file(plan, "readings.csv")}>{words.csv}</Download>
     </>
   );
 }

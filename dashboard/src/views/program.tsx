@@ -52,7 +52,7 @@ export function ProgramView({ id }: { id: string }) {
                 {words.download(file.name)}
               </Download>
             ))}
-            <Download href={api.programs.file(id, "points.csv")}>{words.table}</Download>
+            <Download href={api.jobs.file(id, "points.csv")}>{words.table}</Download>
           </>
         ),
       })}

@@ -21,14 +21,14 @@ export function RunFiles({ run, assessment }: { run: string; assessment: Assessm
       <h2>{words.title}</h2>
       <p class="soft">{words.note}</p>
       <div class="actions">
-        <Download href={api.runs.file(run, "report.pdf")}>{words.pdf}</Download>
-        <LinkButton href={api.runs.file(run, "report.html")} target="_blank" rel="noreferrer">
+        <Download href={api.jobs.file(run, "report.pdf")}>{words.pdf}</Download>
+        <LinkButton href={api.jobs.file(run, "report.html")} target="_blank" rel="noreferrer">
           {words.html}
         </LinkButton>
         {(Object.keys(words.models) as (keyof typeof words.models)[]).map((format) => (
           <LinkButton
             key={format}
-            href={api.runs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
+            href={api.jobs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
             onClick={sure}
             title={words.models[format][1]}
             download
@@ -78,7 +78,7 @@ function Authorisations({ run }: { run: string }) {
             </>
           )}
           {" · "}
-          <a href={api.runs.file(run, `issued/${each.number}.pdf`)} title={`SHA-256 ${each.pdf_sha256}`} download>
+          <a href={api.jobs.file(run, `issued-${each.number}.pdf`)} title={`SHA-256 ${each.pdf_sha256}`} download>
             {words.issued(each.number)}
           </a>
         </p>
@@ -97,7 +97,7 @@ function Authorisations({ run }: { run: string }) {
         <div class="note warn" role="group" aria-label={words.sure}>
           <p>{words.states(found.name ?? "")}</p>
           <div class="actions">
-            <LinkButton href={`${api.runs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
+            <LinkButton href={`${api.jobs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
               {words.draftNow}
             </LinkButton>
             <Button look="primary" disabled={authorise.busy} onClick={authorise.run}>

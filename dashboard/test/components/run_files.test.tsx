@@ -59,7 +59,7 @@ describe("files of a run", () => {
       "model.sdf",
       "model.urdf",
     ])
-      expect(links).toContain(`/v1/runs/r1/${name}`);
+      expect(links).toContain(`/v1/jobs/r1/files/${name}`);
     expect(root.textContent).toContain("marked as a draft");
     expect(root.querySelector("button")).toBeNull();
   });
@@ -78,7 +78,7 @@ describe("files of a run", () => {
     expect(authorise).not.toHaveBeenCalled();
     expect(root.textContent).toContain("under the name of your key, Dr. Key");
     const shown = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
-    expect(shown).toContain("/v1/runs/r1/report.html?draft=true");
+    expect(shown).toContain("/v1/jobs/r1/files/report.html?draft=true");
     await press(root, "Issue the report");
     await settled(() => {});
     expect(authorise).toHaveBeenCalledWith("r1", { note: null, customer: null, received_on: null });
@@ -86,7 +86,7 @@ describe("files of a run", () => {
     expect(root.textContent).toContain("Report authorised by Dr. Key");
     expect(root.textContent).toContain("checked");
     const issued = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
-    expect(issued).toContain("/v1/runs/r1/issued/1.pdf");
+    expect(issued).toContain("/v1/jobs/r1/files/issued-1.pdf");
     expect(root.textContent).not.toContain("Issue the report");
   });
 });

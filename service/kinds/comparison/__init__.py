@@ -61,10 +61,8 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
     files=(
         File(
             name="table.csv",
-            operation="get_comparison_table",
-            description="Get the result as a table for spreadsheets: one row per entry and joint, units in "
+            description="the result as a table for spreadsheets: one row per entry and joint, units in "
             "the headers.",
-            content="The table as CSV (RFC 4180).",
             media_type="text/csv",
             sheet=_entries_sheet,
             made_of="result",

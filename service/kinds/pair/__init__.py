@@ -60,10 +60,8 @@ PAIR: Final = Kind[Pair, PairRequest, PairSummary](
     files=(
         File(
             name="table.csv",
-            operation="get_pair_table",
-            description="Get the joints of both sides with their ratio as a table for spreadsheets, units in "
+            description="the joints of both sides with their ratio as a table for spreadsheets, units in "
             "the headers.",
-            content="The table as CSV (RFC 4180).",
             media_type="text/csv",
             sheet=_joints_sheet,
             made_of="result",

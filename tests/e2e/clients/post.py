@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from jointstiff_client import AuthenticatedClient
-from jointstiff_client.api.comparisons import cancel_comparison, create_comparison
+from jointstiff_client.api.comparisons import create_comparison
 from jointstiff_client.api.geometries import create_geometry
+from jointstiff_client.api.jobs import change_job
 from jointstiff_client.api.maps import create_map
 from jointstiff_client.api.measurement_sets import create_import, create_measurement_set
 from jointstiff_client.api.pairs import create_pair
@@ -27,6 +28,7 @@ from jointstiff_client.models.dh_row import DhRow
 from jointstiff_client.models.geometry import Geometry
 from jointstiff_client.models.geometry_request import GeometryRequest
 from jointstiff_client.models.import_answer import ImportAnswer
+from jointstiff_client.models.job_change import JobChange
 from jointstiff_client.models.kinematics import Kinematics
 from jointstiff_client.models.kinematics_request import KinematicsRequest
 from jointstiff_client.models.map_ import Map
@@ -86,7 +88,8 @@ def jobs() -> None:
     for body in BODIES["/v1/comparisons"]:
         request = ComparisonRequest.from_dict(body)
         asked = check(create_comparison.sync_detailed(client=CLIENT, body=request), Comparison)
-        check(cancel_comparison.sync_detailed(asked.id, client=CLIENT), Comparison)
+        cancel = JobChange(cancelled=True)
+        check(change_job.sync_detailed(asked.id, client=CLIENT, body=cancel), Comparison)
 
 
 def typed() -> None:

@@ -14,21 +14,22 @@ from fastapi import APIRouter
 from starlette.requests import HTTPConnection
 from support.in_process import Client
 
-from jointstiff.service.access.key_text import digest, mint, mint_token
-from jointstiff.service.api import gate, health
-from jointstiff.service.api.access import (
+from jointstiff.service.api import health
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.app import create_app
+from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.security import access
+from jointstiff.service.security.access import (
     ANONYMOUS_ENTRIES,
     OPERATOR,
     VIEWER,
     AccessRoute,
     UndeclaredRoleError,
-    _address,
+    address_of,
     operation_id,
 )
-from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.api.posture import Posture
-from jointstiff.service.app import create_app
-from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.security.keys import digest, mint, mint_token
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -39,7 +40,7 @@ POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
 
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
-ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable", "authoriseRun"} | {
+ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "authoriseRun"} | {
     "createWebhook",
     "listWebhooks",
     "deleteWebhook",
@@ -105,7 +106,7 @@ def test_each_role_may_do_what_is_declared_and_no_more(openapi, shared, subtests
                     assert status != 401
 
 
-@pytest.mark.parametrize("path", ["/v1", "/v1/nothing", "/openapi.json", "/health", "/ready", "/live/"])
+@pytest.mark.parametrize("path", ["/v1", "/v1/nothing", "/openapi.json", "/health", "/live/"])
 @pytest.mark.parametrize("method", ["GET", "HEAD", "POST", "OPTIONS", "TRACE"])
 def test_what_no_route_declares_public_needs_a_key(method, path, shared):
     answer = shared.request(method, path)
@@ -188,12 +189,12 @@ def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
     async def sleep(seconds):
         slept.append(seconds)
 
-    monkeypatch.setattr(gate, "sleep", sleep)
+    monkeypatch.setattr(access, "sleep", sleep)
     wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
     answers = [client.request("POST", "/v1/runs", headers=wrong) for _ in range(20)]
     assert [answer.status_code for answer in answers] == [401] * 11 + [429] * 9
     assert answers[-1].headers["Retry-After"]
-    assert slept == [gate.SLOW_SECONDS] * 9
+    assert slept == [access.SLOW_SECONDS] * 9
     assert client.get("/v1/robots", headers=bearer("viewer")).status_code == 200
     assert client.request("POST", "/v1/session", json={"link": "x"}).status_code == 429
     token = offered(store)
@@ -351,7 +352,7 @@ def test_who_changes_what_stands_in_the_audit(client, store):
     assert client.request("POST", "/v1/robots", json=robot, headers=bearer("viewer")).status_code == 403
     assert client.request("POST", "/v1/robots", json=robot).status_code == 401
     assert (
-        client.request("DELETE", f"/v1/runs/{KEYS['admin'].text}", headers=bearer("operator")).status_code
+        client.request("DELETE", f"/v1/jobs/{KEYS['admin'].text}", headers=bearer("operator")).status_code
         == 422
     )
     client.request("PUT", "/v1/robots", headers=bearer("operator"))
@@ -364,11 +365,11 @@ def test_who_changes_what_stands_in_the_audit(client, store):
         ("operator's key", "POST", "createRobot", 201),
         ("viewer's key", "POST", "createRobot", 403),
         (None, "POST", None, 401),
-        ("operator's key", "DELETE", "deleteRun", 422),
+        ("operator's key", "DELETE", "deleteJob", 422),
         ("operator's key", "PUT", None, 405),
         ("viewer's key", "POST", "createSession", 201),
     ]
-    assert listed[2]["path"] == "/v1/runs/jst_…"
+    assert listed[2]["path"] == "/v1/jobs/jst_…"
     assert {one["address"] for one in listed} == {"127.0.0.1"}
     mine = client.get(f"/v1/audit?key_id={KEYS['viewer'].record.id}&limit=1", headers=bearer("admin")).json()
     assert mine["items"][0]["operation"] == "createSession"
@@ -376,9 +377,9 @@ def test_who_changes_what_stands_in_the_audit(client, store):
 
 
 def test_an_address_that_a_proxy_invents_is_unknown():
-    assert _address({"client": ("10.0.0.7", 80)}) == "10.0.0.7"
-    assert [_address({"client": client}) for client in (("=HYPERLINK(1)", 0), None)] == ["unknown"] * 2
-    assert _address({}) == "unknown"
+    assert address_of({"client": ("10.0.0.7", 80)}) == "10.0.0.7"
+    assert [address_of({"client": client}) for client in (("=HYPERLINK(1)", 0), None)] == ["unknown"] * 2
+    assert address_of({}) == "unknown"
 
 
 def test_the_audit_as_a_table_has_all_entries_and_no_formulas(client, store):
@@ -388,7 +389,9 @@ def test_the_audit_as_a_table_has_all_entries_and_no_formulas(client, store):
     headers = {"Authorization": f"Bearer {made.json()['key']}"}
     for _ in range(3):
         client.request("POST", "/v1/runs", headers=headers)
-    table = list(csv.DictReader(io.StringIO(client.get("/v1/audit/table.csv", headers=bearer("admin")).text)))
+    table = list(
+        csv.DictReader(io.StringIO(client.get("/v1/audit?format=csv", headers=bearer("admin")).text))
+    )
     assert len(table) == 4
     assert table[0]["key_name"] == "'=1+1"
     assert table[0]["status"] == "415"
@@ -426,10 +429,7 @@ def test_a_database_that_is_away_lets_nobody_in(client, store, monkeypatch):
 def test_jobs_name_the_key_that_asked_for_them(client, store):
     campaign = simulate_campaign(default_arm(), configurations=6)
     headers = bearer("operator")
-    robot = client.request("POST", "/v1/robots", json=campaign["robot"], headers=headers).json()["id"]
-    readings = campaign["measurement_set"] | {"robot_id": robot}
-    stored = client.request("POST", "/v1/measurement-sets", json=readings, headers=headers).json()["id"]
-    run = client.request("POST", "/v1/runs", json={"measurement_set_id": stored}, headers=headers).json()
+    run = client.request("POST", "/v1/campaigns", json=campaign, headers=headers).json()
     expected = {"key_id": KEYS["operator"].record.id, "key_name": "operator's key"}
     assert run["requested_by"] == expected
     assert client.get(f"/v1/runs/{run['id']}", headers=headers).json()["requested_by"] == expected

@@ -13,15 +13,15 @@ import anyio
 import httpx2
 import pypdf
 import pytest
+from support.api import file_at, job_at
 from support.records import RUN, job_record
 
 from jointstiff.schemas.report import Laboratory
-from jointstiff.service.access.key_text import mint
-from jointstiff.service.api import reports
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_pdf
+from jointstiff.service.security.keys import mint
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.collection import NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord
@@ -66,15 +66,12 @@ def ask(store):
 @pytest.fixture(scope="module")
 def runs(ask):
     campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
-    robot = ask("POST", "/v1/robots", json=campaign["robot"]).json()["id"]
-    readings = campaign["measurement_set"] | {"robot_id": robot}
-    measured = ask("POST", "/v1/measurement-sets", json=readings).json()["id"]
-    request = {"measurement_set_id": measured}
-    return measured, [ask("POST", "/v1/runs", json=request).json()["id"] for _ in range(2)]
+    first, second = (ask("POST", "/v1/campaigns", json=campaign).json() for _ in range(2))
+    return first["request"]["measurement_set_id"], [first["id"], second["id"]]
 
 
 def page(ask, run, **options):
-    return ask("GET", f"/v1/runs/{run}/report.html", **options).text
+    return ask("GET", file_at(run, "report.html"), **options).text
 
 
 def test_only_admins_authorise_and_only_for_a_laboratory(ask, runs):
@@ -83,7 +80,7 @@ def test_only_admins_authorise_and_only_for_a_laboratory(ask, runs):
     refused = ask("POST", path, "admin", LaboratorySettings(), json={})
     assert refused.status_code == 409
     assert "--laboratory" in refused.json()["detail"]
-    assert ask("GET", path).json() == {"items": []}
+    assert ask("GET", file_at(runs[1][0], "authorisations.json")).json() == {"items": []}
 
 
 def test_from_draft_to_superseded(ask, runs):
@@ -121,7 +118,7 @@ def test_from_draft_to_superseded(ask, runs):
     draft = page(ask, second, params={"draft": True})
     assert ">draft<" in draft
     assert "Somebody else" in draft
-    assert len(ask("GET", f"/v1/runs/{first}/authorisations").json()["items"]) == 1
+    assert len(ask("GET", file_at(first, "authorisations.json")).json()["items"]) == 1
 
 
 def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp_path):
@@ -132,7 +129,7 @@ def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp
     body = {"customer": {"name": "Arms Inc.", "address": ["2 Side Street"]}, "received_on": "2026-11-20"}
     answer = ask("POST", f"{path}/authorisations", "admin", json=body)
     assert answer.status_code == 201, answer.text
-    first = ask("GET", f"{path}/report.pdf").content
+    first = ask("GET", file_at(path, "report.pdf")).content
     assert answer.json()["pdf_sha256"] == hashlib.sha256(first).hexdigest()
     assert answer.json()["customer"]["name"] == "Arms Inc."
     text = " ".join("".join(one.extract_text() for one in pypdf.PdfReader(io.BytesIO(first)).pages).split())
@@ -143,9 +140,9 @@ def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp
     ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "A third person", "name": "renamed"})
     other = LaboratorySettings(Laboratory(name="Other Lab", traceability="next year's certificate"))
     monkeypatch.setattr("jointstiff.service.reports.run.TITLE", "Another layout")
-    assert ask("GET", f"{path}/report.pdf", settings=other).content == first
-    assert ask("GET", f"{path}/issued/1.pdf", settings=other).content == first
-    assert ask("GET", f"{path}/issued/2.pdf").status_code == 404
+    assert ask("GET", file_at(path, "report.pdf"), settings=other).content == first
+    assert ask("GET", file_at(path, "issued-1.pdf"), settings=other).content == first
+    assert ask("GET", file_at(path, "issued-2.pdf")).status_code == 404
     with Store.open(f"sqlite:///{tmp_path / 'a.db'}") as filed:
         filed.authorisations.add(store.authorisations.of(run_id=run)[0])
     back_up(f"sqlite:///{tmp_path / 'a.db'}", tmp_path / "backup")
@@ -160,7 +157,7 @@ def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp
     assert "Other Lab" in shown
     assert "A third person" in shown
     assert f"It supersedes report {run}-1." in shown
-    assert ask("GET", f"{path}/issued/1.pdf").content == first
+    assert ask("GET", file_at(path, "issued-1.pdf")).content == first
 
 
 def test_a_superseded_report_states_what_it_stated(ask, runs):
@@ -220,7 +217,7 @@ def test_two_admins_at_the_same_instant_get_two_numbers(ask, runs, monkeypatch):
             both.wait(60)
         return report_pdf(document)
 
-    monkeypatch.setattr(reports, "report_pdf", meet)
+    monkeypatch.setattr("jointstiff.service.api.runs.report_pdf", meet)
     with ThreadPoolExecutor(2) as threads:
         answers = list(
             threads.map(
@@ -231,7 +228,7 @@ def test_two_admins_at_the_same_instant_get_two_numbers(ask, runs, monkeypatch):
     assert sorted(made) == [f"{run}-1", f"{run}-1", f"{run}-2"]
     assert sorted(answer.json()["number"] for answer in answers) == [1, 2]
     for answer in answers:
-        issued = ask("GET", f"/v1/runs/{run}/issued/{answer.json()['number']}.pdf").content
+        issued = ask("GET", file_at(run, f"issued-{answer.json()['number']}.pdf")).content
         text = " ".join(one.extract_text() for one in pypdf.PdfReader(io.BytesIO(issued)).pages)
         assert f"{run}-{answer.json()['number']}" in text
         assert f"Authorised by {answer.json()['key_name']}" in " ".join(text.split())
@@ -241,7 +238,7 @@ def test_an_authorised_run_is_not_deleted(ask, runs):
     measured, _ = runs
     run = ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
     assert ask("POST", f"/v1/runs/{run}/authorisations", "admin", json={}).status_code == 201
-    refused = ask("DELETE", f"/v1/runs/{run}")
+    refused = ask("DELETE", job_at(run))
     assert refused.status_code == 409
     assert refused.json()["type"].endswith("authorised")
     assert ask("GET", f"/v1/runs/{run}").status_code == 200

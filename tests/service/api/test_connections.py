@@ -18,13 +18,13 @@ import pytest
 from support.in_process import served
 from support.processes import until
 
-from jointstiff.service.access.key_text import mint
+from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
 from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.api.limits import MAX_ROBOT_BYTES
-from jointstiff.service.api.middleware import ANSWER_HEADERS
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.logs import ACCESS_LOGGER
+from jointstiff.service.security.keys import mint
+from jointstiff.service.security.origin import Posture
+from jointstiff.service.security.size import MAX_ROBOT_BYTES
 from jointstiff.service.server import UNREAD_BYTES, listen
 from jointstiff.service.store.store import Store
 

@@ -6,14 +6,14 @@ import dataclasses
 import uuid
 from datetime import UTC, datetime, timedelta
 
-import httpx2
 import pytest
+from support.api import CANCEL, DELETE, RESTORE, file_at, job_at, posted_set
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.map import MAP
 from jointstiff.service.kinds.registry import KINDS
@@ -57,7 +57,7 @@ class TestStore:
         for _ in range(2):
             deletions.delete(job.id, TIME)
             assert listed(store, kind) == ["after", "before"]
-            with pytest.raises(DeletedError, match=f"{kind.collection}/{job.id}/restore"):
+            with pytest.raises(DeletedError, match=f"PATCH /v1/jobs/{job.id}"):
                 store.jobs(kind).get(job.id)
             with pytest.raises(DeletedError):
                 deletions.refuse_deleted(job.id)
@@ -194,17 +194,12 @@ class TestJobs:
         assert runs.document(kept.id) == kept.document
 
 
-@pytest.fixture(scope="module")
-def set_id(service):
-    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
-        return posted_set(client)
+CAMPAIGN = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
 
 
-def posted_set(client):
-    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
-    robot = client.post("/v1/robots", json=campaign["robot"]).json()
-    body = campaign["measurement_set"] | {"robot_id": robot["id"]}
-    return client.post("/v1/measurement-sets", json=body).json()["id"]
+@pytest.fixture
+def set_id(client):
+    return posted_set(client, CAMPAIGN)
 
 
 class TestHttp:
@@ -225,45 +220,43 @@ class TestHttp:
         assert created.status_code == 201, created.text
         address = created.headers["location"]
         for _ in range(2):
-            answer = client.delete(address)
+            answer = client.delete(job_at(address))
             assert (answer.status_code, answer.content) == (204, b"")
         gone = client.get(address)
         assert gone.status_code == 404
         problem = Problem.model_validate(gone.json())
         assert problem.type.endswith(":deleted")
-        assert f"POST {address}/restore" in problem.remedy
+        assert f"PATCH {job_at(address)}" in problem.remedy
         names = [item["id"] for item in client.get(f"/v1/{collection}").json()["items"]]
         assert created.json()["id"] not in names
-        if kind.stepped:
-            assert client.get(f"{address}/events").status_code == 404
+        for gone in (f"{job_at(address)}/events", file_at(address, "tables.json")):
+            assert client.get(gone).json()["type"].endswith(":deleted")
         repeated = client.post(f"/v1/{collection}", json=body, headers=key)
         assert (repeated.status_code, repeated.json()) == (201, created.json())
         for _ in range(2):
-            restored = client.post(f"{address}/restore")
+            restored = client.patch(job_at(address), json=RESTORE)
             assert (restored.status_code, restored.json()) == (200, created.json())
         assert client.get(address).json() == created.json()
         assert client.get(f"/v1/{collection}").json()["items"][0]["id"] == created.json()["id"]
 
-    @pytest.mark.parametrize("collection", [kind.collection for kind in KINDS])
-    def test_unknown(self, client, collection):
-        for answer in (
-            client.delete(f"/v1/{collection}/nothing"),
-            client.post(f"/v1/{collection}/nothing/restore"),
-            client.delete(f"/v1/{collection}/%00"),
-            client.post(f"/v1/{collection}/%F0%9F%92%A9/restore"),
-        ):
+    @pytest.mark.parametrize("collection", ["jobs", "robots", "measurement-sets"])
+    @pytest.mark.parametrize("identifier", ["nothing", "%00", "%F0%9F%92%A9", "a%ED%A0%80"])
+    def test_unknown(self, client, collection, identifier):
+        address = f"/v1/{collection}/{identifier}"
+        for answer in (client.delete(address), client.patch(address, json=RESTORE)):
             assert answer.status_code == 404
             assert Problem.model_validate(answer.json()).type.endswith(":not-found")
 
     def test_a_run_that_goes_on(self, client_of_workers):
         client = client_of_workers
         resampling = {"size": 5, "repetitions": 100_000, "seed": 1}
-        body = {"measurement_set_id": posted_set(client), "resampling": resampling}
+        body = {"measurement_set_id": posted_set(client, CAMPAIGN), "resampling": resampling}
         run = client.post("/v1/runs?wait=0", json=body)
         assert run.status_code == 202
         address = run.headers["location"]
-        refused = client.delete(address)
+        refused = client.delete(job_at(address))
         assert refused.status_code == 409
-        assert f"POST {address}/cancel" in refused.json()["remedy"]
-        client.post(f"{address}/cancel")
-        assert client.delete(address).status_code == 204
+        assert f"PATCH {job_at(address)}" in refused.json()["remedy"]
+        cancelled = client.patch(job_at(address), json=CANCEL | DELETE)
+        assert (cancelled.status_code, cancelled.json()["state"]) == (200, "cancelled")
+        assert client.get(address).json()["type"].endswith(":deleted")

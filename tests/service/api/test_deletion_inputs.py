@@ -6,6 +6,7 @@ import dataclasses
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from support.api import RESTORE, job_at, posted
 from support.in_process import Client
 from support.jobs import QueueEngine, runs_of
 from support.records import RESOURCES, job_record
@@ -118,18 +119,18 @@ class TestApi:
         document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
         with Store.open("sqlite://") as opened:
             client = Client(opened)
-            robot = client.request("POST", "/v1/robots", json=document["robot"]).json()["id"]
-            readings = document["measurement_set"] | {"robot_id": robot}
-            stored = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
-            run = client.request("POST", "/v1/runs", json={"measurement_set_id": stored}).json()["id"]
+            first = posted(client, document)
+            run, stored = first["id"], first["request"]["measurement_set_id"]
+            robot = client.get(f"/v1/measurement-sets/{stored}").json()["robot_id"]
             addresses = [f"/v1/runs/{run}", f"/v1/measurement-sets/{stored}", f"/v1/robots/{robot}"]
             for address in addresses[:0:-1]:
                 refused = client.request("DELETE", address)
                 assert refused.status_code == 409
                 assert refused.json()["type"] == "urn:jointstiff:problem:referenced"
             shown = [client.get(address).json() for address in addresses]
-            for address in addresses:
-                assert client.request("DELETE", address).status_code == 204
+            changed = [job_at(run), *addresses[1:]]
+            for address, at in zip(addresses, changed, strict=True):
+                assert client.request("DELETE", at).status_code == 204
                 assert client.get(address).json()["type"] == "urn:jointstiff:problem:deleted"
                 listing = address.rpartition("/")[0]
                 assert client.get(listing).json()["items"] == []
@@ -137,7 +138,7 @@ class TestApi:
             gone = client.request("POST", "/v1/runs", json={"measurement_set_id": stored})
             assert gone.status_code == 422
             assert "was deleted" in gone.json()["detail"]
-            assert client.request("POST", f"{addresses[0]}/restore").status_code == 404
-            for address in reversed(addresses):
-                assert client.request("POST", f"{address}/restore").status_code == 200
+            assert client.request("PATCH", job_at(run), json=RESTORE).status_code == 404
+            for address in reversed(changed):
+                assert client.request("PATCH", address, json=RESTORE).status_code == 200
             assert [client.get(address).json() for address in addresses] == shown

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from starlette.datastructures import UploadFile
 from support.examples import examples
 
-from jointstiff.service.api.forms import MAX_FILES, read_form
-from jointstiff.service.api.limits import SMALL_BYTES
+from jointstiff.service.api.bodies import MAX_FILES, read_form
+from jointstiff.service.security.size import SMALL_BYTES
 from jointstiff.solver.errors import RequestError
 
 TYPE = "multipart/form-data; boundary=XyZ"

@@ -16,9 +16,9 @@ from support.in_process import Client, served
 from support.processes import Service, until
 
 from jointstiff.schemas.health import Health
+from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.api.middleware import ANSWER_HEADERS
-from jointstiff.service.api.watch import Watch
+from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.problems.table import problem_of
@@ -47,7 +47,7 @@ def test_health_is_answered_while_all_threads_wait_for_the_database(tmp_path):
 
         waiting = [pool.submit(post) for _ in range(posts)]
         began.wait()
-        for address in ("/health", "/ready", "/live") * 20:
+        for address in ("/health", "/live") * 20:
             assert client.get(address).is_success
         assert not any(one.done() for one in waiting)
         other.execute("ROLLBACK")
@@ -61,11 +61,10 @@ def test_a_database_that_does_not_answer_is_said(tmp_path):
         client = Client(store)
         assert Health.model_validate_json(client.get("/health").content).database == "sqlite"
         other.execute("ALTER TABLE robots RENAME TO away")
-        for address in ("/health", "/ready"):
-            answer = client.get(address)
-            assert answer.status_code == 503
-            assert int(answer.headers["retry-after"]) > 0
-            assert answer.headers["content-type"] == "application/problem+json"
+        answer = client.get("/health")
+        assert answer.status_code == 503
+        assert int(answer.headers["retry-after"]) > 0
+        assert answer.headers["content-type"] == "application/problem+json"
         assert client.get("/live").status_code == 204
 
 
@@ -79,14 +78,14 @@ def test_a_file_that_can_only_be_read_is_not_ready_until_it_can_be_written(tmp_p
     bounded = ("setpriv", "--bounding-set=-dac_override")
     service = Service(f"sqlite:///{path}", "--workers", "0", prefix=bounded)
     try:
-        until(lambda: httpx2.get(f"{service.url}/ready").status_code == 503)
-        assert httpx2.get(f"{service.url}/health").status_code == 200
+        until(lambda: httpx2.get(f"{service.url}/health").status_code == 503)
+        assert httpx2.get(f"{service.url}/v1/robots").status_code == 200
         refused = httpx2.post(f"{service.url}/v1/robots", json=ROBOT)
         assert refused.status_code == 503
         assert "writable" in refused.json()["remedy"]
         for each in tmp_path.iterdir():  # its journal has the mode of the file
             each.chmod(0o644)
-        until(lambda: httpx2.get(f"{service.url}/ready").status_code == 200)
+        until(lambda: httpx2.get(f"{service.url}/health").status_code == 200)
         assert httpx2.post(f"{service.url}/v1/robots", json=ROBOT).status_code == 201
     finally:
         service.stop()

@@ -13,12 +13,11 @@ import anyio
 import httpx2
 import pypdf
 import pytest
-from support.in_process import Client
+from support.api import file_at, posted
 from support.programs import options, path, tool_poses
 
 from jointstiff.service.app import create_app
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 
@@ -34,22 +33,11 @@ PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "forc
 
 
 @pytest.fixture(scope="module")
-def store():
-    with Store.open("sqlite://") as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def client(store):
-    return Client(store)
-
-
-@pytest.fixture(scope="module")
-def jobs(client):
+def jobs(local):
     """The address of a job of each kind, on a robot whose first joint has a hostile name."""
 
     def post(collection, body):
-        answer = client.request("POST", f"/v1/{collection}", json=body)
+        answer = local.request("POST", f"/v1/{collection}", json=body)
         assert answer.status_code == 201, answer.text
         return answer.json()["id"]
 
@@ -57,12 +45,11 @@ def jobs(client):
     model = campaign["robot"]["model"]
     escaped = HOSTILE.replace("<", "&lt;").replace('"', "&quot;")
     urdf = model["urdf"].replace('name="joint_1"', f'name="{escaped}"')
-    robot = post("robots", campaign["robot"] | {"model": model | {"urdf": urdf}})
-    measured = post("measurement-sets", campaign["measurement_set"] | {"robot_id": robot})
-    run = post("runs", {"measurement_set_id": measured})
+    made = posted(local, campaign | {"robot": campaign["robot"] | {"model": model | {"urdf": urdf}}})
+    run, measured = made["id"], made["request"]["measurement_set_id"]
     text = program_text("krl", tool_poses(path(3)), 4).encode("latin-1")
     stated = json.dumps(options("krl") | {"run_id": run})
-    program = client.request(
+    program = local.request(
         "POST", "/v1/programs", files=[("files", ("cell.src", text))], data={"options": stated}
     )
     side = {"measurement_set_id": measured}
@@ -77,27 +64,27 @@ def jobs(client):
 
 
 @pytest.mark.parametrize("kind", [kind.name for kind in KINDS if kind.reported])
-def test_each_kind_has_a_report(client, jobs, kind):
-    answer = client.get(f"{jobs[kind]}/report.pdf")
+def test_each_kind_has_a_report(local, jobs, kind):
+    answer = local.get(file_at(jobs[kind], "report.pdf"))
     assert answer.status_code == 200, answer.text
     reader = pypdf.PdfReader(io.BytesIO(answer.content))
     text = " ".join(" ".join(page.extract_text().split()) for page in reader.pages)
-    job = client.get(jobs[kind]).json()
+    job = local.get(jobs[kind]).json()
     assert job["provenance"]["input_hash"] in text
     assert f"End of report {job['id']}" in text
     assert "not a test of static compliance after ISO 9283" in text
     assert "DRAFT" not in text
     assert json.loads(reader.attachments[f"{kind}.json"][0]) == job
-    assert answer.content == client.get(f"{jobs[kind]}/report.pdf").content
-    page = client.get(f"{jobs[kind]}/report.html").text
+    assert answer.content == local.get(file_at(jobs[kind], "report.pdf")).content
+    page = local.get(file_at(jobs[kind], "report.html")).text
     assert "<table>" in page
     assert "<script" not in page
 
 
 @pytest.mark.parametrize("kind", ["run", "comparison", "pair", "plan", "map", "program"])
-def test_each_kind_has_its_tables_as_json(client, jobs, kind):
-    answer = client.get(f"{jobs[kind]}/tables.json?unit=kNm/deg").json()
-    assert answer["assessment"] == client.get(jobs[kind]).json()["result"].get("assessment")
+def test_each_kind_has_its_tables_as_json(local, jobs, kind):
+    answer = local.get(file_at(jobs[kind], "tables.json?unit=kNm/deg")).json()
+    assert answer["assessment"] == local.get(jobs[kind]).json()["result"].get("assessment")
     tables = answer["tables"]
     assert tables
     for table in tables:
@@ -106,13 +93,13 @@ def test_each_kind_has_its_tables_as_json(client, jobs, kind):
         assert set(table["texts"]) <= set(range(len(table["head"])))
     if kind in {"run", "pair", "comparison"}:
         assert "kN·m/°" in tables[0]["title"] + tables[0]["caption"]
-    assert client.get(f"{jobs[kind]}/tables.json?unit=furlong").status_code == 422
-    assert client.get(f"{jobs[kind][:-3]}xyz/tables.json").status_code == 404
+    assert local.get(file_at(jobs[kind], "tables.json?unit=furlong")).status_code == 422
+    assert local.get(file_at(jobs[kind][:-3] + "xyz", "tables.json")).status_code == 404
 
 
-def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(store, jobs):
+def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(memory, jobs):
     """As files do: tables of many rows take seconds."""
-    app = create_app(store)
+    app = create_app(memory)
     turns = app.state.large_bodies
 
     async def ask():
@@ -121,11 +108,11 @@ def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(store, jobs)
             for borrower in range(int(turns.total_tokens)):
                 await turns.acquire_on_behalf_of(borrower)
             with anyio.move_on_after(2.0) as patience:
-                await client.get(f"{jobs['program']}/tables.json")
+                await client.get(file_at(jobs["program"], "tables.json"))
             assert patience.cancelled_caught
             assert (await client.get(jobs["program"])).status_code == 200
             turns.release_on_behalf_of(0)
-            assert (await client.get(f"{jobs['program']}/tables.json")).status_code == 200
+            assert (await client.get(file_at(jobs["program"], "tables.json"))).status_code == 200
 
     anyio.run(ask)
 
@@ -137,12 +124,12 @@ def leaves(value):
 
 
 @pytest.mark.parametrize("kind", [kind.name for kind in KINDS if kind.reported or kind.name == "run"])
-def test_each_report_says_what_was_asked(client, jobs, kind):
+def test_each_report_says_what_was_asked(local, jobs, kind):
     """Each field of the request by its name, each text and number of its value, and the robot."""
-    page = client.get(f"{jobs[kind]}/report.html").text
+    page = local.get(file_at(jobs[kind], "report.html")).text
     section = html.unescape(re.sub("<[^>]*>", " ", page.split("What was asked for")[1].split("<h2>")[0]))
     said = " ".join(section.split())
-    request = client.get(jobs[kind]).json()["request"]
+    request = local.get(jobs[kind]).json()["request"]
     declared = next(each for each in KINDS if each.name == kind).request.model_fields
     for name in declared:
         assert name.replace("_", " ") in said.lower(), name
@@ -158,8 +145,8 @@ def test_each_report_says_what_was_asked(client, jobs, kind):
         assert "<dt>Robot</dt><dd>simulated 6R</dd>" in page
 
 
-def test_a_map_says_its_request_in_units_of_people(client, jobs):
-    said = client.get(f"{jobs['map']}/report.html").text
+def test_a_map_says_its_request_in_units_of_people(local, jobs):
+    said = local.get(file_at(jobs["map"], "report.html")).text
     for label, text in {
         "Area": "(1400, -200, 600) mm; (1800, 200, 600) mm",
         "Place": "(0, 0, 250) mm",
@@ -169,30 +156,30 @@ def test_a_map_says_its_request_in_units_of_people(client, jobs):
         assert f"<dt>{label}</dt><dd>{text}</dd>" in said
 
 
-def test_a_program_names_its_files_with_their_hashes(client, jobs):
-    said = client.get(f"{jobs['program']}/report.html").text
-    (file,) = client.get(jobs["program"]).json()["request"]["files"]
+def test_a_program_names_its_files_with_their_hashes(local, jobs):
+    said = local.get(file_at(jobs["program"], "report.html")).text
+    (file,) = local.get(jobs["program"]).json()["request"]["files"]
     assert f"name {file['name']}, bytes {file['bytes']:} byte" in said
     assert f"sha256 {file['sha256']}" in said
 
 
 @pytest.mark.parametrize("kind", ["comparison", "pair", "plan"])
-def test_hostile_names_of_joints_are_text(client, jobs, kind):
-    page = client.get(f"{jobs[kind]}/report.html").text
+def test_hostile_names_of_joints_are_text(local, jobs, kind):
+    page = local.get(file_at(jobs[kind], "report.html")).text
     assert "[bold red]=1+1 #read(&quot;/etc/passwd&quot;) &lt;script&gt;" in page
 
 
-def test_a_pair_is_a_table(client, jobs):
-    rows = list(csv.DictReader(io.StringIO(client.get(f"{jobs['pair']}/table.csv").text)))
-    joints = client.get(jobs["pair"]).json()["result"]["joints"]
+def test_a_pair_is_a_table(local, jobs):
+    rows = list(csv.DictReader(io.StringIO(local.get(file_at(jobs["pair"], "table.csv")).text)))
+    joints = local.get(jobs["pair"]).json()["result"]["joints"]
     for row, joint in zip(rows, joints, strict=True):
         assert row["joint"] == joint["name"]
         assert float(row["first stiffness [N.m/rad]"]) == joint["first"]["stiffness"]
         assert float(row["ratio of stiffnesses, second to first [1]"]) == joint["ratio"]
 
 
-def test_a_plan_is_a_table(client, jobs):
-    rows = list(csv.DictReader(io.StringIO(client.get(f"{jobs['plan']}/readings.csv").text)))
-    readings = client.get(jobs["plan"]).json()["result"]["readings"]
+def test_a_plan_is_a_table(local, jobs):
+    rows = list(csv.DictReader(io.StringIO(local.get(file_at(jobs["plan"], "readings.csv")).text)))
+    readings = local.get(jobs["plan"]).json()["result"]["readings"]
     assert [row["label"] for row in rows] == [each["label"] for each in readings]
     assert float(rows[0]["Fx [N]"]) == pytest.approx(readings[0]["force"][0], abs=0.05)

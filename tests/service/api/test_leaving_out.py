@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.api import RESTORE, job_at
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -68,7 +69,7 @@ def test_a_variant_is_listed_with_its_origin_and_has_its_numbers(client, stored)
 
 def test_deleted_runs_are_listed_by_themselves_until_restored(client, stored):
     kept, gone = run(client, stored[0])["id"], run(client, stored[0])["id"]
-    client.delete(f"/v1/runs/{gone}")
+    client.delete(job_at(gone))
 
     def listed(**query):
         return [
@@ -79,5 +80,5 @@ def test_deleted_runs_are_listed_by_themselves_until_restored(client, stored):
         ]
 
     assert (listed(), listed(deleted=True)) == ([kept], [gone])
-    client.post(f"/v1/runs/{gone}/restore")
+    client.patch(job_at(gone), json=RESTORE)
     assert (listed(), listed(deleted=True)) == ([gone, kept], [])

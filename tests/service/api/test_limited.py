@@ -12,11 +12,11 @@ import pytest
 from support.in_process import Client
 from support.processes import until
 
-from jointstiff.service.access.key_text import mint
 from jointstiff.service.api import limited
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.limited import LimitedChild
-from jointstiff.service.api.posture import Posture
+from jointstiff.service.security.keys import mint
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 
 pytestmark = pytest.mark.process

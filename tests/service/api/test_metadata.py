@@ -5,7 +5,6 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
-from support.in_process import Client
 
 from jointstiff import identify
 from jointstiff.schemas.campaign import Campaign
@@ -28,108 +27,102 @@ KEPT = NOTED | {"measured_at": "2026-11-20T13:30:00Z"}
 
 
 @pytest.fixture(scope="module")
-def client():
-    with Store.open("sqlite://") as store:
-        yield Client(store)
-
-
-@pytest.fixture(scope="module")
 def campaign():
     return simulate_campaign(default_arm(), load="pull", configurations=7, seed=1)
 
 
 @pytest.fixture
-def robot(client, campaign):
-    return post(client, "/v1/robots", campaign["robot"])
+def robot(local, campaign):
+    return post(local, "/v1/robots", campaign["robot"])
 
 
-def post(client, path, body):
-    answer = client.request("POST", path, json=body)
+def post(local, path, body):
+    answer = local.request("POST", path, json=body)
     assert answer.status_code == 201, answer.text
     return answer.json()
 
 
-def stored(client, campaign, robot, **noted):
+def stored(local, campaign, robot, **noted):
     return post(
-        client, "/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot["id"]} | noted
+        local, "/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot["id"]} | noted
     )
 
 
-def changed(client, path, **change):
-    answer = client.request("PATCH", path, json=change)
+def changed(local, path, **change):
+    answer = local.request("PATCH", path, json=change)
     assert answer.status_code == 200, answer.text
     return answer.json()
 
 
-def listed(client, path, **query):
-    return [item["id"] for item in client.get(path, params=query).json()["items"]]
+def listed(local, path, **query):
+    return [item["id"] for item in local.get(path, params=query).json()["items"]]
 
 
 def metadata(document):
     return {name: document[name] for name in NOTED}
 
 
-def test_metadata_come_with_the_readings_and_change_beside_them(client, campaign, robot):
-    posted = stored(client, campaign, robot, **NOTED)
+def test_metadata_come_with_the_readings_and_change_beside_them(local, campaign, robot):
+    posted = stored(local, campaign, robot, **NOTED)
     path = f"/v1/measurement-sets/{posted['id']}"
     assert metadata(posted) == KEPT
-    before = client.get(path).json()
-    run = post(client, "/v1/runs", {"measurement_set_id": posted["id"]})
-    answer = changed(client, path, operator="B. Roux", notes=None)
+    before = local.get(path).json()
+    run = post(local, "/v1/runs", {"measurement_set_id": posted["id"]})
+    answer = changed(local, path, operator="B. Roux", notes=None)
     assert metadata(answer) == KEPT | {"operator": "B. Roux", "notes": None}
-    after = client.get(path).json()
+    after = local.get(path).json()
     assert metadata(after) == metadata(answer)
     assert {n: v for n, v in before.items() if n not in NOTED} == {
         n: v for n, v in after.items() if n not in NOTED
     }
-    again = post(client, "/v1/runs", {"measurement_set_id": posted["id"]})
+    again = post(local, "/v1/runs", {"measurement_set_id": posted["id"]})
     assert again["provenance"]["input_hash"] == run["provenance"]["input_hash"]
 
 
-def test_sets_of_the_same_readings_are_two_of_one_hash(client, campaign, robot):
-    one, two = stored(client, campaign, robot, operator="A"), stored(client, campaign, robot, operator="B")
+def test_sets_of_the_same_readings_are_two_of_one_hash(local, campaign, robot):
+    one, two = stored(local, campaign, robot, operator="A"), stored(local, campaign, robot, operator="B")
     assert one["id"] != two["id"]
     assert one["content_hash"] == two["content_hash"]
-    found = listed(client, "/v1/measurement-sets", content_hash=one["content_hash"], robot_id=robot["id"])
+    found = listed(local, "/v1/measurement-sets", content_hash=one["content_hash"], robot_id=robot["id"])
     assert found == [two["id"], one["id"]]
 
 
-def test_names_change_and_what_was_computed_stays(client, campaign, robot):
-    posted = stored(client, campaign, robot)
+def test_names_change_and_what_was_computed_stays(local, campaign, robot):
+    posted = stored(local, campaign, robot)
     for path in (f"/v1/robots/{robot['id']}", f"/v1/measurement-sets/{posted['id']}"):
-        before = client.get(path).json()
-        assert changed(client, path, name="cell 4")["name"] == "cell 4"
-        assert changed(client, path, name=None)["name"] == "cell 4"
-        assert client.get(path).json() == before | {"name": "cell 4"}
-        assert before["id"] in listed(client, path.rpartition("/")[0], name="cell 4")
-    post(client, "/v1/runs", {"measurement_set_id": posted["id"]})
+        before = local.get(path).json()
+        assert changed(local, path, name="cell 4")["name"] == "cell 4"
+        assert changed(local, path, name=None)["name"] == "cell 4"
+        assert local.get(path).json() == before | {"name": "cell 4"}
+        assert before["id"] in listed(local, path.rpartition("/")[0], name="cell 4")
+    post(local, "/v1/runs", {"measurement_set_id": posted["id"]})
 
 
-def test_archived_ones_leave_the_lists_and_nothing_else(client, campaign, robot):
-    posted = stored(client, campaign, robot)
-    run = post(client, "/v1/runs", {"measurement_set_id": posted["id"]})
+def test_archived_ones_leave_the_lists_and_nothing_else(local, campaign, robot):
+    posted = stored(local, campaign, robot)
+    run = post(local, "/v1/runs", {"measurement_set_id": posted["id"]})
     for path in (f"/v1/robots/{robot['id']}", f"/v1/measurement-sets/{posted['id']}"):
         collection, _, identifier = path.rpartition("/")
-        assert not client.get(path).json()["archived"]
-        assert changed(client, path, archived=True)["archived"]
-        assert identifier not in listed(client, collection, limit=100)
-        assert listed(client, collection, archived="true") == [identifier]
-        assert client.get(path).json()["archived"]
-    assert run["id"] in listed(client, "/v1/runs")
-    post(client, "/v1/runs", {"measurement_set_id": posted["id"]})
+        assert not local.get(path).json()["archived"]
+        assert changed(local, path, archived=True)["archived"]
+        assert identifier not in listed(local, collection, limit=100)
+        assert listed(local, collection, archived="true") == [identifier]
+        assert local.get(path).json()["archived"]
+    assert run["id"] in listed(local, "/v1/runs")
+    post(local, "/v1/runs", {"measurement_set_id": posted["id"]})
     for path in (f"/v1/robots/{robot['id']}", f"/v1/measurement-sets/{posted['id']}"):
-        changed(client, path, archived=False)
-        assert path.rpartition("/")[2] in listed(client, path.rpartition("/")[0], limit=100)
+        changed(local, path, archived=False)
+        assert path.rpartition("/")[2] in listed(local, path.rpartition("/")[0], limit=100)
 
 
-def test_filters(client, campaign, robot):
-    first = stored(client, campaign, robot, **NOTED)["id"]
+def test_filters(local, campaign, robot):
+    first = stored(local, campaign, robot, **NOTED)["id"]
     other = {"measured_at": "2026-11-21T08:00:00Z", "operator": "B. Roux", "serial_number": "F-2"}
-    second = stored(client, campaign, robot, **other)["id"]
-    third = stored(client, campaign, robot)["id"]
+    second = stored(local, campaign, robot, **other)["id"]
+    third = stored(local, campaign, robot)["id"]
 
     def found(**query):
-        return listed(client, "/v1/measurement-sets", robot_id=robot["id"], **query)
+        return listed(local, "/v1/measurement-sets", robot_id=robot["id"], **query)
 
     assert found() == [third, second, first]
     for name in ("operator", "instrument", "serial_number"):
@@ -139,10 +132,10 @@ def test_filters(client, campaign, robot):
     assert found(measured_from="2026-11-20T13:30:00.000001Z") == [second]
     assert found(measured_to="2026-11-21T09:00:00+01:00") == [first]
     assert found(measured_from="2026-11-20T00:00:00Z", measured_to="2026-11-20T13:30:00Z") == []
-    twins = listed(client, "/v1/robots", content_hash=robot["content_hash"])
+    twins = listed(local, "/v1/robots", content_hash=robot["content_hash"])
     assert robot["id"] in twins
     assert len(twins) > 1
-    assert listed(client, "/v1/robots", content_hash="0" * 64) == []
+    assert listed(local, "/v1/robots", content_hash="0" * 64) == []
 
 
 @pytest.mark.parametrize(
@@ -167,29 +160,29 @@ def test_filters(client, campaign, robot):
         ({"archived": "perhaps"}, "true or false"),
     ],
 )
-def test_what_cannot_be_metadata_is_refused(client, campaign, robot, change, reason):
-    answer = client.request("PATCH", "/v1/measurement-sets/none", json=change)
+def test_what_cannot_be_metadata_is_refused(local, campaign, robot, change, reason):
+    answer = local.request("PATCH", "/v1/measurement-sets/none", json=change)
     assert answer.status_code == 422
     assert reason in answer.text
     assert next(iter(change)) in answer.json()["where"]
 
 
 @pytest.mark.parametrize("query", [{"measured_from": "yesterday"}, {"archived": "perhaps"}, {"serial": "F"}])
-def test_a_filter_that_cannot_be_is_refused(client, query):
-    assert client.get("/v1/measurement-sets", params=query).status_code == 422
+def test_a_filter_that_cannot_be_is_refused(local, query):
+    assert local.get("/v1/measurement-sets", params=query).status_code == 422
 
 
-def test_a_span_that_ends_before_it_begins_is_refused(client):
+def test_a_span_that_ends_before_it_begins_is_refused(local):
     span = {"measured_from": "2026-11-21T00:00:00Z", "measured_to": "2026-11-20T00:00:00Z"}
-    answer = client.get("/v1/measurement-sets", params=span)
+    answer = local.get("/v1/measurement-sets", params=span)
     assert answer.status_code == 422
     assert "after" in answer.text
 
 
-def test_what_is_not_there_cannot_change(client):
+def test_what_is_not_there_cannot_change(local):
     for path in ("/v1/robots/none", "/v1/measurement-sets/none"):
-        assert client.request("PATCH", path, json={"name": "n"}).status_code == 404
-        assert client.request("PATCH", path, json={}).status_code == 404
+        assert local.request("PATCH", path, json={"name": "n"}).status_code == 404
+        assert local.request("PATCH", path, json={}).status_code == 404
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import re
 
 import httpx2
 import pytest
+from support.api import CANCEL, job_at
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -67,14 +68,11 @@ def test_where_there_is_nothing(client, method):
 
 def test_head_of_a_stream_ends(client):
     campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
-    robot = client.post("/v1/robots", json=campaign["robot"]).json()
-    body = campaign["measurement_set"] | {"robot_id": robot["id"]}
-    stored = client.post("/v1/measurement-sets", json=body).json()
     resampling = {"size": 5, "repetitions": 100_000, "seed": 1}
-    asked = {"measurement_set_id": stored["id"], "resampling": resampling}
-    address = client.post("/v1/runs?wait=0", json=asked).headers["location"]
-    head = client.head(f"{address}/events")
+    asked = campaign | {"run": {"resampling": resampling}}
+    address = client.post("/v1/campaigns?wait=0", json=asked).headers["location"]
+    head = client.head(f"{job_at(address)}/events")
     assert (head.status_code, head.content) == (200, b"")
     assert head.headers["content-type"].startswith("text/event-stream")
     assert client.get("/health").status_code == 200
-    assert client.post(f"{address}/cancel").status_code == 200
+    assert client.patch(job_at(address), json=CANCEL).status_code == 200

@@ -13,7 +13,7 @@ import pytest
 from prometheus_client import generate_latest
 from support.in_process import Client, served
 
-from jointstiff.service.api.middleware import ANSWER_HEADERS
+from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.logs import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _showing
 from jointstiff.service.store.store import Store

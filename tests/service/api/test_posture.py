@@ -11,11 +11,11 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.access.key_text import mint
 from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.cli.app import app as command
 from jointstiff.service.logs import LogFormat
+from jointstiff.service.security.keys import mint
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.server import _configuration
 from jointstiff.service.store.store import Store
 
@@ -81,7 +81,7 @@ def test_two_names_are_none(client):
         {"Origin": "http://localhost:8000", "Sec-Fetch-Site": "cross-site"},
     ],
 )
-@pytest.mark.parametrize(("method", "path"), [("POST", "/v1/robots"), ("DELETE", "/v1/runs/1")])
+@pytest.mark.parametrize(("method", "path"), [("POST", "/v1/robots"), ("DELETE", "/v1/jobs/1")])
 def test_changes_that_other_sites_ask_for_are_refused(client, headers, method, path):
     assert_refused(client.request(method, path, headers=headers), 403)
     assert client.get("/v1/robots").json()["items"] == []

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 
 import pytest
-from support.in_process import Client
+from support.api import RESTORE, file_at, job_at, posted
 from support.programs import options, path, tool_poses
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.program import Program
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.programs.formats import read_program
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 
@@ -20,23 +19,14 @@ TEXT = program_text("krl", tool_poses(path(8)), 4)
 
 
 @pytest.fixture(scope="module")
-def client():
-    with Store.open("sqlite://") as store:
-        yield Client(store)
-
-
-@pytest.fixture(scope="module")
-def run_id(client):
+def run_id(local):
     campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
-    robot = client.request("POST", "/v1/robots", json=campaign["robot"]).json()["id"]
-    readings = campaign["measurement_set"] | {"robot_id": robot}
-    measured = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
-    return client.request("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
+    return posted(local, campaign)["id"]
 
 
-def post(client, run_id, text=TEXT, name="cell.src", headers=None, kind="krl", **changes):
+def post(local, run_id, text=TEXT, name="cell.src", headers=None, kind="krl", **changes):
     stated = options(kind, **changes) | {"run_id": run_id}
-    return client.request(
+    return local.request(
         "POST",
         "/v1/programs",
         files=[("files", (name, text.encode("latin-1")))],
@@ -45,8 +35,8 @@ def post(client, run_id, text=TEXT, name="cell.src", headers=None, kind="krl", *
     )
 
 
-def test_a_program_is_corrected_and_handed_back(client, run_id):
-    answer = post(client, run_id)
+def test_a_program_is_corrected_and_handed_back(local, run_id):
+    answer = post(local, run_id)
     assert answer.status_code == 201, answer.text
     assert len(answer.content) < 20_000
     program = Program.model_validate(answer.json())
@@ -54,36 +44,36 @@ def test_a_program_is_corrected_and_handed_back(client, run_id):
     assert (program.result.points, program.result.corrected) == (8, 8)
     assert {file.content for file in [*program.result.files, *program.request.files]} == {None}
     address = answer.headers["location"]
-    assert client.get(address).json() == answer.json()
-    file = client.get(f"{address}/program")
+    assert local.get(address).json() == answer.json()
+    file = local.get(file_at(address, "program"))
     assert file.headers["content-disposition"] == "attachment; filename*=UTF-8''cell-corrected.src"
     assert len(read_program([("cell.src", file.content)]).targets) == 8
-    assert client.get(f"{address}/program", params={"file": "cell.src"}).content == file.content
-    assert client.get(f"{address}/program", params={"file": "cell.dat"}).status_code == 422
-    table = client.get(f"{address}/points.csv")
+    assert local.get(file_at(address, "program"), params={"file": "cell.src"}).content == file.content
+    assert local.get(file_at(address, "program"), params={"file": "cell.dat"}).status_code == 422
+    table = local.get(file_at(address, "points.csv"))
     assert table.headers["content-type"].startswith("text/csv")
     assert len(table.text.splitlines()) == 9
-    listed = client.get("/v1/programs").json()["items"]
+    listed = local.get("/v1/programs").json()["items"]
     assert [item["run_id"] for item in listed if item["id"] == program.id] == [run_id]
-    assert client.request("DELETE", address).status_code == 204
-    assert client.get(f"{address}/program").status_code == 404
-    assert client.request("POST", f"{address}/restore").json() == answer.json()
+    assert local.request("DELETE", job_at(address)).status_code == 204
+    assert local.get(file_at(address, "program")).status_code == 404
+    assert local.request("PATCH", job_at(address), json=RESTORE).json() == answer.json()
 
 
-def test_a_key_comes_again_with_another_boundary(client, run_id):
+def test_a_key_comes_again_with_another_boundary(local, run_id):
     key = {"Idempotency-Key": "once"}
-    first, second = post(client, run_id, headers=key), post(client, run_id, headers=key)
+    first, second = post(local, run_id, headers=key), post(local, run_id, headers=key)
     assert first.json()["id"] == second.json()["id"]
-    assert post(client, run_id, TEXT + "\n", headers=key).status_code == 422
+    assert post(local, run_id, TEXT + "\n", headers=key).status_code == 422
 
 
-def test_faults_come_by_line(client, run_id):
+def test_faults_come_by_line(local, run_id):
     poses = tool_poses(path(8))
     poses[2:5, 0, 3] += 9.0
-    problem = Problem.model_validate(post(client, run_id, program_text("krl", poses, 4)).json())
+    problem = Problem.model_validate(post(local, run_id, program_text("krl", poses, 4)).json())
     assert [item.where for item in problem.errors] == [f"'cell.src', line {i}" for i in (9, 10, 11)]
     assert (problem.status, problem.where) == (422, "'cell.src', line 9")
-    answer = post(client, run_id, "\n".join(["DEF a()", *["LIN_REL {X 1}"] * 500, "END"]))
+    answer = post(local, run_id, "\n".join(["DEF a()", *["LIN_REL {X 1}"] * 500, "END"]))
     assert answer.status_code == 422
     assert len(answer.json()["errors"]) <= 20
     assert len(answer.content) <= 8000
@@ -99,44 +89,44 @@ def test_faults_come_by_line(client, run_id):
         ({"units": None}, "options.units"),
     ],
 )
-def test_requests_that_cannot_be(client, run_id, changes, where):
-    answer = post(client, changes.pop("run_id", run_id), **changes)
+def test_requests_that_cannot_be(local, run_id, changes, where):
+    answer = post(local, changes.pop("run_id", run_id), **changes)
     assert answer.status_code == 422
     assert answer.json()["where"] == where, answer.text
 
 
-def test_two_files_of_one_name_are_refused(client, run_id):
+def test_two_files_of_one_name_are_refused(local, run_id):
     files = [("files", ("a.src", TEXT.encode()))] * 2
     stated = {"options": json.dumps(options("krl") | {"run_id": run_id})}
-    assert client.request("POST", "/v1/programs", files=files, data=stated).json()["where"] == "files"
+    assert local.request("POST", "/v1/programs", files=files, data=stated).json()["where"] == "files"
 
 
-def test_the_documented_example_is_carried_out(client, run_id):
+def test_the_documented_example_is_carried_out(local, run_id):
     example = PROGRAM.examples["milling"]
     files = [("files", (f"part{i}.src", text)) for i, text in enumerate(example["files"])]
     stated = {"options": json.dumps(example["options"] | {"run_id": run_id})}
-    answer = client.request("POST", "/v1/programs", files=files, data=stated)
+    answer = local.request("POST", "/v1/programs", files=files, data=stated)
     assert answer.status_code == 201, answer.text
     assert answer.json()["result"]["corrected"] == 1
 
 
-def test_long_programs_are_jobs_with_progress(client, run_id, monkeypatch):
+def test_long_programs_are_jobs_with_progress(local, run_id, monkeypatch):
     monkeypatch.setattr("jointstiff.service.kinds.program_work.MAX_QUICK_POINTS", 5)
     monkeypatch.setattr("jointstiff.service.kinds.program_work.STEP_POINTS", 3)
-    long = post(client, run_id).json()
+    long = post(local, run_id).json()
     assert long["progress"] == {"done": 8, "total": 8, "unit": "points", "activity": "compensating"}
     monkeypatch.undo()
-    quick = post(client, run_id).json()
+    quick = post(local, run_id).json()
     assert quick["progress"] is None
     assert quick["result"] == long["result"]
 
 
 @pytest.mark.parametrize("mark", [True, False])
-def test_a_corrected_program_is_not_corrected_again(client, run_id, mark):
-    answer = post(client, run_id, mark=mark)
-    corrected = client.get(f"{answer.headers['location']}/program").content.decode("latin-1")
+def test_a_corrected_program_is_not_corrected_again(local, run_id, mark):
+    answer = post(local, run_id, mark=mark)
+    corrected = local.get(file_at(answer.json(), "program")).content.decode("latin-1")
     assert ("; Jointstiff run " in corrected) == mark
-    again = post(client, run_id, corrected, mark=mark)
+    again = post(local, run_id, corrected, mark=mark)
     assert again.status_code == 422
     assert "the original program" in json.dumps(again.json())
-    assert post(client, run_id, mark=mark).status_code == 201  # the program itself may be corrected anew
+    assert post(local, run_id, mark=mark).status_code == 201  # the program itself may be corrected anew

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from support.api import RESTORE, file_at, job_at
 from support.in_process import Client
 
 from jointstiff.schemas.job import Requester
@@ -152,7 +153,7 @@ def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(client,
     assert alarm["measurement_set_id"] == runs[SOFT]["request"]["measurement_set_id"]
     assert alarm["since"] == DAYS[SOFT]
     assert alarm["change"] == joint(trend_of(client, robot, encoders="motor"))["latest"]
-    report = client.get(f"/v1/runs/{runs[-1]['id']}/report.html").text
+    report = client.get(file_at(runs[-1], "report.html")).text
     assert "The robot is in alarm" in report
     assert alarm["message"] in report
 
@@ -160,12 +161,12 @@ def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(client,
 def test_an_alarm_follows_what_its_trend_is_made_of(client, robot, runs):
     """Nothing of it is stored: it goes and comes with a run, a set, the serial number."""
     (alarm,) = alarms_of(client, robot)
-    last = [f"/v1/runs/{run['id']}" for run in runs[SOFT:]]
+    last = [job_at(run) for run in runs[SOFT:]]
     for path in last:
         assert client.request("DELETE", path).status_code == 204
     assert alarms_of(client, robot) == []
     for path in last:
-        client.request("POST", f"{path}/restore")
+        client.request("PATCH", path, json=RESTORE)
     assert alarms_of(client, robot) == [alarm]
     sets = [f"/v1/measurement-sets/{run['request']['measurement_set_id']}" for run in runs[SOFT:]]
     for change, back in (
@@ -191,7 +192,7 @@ def test_an_alarm_is_acknowledged_once_it_is_there(client, robot, runs):
     assert found["state"] == "acknowledged"
     assert found["alarms"][0]["acknowledgement"]["note"] == "gearbox ordered"
     assert alarms_of(client, robot) == []
-    report = client.get(f"/v1/runs/{runs[-1]['id']}/report.html").text
+    report = client.get(file_at(runs[-1], "report.html")).text
     assert "The robot is in alarm" not in report
 
 

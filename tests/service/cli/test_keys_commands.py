@@ -9,11 +9,10 @@ import httpx2
 import pytest
 from typer.testing import CliRunner
 
-from jointstiff.service.access.key_text import digest
-from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.cli.app import app
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.security.keys import Keyring, digest
 from jointstiff.service.store.store import Store
 
 

@@ -21,7 +21,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.pair import PAIR

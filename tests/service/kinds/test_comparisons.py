@@ -19,7 +19,7 @@ from jointstiff.schemas.comparison import ComparedMethod, ComparisonOptions, Com
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.comparison.tables import entries_sheet
 from jointstiff.service.kinds.identification import run_identification

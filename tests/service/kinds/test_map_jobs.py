@@ -8,11 +8,12 @@ import json
 
 import numpy as np
 import pytest
+from support.api import file_at
 from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.map_work import MapWork
 from jointstiff.service.kinds.work import pack, unpack
 from jointstiff.service.store.store import Store
@@ -58,7 +59,7 @@ def made(client, run_id):
 
 
 def rows_of(client, found):
-    text = client.get(f"/v1/maps/{found['id']}/map.csv").text
+    text = client.get(file_at(found, "map.csv")).text
     return list(csv.DictReader(io.StringIO(text)))
 
 
@@ -98,7 +99,7 @@ class TestSummary:
 
 class TestDownloads:
     def test_npz_has_the_same_numbers(self, client, made):
-        answer = client.get(f"/v1/maps/{made['id']}/map.npz")
+        answer = client.get(file_at(made, "map.npz"))
         with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
             headers, table, status = list(found["headers"]), found["table"], found["status"]
             assert set(found["overall verdict"]) == {made["result"]["assessment"]["verdict"]}
@@ -111,7 +112,7 @@ class TestDownloads:
         assert table[1, 2] != table[0, 2]  # z runs fastest
 
     def test_of_no_map(self, client):
-        assert client.get("/v1/maps/none/map.csv").status_code == 404
+        assert client.get(file_at("none", "map.csv")).status_code == 404
 
 
 @pytest.mark.parametrize(

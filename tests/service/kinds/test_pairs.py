@@ -18,7 +18,7 @@ from jointstiff.schemas.pair import Pair, PairRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.reports.job import job_report

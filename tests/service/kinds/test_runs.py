@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.jobs import life as module
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.identification import ResamplingWork
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError

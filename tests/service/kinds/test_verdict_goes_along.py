@@ -8,6 +8,7 @@ import json
 
 import pytest
 from rich.console import Console
+from support.api import file_at
 from support.in_process import Client
 from support.programs import options, path, tool_poses
 from typer.testing import CliRunner
@@ -118,8 +119,8 @@ class TestEveryKind:
         assert any("despite this verdict" in line for line in rest) == (kind.name in REFUSED)
 
     def test_has_it_in_its_report(self, made, client):
-        kind, job = made
-        page = client.get(f"/v1/{kind.collection}/{job['id']}/report.html").text
+        _, job = made
+        page = client.get(file_at(job, "report.html")).text
         assert "do not use" in page.lower()
 
     def test_has_it_in_its_tables(self, made, client):
@@ -128,7 +129,7 @@ class TestEveryKind:
         names += ["model.csv?accept_verdict=do_not_use"] if kind.name == "run" else []
         assert names
         for name in names:
-            text = client.get(f"/v1/{kind.collection}/{job['id']}/{name}").text
+            text = client.get(file_at(job, name)).text
             rows = list(csv.DictReader(io.StringIO(text)))
             assert {row["overall verdict"] for row in rows} == {"do_not_use"}
 
@@ -150,7 +151,7 @@ def test_nothing_acts_on_a_robot_unasked(client, posted, kind):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_nor_does_an_export(client, posted, name):
-    address = f"/v1/runs/{posted['run']}/model.{name}"
+    address = file_at(posted["run"], f"model.{name}")
     assert client.get(address).json()["type"] == "urn:jointstiff:problem:not-to-be-used"
     accepted = client.get(address, params=ACCEPTED)
     assert accepted.status_code == 200
@@ -160,7 +161,7 @@ def test_nor_does_an_export(client, posted, name):
 
 def test_the_program_says_it_even_unmarked(client, posted):
     program = post(client, posted, "program", **ACCEPTED, mark=False).json()
-    text = client.get(f"/v1/programs/{program['id']}/program").text
+    text = client.get(file_at(program, "program")).text
     (mark,) = [line for line in text.splitlines() if "Jointstiff run" in line]
     assert mark.endswith("verdict: do not use")
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.api import file_at
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonRequest
@@ -359,7 +360,7 @@ def test_the_api_stores_runs_by_own_weight(client, document):
     assert posted.status_code == 201, posted.text
     run = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"], "weight": {}}).json()
     assert run["result"]["weight"]["joints"][1]["joint"] == "joint_2"
-    report = client.get(f"/v1/runs/{run['id']}/report.html").text
+    report = client.get(file_at(run, "report.html")).text
     assert "uncertain masses" in report
     found = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"]})
     assert found.status_code == 422

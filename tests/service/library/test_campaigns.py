@@ -16,7 +16,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.pair import PairOptions, PairRequest
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.verbs import run_of
 from jointstiff.service.store.store import Store

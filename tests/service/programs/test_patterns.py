@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.examples import examples
 
-from jointstiff.service.api import limits
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.security import size
 
 ROOT = Path(__file__).parents[3]
 DIGITS = "0123456789"
@@ -156,7 +156,7 @@ def test_numbers(lexicon, rules, text):
          texts("%%%", "\n", "% ", "VERSION", "LANGUAGE", ":", "1", "E_1", "!", "\r\n", "\n%%%\nVERSION:1")),
         (rapid._ENDS, (quoted, remark, semicolon), texts(*'";!\n\r a', '"a"', '";"', "!;", "x := 1;")),
         (fanuc._POSITION, (position, other), texts(*"P{}; \na", "};", "P[1]{", "GP1: }")),
-        (limits._STRING, (json_string,), texts(*'"\\: a\n', '\\"', "\\\\", '"a":', '""', '" :')),
+        (size._STRING, (json_string,), texts(*'"\\: a\n', '\\"', "\\\\", '"a":', '""', '" :')),
     ],
     ids=["rapid comments", "rapid statements", "fanuc positions", "json strings"],
 )  # fmt: skip
@@ -165,7 +165,7 @@ def test_patterns(pattern, rules, strategy):
     @given(strategy)
     def split_alike(text):
         spans = [
-            match.span() for match in pattern.finditer(text.encode() if pattern is limits._STRING else text)
+            match.span() for match in pattern.finditer(text.encode() if pattern is size._STRING else text)
         ]
         assert spans == scan(text, *rules)
 
@@ -187,4 +187,4 @@ def test_no_group_is_possessive():
         for line in path.read_text(encoding="utf-8").splitlines()
         if possessive.search(line)
     ]
-    assert [line.split(":")[0] for line in found] == ["service/api/limits.py"]
+    assert [line.split(":")[0] for line in found] == ["service/security/size.py"]

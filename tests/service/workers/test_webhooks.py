@@ -23,15 +23,14 @@ from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.processes import Service, until
 from typer.testing import CliRunner
 
-from jointstiff.service.access.addresses import ALLOWED_VARIABLE
-from jointstiff.service.access.key_text import mint
-from jointstiff.service.access.signing import signature
-from jointstiff.service.api.posture import Posture
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.library.client import problem_in
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.security.keys import mint
+from jointstiff.service.security.origin import Posture
+from jointstiff.service.security.receivers import ALLOWED_VARIABLE, signature
 from jointstiff.service.server import forgetting
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
@@ -596,7 +595,7 @@ def test_the_settings_allow_receivers_by_name_address_and_network(store, entry, 
 def resolve(monkeypatch, *addresses):
     """Let every name have these addresses."""
     found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (one, 80)) for one in addresses]
-    monkeypatch.setattr("jointstiff.service.access.addresses.socket.getaddrinfo", lambda *_, **__: found)
+    monkeypatch.setattr("jointstiff.service.security.receivers.socket.getaddrinfo", lambda *_, **__: found)
 
 
 def test_a_name_that_leads_elsewhere_later_leads_nowhere(store, receiver, clock, monkeypatch):

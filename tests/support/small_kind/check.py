@@ -33,15 +33,15 @@ with Store.open("sqlite://") as store:
             found["text"] = "Readings of the set" in str(posted)
             listed = client.smalls.list(measurement_set_id=posted.request.measurement_set_id)
             found["listing"] = [each.id for each in listed] == [posted.id]
-        address = f"/v1/smalls/{posted.id}"
+        address, files = f"/v1/smalls/{posted.id}", f"/v1/jobs/{posted.id}/files"
         found["route"] = http.get(address).json()["result"]["readings"]
-        found["csv"] = http.get(f"{address}/counts.csv").text
-        found["report"] = "Count of readings" in http.get(f"{address}/report.html").text
+        found["csv"] = http.get(f"{files}/counts.csv").text
+        found["report"] = "Count of readings" in http.get(f"{files}/report.html").text
         found["index"] = "/v1/smalls" in http.get("/v1").text
         found["filters"] = [
             each["name"] for each in service.openapi()["paths"]["/v1/smalls"]["get"]["parameters"]
         ]
-        found["deleted"] = http.delete(address).status_code
+        found["deleted"] = http.delete(f"/v1/jobs/{posted.id}").status_code
 
 help_text = CliRunner().invoke(app, ["count", "--help"], env={"COLUMNS": "100"}).output
 found["help"] = "Least number of targets" in help_text and "--least" in help_text

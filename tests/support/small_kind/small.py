@@ -97,9 +97,7 @@ SMALL: Final = Kind[Small, SmallRequest, SmallSummary](
     files=(
         File(
             name="counts.csv",
-            operation="get_small_counts",
-            description="Get the counts as a table.",
-            content="The table as CSV.",
+            description="the counts as a table",
             media_type="text/csv",
             sheet=counts_sheet,
             made_of="result",

@@ -7,6 +7,7 @@ import io
 import uuid
 
 import pytest
+from support.api import CANCEL, file_at, job_at, posted_set
 
 from jointstiff.schemas.comparison import Comparison
 from jointstiff.schemas.problem import Problem
@@ -26,9 +27,8 @@ def campaign():
 
 @pytest.fixture
 def set_id(client, campaign):
-    robot = post(client, "/v1/robots", campaign["robot"]).json()
-    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
-    return post(client, "/v1/measurement-sets", readings).json()["id"]
+    own = campaign["measurement_set"] | {"name": uuid.uuid4().hex}  # else it would be another test's
+    return posted_set(client, campaign | {"measurement_set": own})
 
 
 def test_a_quick_comparison_is_answered_finished(client, set_id):
@@ -43,7 +43,7 @@ def test_a_quick_comparison_is_answered_finished(client, set_id):
 
 def test_the_table(client, set_id):
     address = post(client, "/v1/comparisons", {"measurement_set_id": set_id}).headers["location"]
-    answer = client.get(f"{address}/table.csv")
+    answer = client.get(file_at(address, "table.csv"))
     assert answer.status_code == 200
     assert answer.headers["content-type"].startswith("text/csv")
     assert ".csv" in answer.headers["content-disposition"]
@@ -104,6 +104,6 @@ def test_refused_with_the_place_and_nothing_stored(client, set_id, request_, whe
 def test_one_that_is_not_there(client, collection, identifier):
     address = f"/v1/{collection}/{identifier}"
     assert client.get(address).status_code == 404
-    assert client.get(f"{address}/events").status_code == 404
-    assert client.post(f"{address}/cancel").status_code == 404
-    assert client.get(f"{address}/table.csv").status_code == 404
+    assert client.get(f"{job_at(identifier)}/events").status_code == 404
+    assert client.patch(job_at(identifier), json=CANCEL).status_code == 404
+    assert client.get(file_at(identifier, "table.csv")).status_code == 404

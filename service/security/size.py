@@ -23,6 +23,7 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
         "/v1/robots": MAX_ROBOT_BYTES,
         "/v1/kinematics": MAX_ROBOT_BYTES,
         "/v1/measurement-sets": MAX_SET_BYTES,
+        "/v1/campaigns": MAX_SET_BYTES,
         "/v1/deflections": MAX_DEFLECTION_BYTES,
         "/v1/imports": MAX_SET_BYTES,
     }

@@ -23,7 +23,7 @@ from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.inputs import FromFile
-from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems.errors import DeletedError
 from jointstiff.service.reports.job import job_report

@@ -17,14 +17,20 @@ from support.examples import examples
 from support.in_process import Client
 from support.processes import until
 
-from jointstiff.service.access.key_text import digest, id_in, mint, without_keys
-from jointstiff.service.access.keyring import Keyring
-from jointstiff.service.access.keys_file import KeysFile, KeysFileError
-from jointstiff.service.api import gate
-from jointstiff.service.api.gate import FORGIVEN, network_of
-from jointstiff.service.api.posture import Posture
-from jointstiff.service.api.watch import Watch
+from jointstiff.service.api.health import Watch
 from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
+from jointstiff.service.security import access
+from jointstiff.service.security.access import FORGIVEN, network_of
+from jointstiff.service.security.keys import (
+    Keyring,
+    KeysFile,
+    KeysFileError,
+    digest,
+    id_in,
+    mint,
+    without_keys,
+)
+from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import SessionRecord
@@ -199,7 +205,7 @@ def test_services_that_count_at_once_count_each_wrong_key(database_url):
 
 
 def test_services_of_one_database_share_the_throttle(database_url, monkeypatch):
-    monkeypatch.setattr(gate, "SLOW_SECONDS", 0.0)
+    monkeypatch.setattr(access, "SLOW_SECONDS", 0.0)
     posture = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
     wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
     with Store.open(database_url) as first, Store.open(database_url) as second:

@@ -1,11 +1,18 @@
-"""Addresses that the service may post to: none of its own network, unless the settings allow it."""
+"""Receivers of webhooks: addresses that the service may post to, and the signatures of what it posts.
+
+None is of its own network unless the settings allow it; messages are signed by Standard Webhooks.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import hmac
 import os
 import socket
+from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
+from secrets import token_bytes
 from typing import Final
 
 from jointstiff.solver.errors import RequestError
@@ -80,3 +87,18 @@ def _is_among(address: str, allowed: Sequence[str]) -> bool:
         except ValueError:  # a name
             continue
     return False
+
+
+_PREFIX: Final = "whsec_"
+
+
+def new_secret() -> str:
+    """Return the secret of a new webhook."""
+    return _PREFIX + b64encode(token_bytes(32)).decode()
+
+
+def signature(secret: str, message_id: str, timestamp: int, document: str) -> str:
+    """Return the signature of a message, version 1."""
+    key = b64decode(secret.removeprefix(_PREFIX))
+    signed = f"{message_id}.{timestamp}.{document}".encode()
+    return f"v1,{b64encode(hmac.digest(key, signed, hashlib.sha256)).decode()}"

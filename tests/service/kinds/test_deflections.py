@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from support.api import posted
 from typer.testing import CliRunner
 
 import jointstiff
@@ -38,10 +39,7 @@ def post(client, path, body, expected=201):
 
 def run_of(client, load, **options):
     campaign = simulate_campaign(ARM, load=load, configurations=24, seed=1)
-    robot = post(client, "/v1/robots", campaign["robot"])
-    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
-    set_id = post(client, "/v1/measurement-sets", readings)["id"]
-    return post(client, "/v1/runs", {"measurement_set_id": set_id, **options})["id"]
+    return posted(client, campaign, **options)["id"]
 
 
 def request(run_id, **changes):
@@ -84,11 +82,8 @@ def test_the_answer_holds_the_truth(client, pulled):
 def test_the_budget_of_a_displacement_adds_up_and_carries_the_force(client):
     """An error of the force's scale moves every compliance, and so the displacement, in proportion."""
     campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
-    robot = post(client, "/v1/robots", campaign["robot"])
-    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
-    readings["noise"] = readings["noise"] | {"force": {"scale": 0.05}}
-    set_id = post(client, "/v1/measurement-sets", readings)["id"]
-    run_id = post(client, "/v1/runs", {"measurement_set_id": set_id})["id"]
+    campaign["measurement_set"]["noise"]["force"] = {"scale": 0.05}
+    run_id = posted(client, campaign)["id"]
     (case,) = post(client, "/v1/deflections", request(run_id), expected=200)["cases"]
     parts = {part["source"]: part for part in case["budget"]["components"]}
     assert parts["force_scale"]["contribution"] == pytest.approx(0.05 * np.linalg.norm(truth()), rel=0.02)

@@ -9,10 +9,10 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Scope
 
 from jointstiff.schemas.access import Access
-from jointstiff.service.api.errors import answer_problem
+from jointstiff.schemas.problem import Problem
 from jointstiff.service.problems.table import http_problem
 
 LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
@@ -69,48 +69,27 @@ def is_loopback(address: str) -> bool:
         return address.removesuffix(".").lower() == "localhost"
 
 
-class PostureGuard:
-    """Middleware that answers 421 to foreign names and 403 to changes that another site's page asks for.
+def refusal(posture: Posture, scope: Scope) -> Problem | None:
+    """Return why a request is not for this service (421), or asked for by another site's page (403); or None.
 
     A name that an attacker lets point to this machine (DNS rebinding) is not one of the service's; a page of
     another site sends its `Origin`, or says in `Sec-Fetch-Site` that it is another. Programs send neither.
     """
-
-    def __init__(self, app: ASGIApp, posture: Posture) -> None:
-        """Wrap an application."""
-        self._app = app
-        self._posture = posture
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it."""
-        fault = self._fault(scope) if scope["type"] == "http" else None
-        if fault is None:
-            await self._app(scope, receive, send)
-        else:
-            await answer_problem(http_problem(*fault))(scope, receive, send)
-
-    def _fault(self, scope: Scope) -> tuple[int, str, str] | None:
-        """Return status, reason and remedy of a refusal."""
-        headers = Headers(scope=scope)
-        hosts = headers.getlist("host")
-        parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-        if parsed is None or not self._is_ours(parsed[1]):
-            return (
-                421,
-                "the service does not have this name",
-                "start the service with --allowed-host and this name",
-            )
-        if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0]):
-            return (
-                403,
-                "a page of another site requested a change",
-                "use the service's own page, or a program",
-            )
-        return None
-
-    def _is_ours(self, name: str) -> bool:
-        known = self._posture.hosts
-        return known is None or name.removesuffix(".").lower() in known
+    headers = Headers(scope=scope)
+    hosts = headers.getlist("host")
+    parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    known = posture.hosts
+    if parsed is None or (known is not None and parsed[1].removesuffix(".").lower() not in known):
+        return http_problem(
+            421,
+            "the service does not have this name",
+            "start the service with --allowed-host and this name",
+        )
+    if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0]):
+        return http_problem(
+            403, "a page of another site requested a change", "use the service's own page, or a program"
+        )
+    return None
 
 
 def _is_own_page(headers: Headers, host: str) -> bool:

@@ -1,1 +1,0 @@
-"""Keys: made, known and recognised; wrong ones slow down."""

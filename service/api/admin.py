@@ -1,0 +1,236 @@
+"""Signing in; and for admins: keys and webhooks, whose secrets are shown once, and the audit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final, cast
+from urllib.parse import urlsplit
+from uuid import uuid4
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, HTTPException, Path, Query, Request, Response
+from fastapi.responses import StreamingResponse
+
+from jointstiff.schemas.access import (
+    AuditItem,
+    AuditQuery,
+    Key,
+    KeyList,
+    KeyRequest,
+    NewKey,
+    Role,
+    Session,
+    SessionRequest,
+)
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.webhook import Delivery, NewWebhook, Webhook, WebhookList, WebhookRequest
+from jointstiff.service.api.answers import PartsOf, problems
+from jointstiff.service.api.bodies import BodyRoute
+from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, asked_of, cookie_name
+from jointstiff.service.security.keys import described, mint
+from jointstiff.service.security.receivers import new_secret, receiver_addresses
+from jointstiff.service.store.records import AccessKey, WebhookRecord
+from jointstiff.service.store.store import SESSION_LONGEST, Store
+from jointstiff.service.store.webhooks import MOST
+from jointstiff.service.tables.files import csv_rows, guarded
+from jointstiff.solver.errors import RequestError
+
+KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
+
+_PAGE: Final = 1_000
+_TABLE: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "A page; or the table (RFC 4180, times in UTC).", "content": {"text/csv": {}}}
+}
+
+sessions = APIRouter(prefix="/v1/session", tags=["access"], route_class=BodyRoute, dependencies=[PUBLIC])
+router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, dependencies=[ADMIN])
+webhooks = APIRouter(prefix="/v1", tags=["webhooks"], route_class=BodyRoute, dependencies=[ADMIN])
+
+
+@sessions.get("", response_model=Session)
+async def get_session(request: Request) -> Session:
+    """Return who is answered, and whom the service takes the caller for. Needs no key."""
+    gate: Gate = request.app.state.gate
+    key = asked_of(request).key
+    browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
+    is_browser = key is not None and browser is not None and key.id == browser.id
+    return _session(gate, key, ends_at if is_browser else None)
+
+
+@sessions.post("", status_code=201, response_model=Session)
+async def create_session(request: Request, response: Response, body: SessionRequest) -> Session:
+    """Sign a browser in with a key or a one-time link: the answer sets a cookie that scripts cannot read.
+
+    The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
+    """
+    gate: Gate = request.app.state.gate
+    asked = asked_of(request)
+    key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
+    signed = await gate.sign_in(key, link, asked.address)
+    asked.key = signed.key
+    await gate.sign_out(request)  # of the session that the new cookie replaces
+    response.set_cookie(
+        cookie_name(request),
+        signed.token,
+        max_age=int(SESSION_LONGEST.total_seconds()),
+        secure=_is_https(request),
+        httponly=True,
+        samesite="strict",
+    )
+    return _session(gate, signed.key, signed.ends_at)
+
+
+@sessions.delete("", status_code=204, response_class=Response)
+async def delete_session(request: Request) -> Response:
+    """Sign the browser out: its session ends for good. One that is not signed in stays as it is."""
+    gate: Gate = request.app.state.gate
+    await gate.sign_out(request)
+    response = Response(status_code=204)
+    response.delete_cookie(cookie_name(request), secure=_is_https(request), httponly=True, samesite="strict")
+    return response
+
+
+def _session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> Session:
+    if key is None:
+        return Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
+    role = cast("Role", key.role)
+    return Session(access=gate.access, key_id=key.id, key_name=key.name, role=role, ends_at=ends_at)
+
+
+def _is_https(request: Request) -> bool:
+    """Return whether the browser came by HTTPS, maybe to a proxy: it says so in `Origin` itself."""
+    return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
+
+
+@router.post("/keys", status_code=201, response_model=NewKey)
+async def create_key(request: Request, parts: PartsOf, body: KeyRequest) -> NewKey:
+    """Make a key. Its text is in this answer and nowhere else; a post that is repeated makes another key."""
+    now = datetime.now(UTC)
+    if body.expires_at is not None and body.expires_at <= now:
+        raise RequestError(
+            "the key would have expired already", remedy="give a time in the future", where="expires_at"
+        )
+    text, record = mint(body.name, body.role, now, body.expires_at)
+    await run_sync(parts.store.keys.add, record)
+    await _look(request)
+    return NewKey(**described(record).model_dump(), key=text)
+
+
+@router.get("/keys", response_model=KeyList)
+async def list_keys(request: Request) -> KeyList:
+    """List all keys, those of the file and revoked ones, too, in the order in which they came."""
+    gate: Gate = request.app.state.gate
+    return KeyList(items=gate.keyring.listing())
+
+
+@router.delete("/keys/{key_id}", response_model=Key)
+async def revoke_key(request: Request, parts: PartsOf, key_id: KeyId) -> Key:
+    """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
+    gate: Gate = request.app.state.gate
+    if gate.keyring.is_filed(key_id):
+        raise HTTPException(409, "the key is in the file of keys: revoke it there")
+    revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
+    await _look(request)
+    return described(revoked)
+
+
+async def _look(request: Request) -> None:
+    """Let the change count here at once; other processes see it at their next look."""
+    gate: Gate = request.app.state.gate
+    await run_sync(gate.keyring.look)
+
+
+@router.get("/audit", response_model=Page[AuditItem], responses=_TABLE)
+def list_audit(parts: PartsOf, query: Annotated[AuditQuery, Query()]) -> Page[AuditItem] | Response:
+    """List all requests to change something, refused or not, newest first; or get all as a table."""
+    if query.format == "csv":
+        headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
+        return StreamingResponse(_table(parts.store, query.key_id), media_type="text/csv", headers=headers)
+    entries, cursor = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
+    return Page(items=[AuditItem(**asdict(entry)) for entry in entries], next=cursor)
+
+
+def _table(store: Store, key_id: str | None) -> Iterator[str]:
+    yield csv_rows([list(AuditItem.model_fields)])
+    cursor = None
+    while True:
+        entries, cursor = store.audit.page(_PAGE, cursor, key_id=key_id)
+        rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in entries]
+        yield csv_rows([guarded(value) for value in row.values()] for row in rows)
+        if cursor is None:
+            return
+
+
+@webhooks.post("/webhooks", status_code=201, response_model=NewWebhook, responses=problems(409))
+def create_webhook(request: Request, parts: PartsOf, body: WebhookRequest) -> NewWebhook:
+    """Make a webhook: workers post to its address what happens, signed by Standard Webhooks.
+
+    Its secret is in this answer and nowhere else. An address of this machine, or one that is not public, is
+    refused unless the settings allow it.
+    """
+    if len(parts.store.webhooks.all()) >= MOST:
+        raise HTTPException(409, f"there are {MOST} webhooks; delete one first")
+    try:
+        url = urlsplit(body.url)
+        if "@" in url.netloc:
+            raise RequestError(
+                "the address has a user or a password, which lists would show",
+                where="url",
+                remedy="omit them: the receiver checks a message by its signature",
+            )
+        receiver_addresses(url.hostname or "", url.port or (443 if url.scheme == "https" else 80))
+    except ValueError as error:
+        raise RequestError("this is not an address", where="url", remedy="give https://HOST/PATH") from error
+    secret = new_secret()
+    record = WebhookRecord(
+        id=uuid4().hex,
+        url=body.url,
+        events=json.dumps(sorted(set(body.events))),
+        secret=secret,
+        address=str(request.base_url).rstrip("/"),
+        created_at=datetime.now(UTC),
+    )
+    parts.store.webhooks.add(record)
+    return NewWebhook(**_described(parts, record), secret=secret)
+
+
+@webhooks.get("/webhooks", response_model=WebhookList)
+def list_webhooks(parts: PartsOf) -> WebhookList:
+    """List the webhooks, each with the messages that did not arrive."""
+    return WebhookList(items=[Webhook(**_described(parts, one)) for one in parts.store.webhooks.all()])
+
+
+@webhooks.delete("/webhooks/{webhook_id}", status_code=204, response_class=Response)
+def delete_webhook(parts: PartsOf, webhook_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """Delete a webhook with its messages, those that did not arrive, too."""
+    parts.store.webhooks.delete(webhook_id)
+    return Response(status_code=204)
+
+
+def _described(parts: PartsOf, record: WebhookRecord) -> dict[str, Any]:
+    delivered, rest = parts.store.webhooks.outcome(record.id)
+    undelivered = [
+        Delivery.model_validate(
+            {
+                "id": one.message_id,
+                "type": one.type,
+                "state": one.state,
+                "created_at": one.created_at,
+                "attempts": one.attempts,
+                "next_at": one.due_at,
+                "error": one.error,
+            }
+        )
+        for one in rest
+    ]
+    return {
+        "id": record.id,
+        "url": record.url,
+        "events": json.loads(record.events),
+        "created_at": record.created_at,
+        "delivered": delivered,
+        "undelivered": undelivered,
+    }

@@ -1,0 +1,204 @@
+"""Answers: documents and their descriptions, and every error as problem details of our own making."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import re
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Final, cast
+
+from fastapi import Depends, FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import StreamingResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.jobs.life import Parts
+from jointstiff.service.logs import REQUEST_ID
+from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
+from jointstiff.solver.errors import JointstiffError
+
+ANSWER_HEADERS: Final = MappingProxyType(
+    {
+        "Cache-Control": "no-store",
+        "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Referrer-Policy": "no-referrer",
+        "X-Content-Type-Options": "nosniff",
+    }
+)
+"""Headers of an answer that says nothing else: no cache keeps it, no page of another site embeds it, and no
+browser takes it for a program."""
+REQUEST_ID_HEADER: Final = "X-Request-Id"
+_TAG: Final = re.compile(r'"[^"]*"')
+"""A tag in `If-None-Match`, weak or not (RFC 9110, section 13.1.2)."""
+_REMEDIES: Final = {
+    404: "see /openapi.json for the existing addresses",
+    405: "see /openapi.json for the parameters of this address",
+    409: "check its `state` and its `error`",
+    413: "send less in one request",
+}
+
+RETRY_SECONDS: Final = {429: 10, 503: 5}
+"""When a refused request may be sent again, by status."""
+_UNAUTHORISED: Final = 401
+DELETED: Final[dict[int | str, dict[str, Any]]] = {
+    204: {"description": "Deleted. A PATCH with `deleted`: false undoes this for 30 days."}
+}
+
+NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
+    304: {"description": "The document is that of the `ETag` in `If-None-Match`."}
+}
+
+_ADDRESS: Final = {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}}
+LOCATION: Final[dict[int | str, dict[str, Any]]] = {201: {"description": "Stored.", "headers": _ADDRESS}}
+
+_DESCRIPTIONS: Final = {
+    400: "The client disconnected before its body was complete.",
+    401: "A key is needed, and the request has no valid one.",
+    403: "The key's role does not allow this, or a page of another site requested a change.",
+    404: "The resource does not exist.",
+    409: "The resource's state does not allow this; see `remedy`.",
+    413: "The body is too large.",
+    415: "The body has the wrong Content-Type.",
+    422: "The request is invalid: `where` names the field, `remedy` says what to do.",
+    507: "The database has reached its quota.",
+    429: "The queue is full, or too many wrong keys were sent; try again later.",
+    503: "The database is not available; try again later.",
+}
+
+_logger = logging.getLogger(__name__)
+
+
+def _parts(request: Request) -> Parts:
+    return cast("Parts", request.app.state.parts)
+
+
+PartsOf = Annotated[Parts, Depends(_parts)]
+
+
+def json_response(text: str, status: int = 200) -> Response:
+    """Return a stored document as it is, without parsing it again."""
+    return Response(text, status, media_type="application/json")
+
+
+def unchanging(
+    request: Request,
+    body: str | bytes | Iterator[str],
+    media_type: str = "application/json",
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Return a document that rarely or never changes: who has it is told so (304) in its place.
+
+    A large table is sent as it is written, and has no tag.
+    """
+    given = dict(headers or {})
+    if not isinstance(body, str | bytes):
+        return StreamingResponse(body, media_type=media_type, headers=given)
+    content = body.encode() if isinstance(body, str) else body
+    given["ETag"] = tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
+    known = request.headers.get("if-none-match", "")
+    if known.strip() == "*" or tag.removeprefix("W/") in _TAG.findall(known):
+        return Response(status_code=304, headers=given)
+    return Response(content, media_type=media_type, headers=given)
+
+
+def created(collection: str, identifier: str, text: str, status: int = 201) -> Response:
+    """Return a resource with its address."""
+    response = json_response(text, status)
+    response.headers["Location"] = f"/v1/{collection}/{identifier}"
+    return response
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Describe errors that a route may answer with beside those of its kind, for OpenAPI."""
+    return {status: _problem(status) for status in statuses}
+
+
+def describe_problems(path: str, method: str, operation: dict[str, Any]) -> None:
+    """Describe in OpenAPI the errors that an operation may answer with, as its address and its body tell."""
+    statuses = {401, 403, 422, 429, 503}
+    if "requestBody" in operation:
+        statuses |= {400, 413, 415}
+    if "{" in path:
+        statuses |= {404} if method == "get" else {404, 409}
+    if "201" in operation["responses"] and "security" in operation:
+        statuses.add(507)
+    answers = operation["responses"] | {str(status): _problem(status) for status in statuses}
+    operation["responses"] = dict(sorted(answers.items()))
+
+
+def _problem(status: int) -> dict[str, Any]:
+    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
+    content = {"application/problem+json": {"schema": schema}}
+    return {"description": _DESCRIPTIONS[status], "content": content}
+
+
+def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """Describe the answers to a post that may take longer, for OpenAPI."""
+    later = "Stored but not finished: poll its address, or follow its events at /v1/jobs."
+    return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Give the application its error handler, which needs no thread."""
+    for kind in (
+        JointstiffError,
+        StoreError,
+        RequestValidationError,
+        HTTPException,
+        ClientDisconnect,
+        Exception,
+    ):
+        app.add_exception_handler(kind, _answer_failure)
+
+
+def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    """Return an answer that is a problem document.
+
+    It has all headers itself: the answer to an unexpected error passes no middleware.
+    """
+    identifier = REQUEST_ID.get()
+    given = dict(headers or {})
+    if problem.status in RETRY_SECONDS:
+        given["Retry-After"] = str(RETRY_SECONDS[problem.status])
+    if problem.status == _UNAUTHORISED:
+        given["WWW-Authenticate"] = 'Bearer realm="jointstiff"'
+    if identifier is not None:
+        given[REQUEST_ID_HEADER] = identifier
+    return Response(
+        problem.model_copy(update={"request_id": identifier}).model_dump_json(),
+        problem.status,
+        media_type="application/problem+json",
+        headers={**ANSWER_HEADERS, **given},
+    )
+
+
+def answer_error(error: JointstiffError | StoreError) -> Response:
+    """Return the answer to one of the project's errors."""
+    problem = problem_of(error)
+    if problem.status >= 500:
+        _logger.error("%s: %s", type(error).__name__, error)
+    return answer_problem(problem)
+
+
+async def _answer_failure(_: Request, error: Exception) -> Response:
+    match error:
+        case JointstiffError() | StoreError():
+            return answer_error(error)
+        case RequestValidationError():
+            return answer_problem(invalid_request(error.errors()))
+        case HTTPException():
+            reason, *remedy = str(error.detail).split("; ", 1)
+            todo = remedy[0] if remedy else _REMEDIES.get(error.status_code)
+            headers = dict(error.headers) if error.headers else None
+            return answer_problem(http_problem(error.status_code, reason, todo), headers)
+        case ClientDisconnect():
+            return answer_problem(http_problem(400, "the client disconnected before its body was complete"))
+    _logger.error("unexpected failure", exc_info=error)
+    return answer_problem(http_problem(500, "an unexpected internal error", "please report it; see the log"))

@@ -1,0 +1,296 @@
+"""Files of jobs: tables, reports, what a kind declares, and the models and issued reports of runs."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
+from pathlib import PurePath
+from types import MappingProxyType
+from typing import Any, Final, Literal, NamedTuple, cast
+from urllib.parse import quote
+
+from fastapi import HTTPException, Request
+from pydantic import BaseModel
+
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.program import Program
+from jointstiff.schemas.query import FileQuery
+from jointstiff.schemas.report import Authorisation, AuthorisationList
+from jointstiff.schemas.robot import Robot
+from jointstiff.schemas.run import Run
+from jointstiff.service.exporting.formats import FORMATS, ModelFormat, export_model
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.jobs.life import Jobs, Parts
+from jointstiff.service.kinds.kind import AnyKind, File
+from jointstiff.service.kinds.program_work import unpacked
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.reports.document import Document, draft, state_of
+from jointstiff.service.reports.job import job_document, job_parts, job_sheet
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
+from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.store.records import AuthorisationRecord
+from jointstiff.service.tables.files import csv_parts, written
+from jointstiff.service.tables.report import View
+from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.table import Table
+from jointstiff.solver.errors import RequestError
+
+_ISSUED: Final = re.compile(r"issued-([1-9][0-9]{0,8})\.pdf", re.ASCII)
+_NO_HEADERS: Final[Mapping[str, str]] = MappingProxyType({})
+
+
+class Content(NamedTuple):
+    """Content of a file."""
+
+    body: bytes | Iterator[str]
+    media_type: str
+    headers: Mapping[str, str] = _NO_HEADERS
+
+
+class _Wanted(NamedTuple):
+    """A file that is asked for, of a job that has succeeded."""
+
+    laboratory: LaboratorySettings  # that issues reports
+    parts: Parts
+    jobs: Jobs  # those of its kind
+    job: Job
+    name: str
+    query: FileQuery
+
+
+_Make = Callable[[_Wanted], Content]
+
+
+def stored_content(parts: Parts, jobs: Jobs, job_id: str, name: str, query: FileQuery) -> Content | None:
+    """Return a file that needs no work; None if it does, or there is no such file.
+
+    Raises:
+        NotFoundError: there is no such job.
+        HTTPException: there is no such report (404), or the program is not corrected (409).
+        RequestError: the program has no file of that name.
+    """
+    if jobs.kind.name == Program.kind and name == "program":
+        return _corrected(cast("Program", _succeeded(jobs, job_id)), query.file)
+    if jobs.kind.name != Run.kind:
+        return None
+    if name == "authorisations.json":
+        jobs.record(job_id)
+        issued = AuthorisationList(items=authorisations_of(parts.store.authorisations.of(run_id=job_id)))
+        return Content(issued.model_dump_json().encode(), "application/json")
+    if number := _ISSUED.fullmatch(name):
+        for record in parts.store.authorisations.of(run_id=job_id):
+            if record.number == int(number[1]):
+                return _report(record.pdf, f"{job_id}-{record.number}", "pdf")
+        raise HTTPException(404, f"run '{job_id}' has no authorised report {number[1]}")
+    return None
+
+
+def content_of(
+    request: Request, parts: Parts, jobs: Jobs, job_id: str, name: str, query: FileQuery
+) -> Content:
+    """Return a file that is made of the result of a job.
+
+    Raises:
+        NotFoundError: there is no such job.
+        HTTPException: there is no such file (404), or no result (409).
+    """
+    make = _files(jobs.kind).get(name)
+    if make is None:
+        jobs.record(job_id)
+        raise HTTPException(
+            404, f"a {jobs.kind.name} has no such file; use one of {', '.join(names(jobs.kind))}"
+        )
+    laboratory: LaboratorySettings = request.app.state.laboratory
+    return make(_Wanted(laboratory, parts, jobs, _succeeded(jobs, job_id), name, query))
+
+
+def names(kind: AnyKind) -> list[str]:
+    """Return the names of the files that a kind's jobs have."""
+    return [*_files(kind), *_STORED.get(kind.name, ())]
+
+
+@cache
+def _files(kind: AnyKind) -> Mapping[str, _Make]:
+    """Return what makes each file of a kind's jobs, by name."""
+    made: dict[str, _Make] = {"tables.json": _tables}
+    if kind.name == Run.kind:
+        made |= {"report.pdf": _run_report, "report.html": _run_report}
+        made |= {f"model.{suffix}": _model for suffix in FORMATS}
+    elif kind.reported:
+        made |= {"report.pdf": _job_report, "report.html": _job_report}
+    return made | {file.name: partial(_sheet, file) for file in kind.files}
+
+
+_STORED: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {Run.kind: ("authorisations.json", "issued-{number}.pdf"), Program.kind: ("program",)}
+)
+"""Names of files that need no work, by kind."""
+
+
+def _tables(wanted: _Wanted) -> Content:
+    view = View(wanted.query.details, UNITS[wanted.query.unit])
+    tables = [
+        part.shown() for part in job_parts(wanted.jobs.kind, wanted.job, view) if isinstance(part, Table)
+    ]
+    assessment: BaseModel | None = getattr(wanted.job.result, "assessment", None)
+    shown = {"assessment": assessment and assessment.model_dump(mode="json"), "tables": tables}
+    return Content(json.dumps(shown, ensure_ascii=False, allow_nan=False).encode(), "application/json")
+
+
+def _sheet(file: File, wanted: _Wanted) -> Content:
+    kind, job = wanted.jobs.kind, wanted.job
+    sheet = job_sheet(file, job, lambda: wanted.jobs.work(job.id))
+    body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
+    return Content(body, file.media_type, _saved(f"{kind.name}-{job.id}.{file.suffix}"))
+
+
+def _job_report(wanted: _Wanted) -> Content:
+    jobs, parts, job_id = wanted.jobs, wanted.parts, wanted.job.id
+    record = jobs.record(job_id)
+    about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
+    answered = jobs.kind.answered(record.document)
+    return _written(job_document(jobs.kind, wanted.job, answered, wanted.laboratory, about), wanted.name)
+
+
+def _run_report(wanted: _Wanted) -> Content:
+    """Return the report of a run: a draft until it is authorised; then as it was issued, or superseded."""
+    run_id, store = wanted.job.id, wanted.parts.store
+    own = store.authorisations.of(run_id=run_id)
+    if wanted.query.draft or not own:
+        return _written(
+            run_document(run_subject(wanted.parts, run_id, wanted.laboratory), draft()), wanted.name
+        )
+    newer = store.authorisations.of(supersedes=run_id)
+    if newer:
+        subject = run_subject(wanted.parts, run_id, wanted.laboratory).as_stated(json.loads(own[-1].stated))
+        state = state_of(authorisations_of(own), authorisations_of(newer)[-1])
+        return _written(run_document(subject, state), wanted.name)
+    as_pdf = wanted.name == "report.pdf"
+    content = own[-1].pdf if as_pdf else own[-1].page
+    return _report(content, f"{run_id}-{own[-1].number}", "pdf" if as_pdf else "html")
+
+
+def _model(wanted: _Wanted) -> Content:
+    suffix = cast("ModelFormat", wanted.name.partition(".")[2])
+    model = export_model(exported_model(wanted.parts, wanted.job.id), suffix, wanted.query.accept_verdict)
+    return Content(model, FORMATS[suffix].media_type, _saved(f"model-{wanted.job.id}.{suffix}"))
+
+
+def _corrected(program: Program, file: str | None) -> Content:
+    result = program.result
+    found = next((each for each in result.files if file in {None, each.name}), None) if result else None
+    if result is None or found is None:
+        known = ", ".join(each.name for each in result.files) if result else ""
+        raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {known}")
+    path = PurePath(found.name)
+    name = f"{path.stem}-corrected{path.suffix}" if result.corrected else found.name
+    disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
+    return Content(unpacked(found), "application/octet-stream", {"Content-Disposition": disposition})
+
+
+def _succeeded(jobs: Jobs, job_id: str) -> Job:
+    """Return a job with its result."""
+    job = jobs.current(job_id)
+    if job.result is None:
+        raise HTTPException(409, f"there is no result: the {job.kind}'s state is {job.state}")
+    return job
+
+
+def _written(document: Document, name: str) -> Content:
+    if name == "report.pdf":
+        return _report(report_pdf(document), document.number, "pdf")
+    return _report(report_page(document), document.number, "html")
+
+
+def _report(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:
+    headers = {"Content-Disposition": f'inline; filename="report-{number}.{suffix}"'}
+    if suffix == "html":
+        return Content(content, "text/html", headers | {"Content-Security-Policy": POLICY})
+    return Content(content, "application/pdf", headers)
+
+
+def _saved(name: str) -> dict[str, str]:
+    return {"Content-Disposition": f'attachment; filename="{name}"'}
+
+
+def exported_model(parts: Parts, run_id: str) -> ExportedModel:
+    """Return the model of a stored run.
+
+    Raises:
+        HTTPException: the run has no result.
+    """
+    run = cast("Run", _succeeded(parts.jobs[Run.kind], run_id))
+    prepared = parts.sets.prepared(run.request.measurement_set_id)
+    stored = Robot.model_validate_json(parts.store.robots.get(prepared.robot_id).document)
+    return ExportedModel(run, cast("Any", run.result), prepared.robot, stored.name, stored.geometry_id)
+
+
+def run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
+    """Return what the report of a run is about.
+
+    Raises:
+        HTTPException: the run has no result.
+    """
+    model = exported_model(parts, run_id)
+    readings = parts.sets.document(model.run.request.measurement_set_id)
+    alarms = parts.trends.alarms_of(readings.robot_id, readings.serial_number)
+    return RunSubject(model, readings, settings, alarms=[alarm.message for alarm in alarms])
+
+
+def authorisations_of(records: list[AuthorisationRecord]) -> list[Authorisation]:
+    """Return authorisations without the files that were issued."""
+    found = []
+    for record in records:
+        document = json.loads(record.stated)
+        fields = {name: getattr(record, name) for name in Authorisation.model_fields if hasattr(record, name)}
+        fields |= {"customer": document["laboratory"].get("customer"), "received_on": document["received_on"]}
+        found.append(Authorisation.model_validate(fields))
+    return found
+
+
+def _media_types() -> dict[str, Any]:
+    """Return the media types of all files, for OpenAPI."""
+    own = {file.media_type for kind in KINDS for file in kind.files}
+    fixed = {"application/json", "application/pdf", "text/html", "application/octet-stream"}
+    types = sorted(own | fixed | {each.media_type for each in FORMATS.values()})
+    binary = {"schema": {"type": "string", "format": "binary"}}
+    return {name: binary if name == "application/octet-stream" else {} for name in types}
+
+
+def _description() -> str:
+    """Return the description of the operation: the files of each kind."""
+    listed = [f"* {kind.name}: {', '.join(f'`{name}`' for name in names(kind))}" for kind in KINDS]
+    own = [f"* `{file.name}` of a {kind.name}: {file.description}" for kind in KINDS for file in kind.files]
+    return "\n".join([_FILES_TEXT, "", *listed, "", *own])
+
+
+_FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
+
+* `tables.json`: the tables as in the terminal, with the `assessment` (null if there is none): title, caption,
+  head, rows of text, and the indices of text columns
+* `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input; for
+  information, not signed. The report of a run follows ISO/IEC 17025: PDF/A-3b with the run and a table
+  attached, a draft until it is authorised, then unchangeable; each page of a superseded one states that
+* `model.…` of a run: tables with intervals (csv, xlsx), URDF, SDFormat, or MJCF of MuJoCo. MJCF and SDFormat
+  have a spring for each joint with a stiffness; URDF has none and gives the numbers in comments. A joint that
+  is rigid, not observable or not identified has no spring; the file states the reason. A run with the verdict
+  `do_not_use` is refused without `accept_verdict`
+* `authorisations.json` of a run: its authorisations, in the order in which they came; `issued-{number}.pdf`:
+  an authorised report as it was issued, also one that was superseded
+* `program` of a program: a compensated file (`file`), of which only numbers of its targets differ from what
+  was sent"""
+
+
+class FilesDescription(NamedTuple):
+    """The description of the files, for OpenAPI."""
+
+    description: str
+    answers: dict[int | str, dict[str, Any]]
+
+
+FILES: Final = FilesDescription(
+    _description(), {200: {"description": "The file.", "content": _media_types()}}
+)

@@ -1,0 +1,346 @@
+"""Keys: their text, the file that a container may get them in, and the ring of those that open the service.
+
+The text of a key is `jst_<id>_<256 random bits>_<crc32>`. The check sum tells a mistyped key from a wrong
+one, without a look at any other; it is no secret. Only hashes of keys are kept, so that reading them opens
+nothing.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import hmac
+import json
+import logging
+import os
+import re
+import secrets
+import stat
+import string
+import tempfile
+import threading
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Final, Literal, NamedTuple, cast
+
+from pydantic import AwareDatetime, Field, ValidationError
+
+from jointstiff.schemas.access import Key, KeyId, Role
+from jointstiff.schemas.fields import Message, Name
+from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError, ServiceError
+from jointstiff.service.store.access import KEY
+from jointstiff.service.store.records import AccessKey
+from jointstiff.service.store.store import Store
+
+_ALPHABET: Final = string.ascii_letters + string.digits
+"""62 characters: a double click selects the whole key."""
+_LENGTH: Final = 43
+"""62^43 > 2^256."""
+_KEY: Final = re.compile(r"(jst_([0-9a-f]{10})_[A-Za-z0-9]{43})_([0-9a-f]{8})", re.ASCII)
+_SECRETS: Final = re.compile(r"(jst|jsl)_[A-Za-z0-9_%-]*", re.ASCII)
+_REMEDY: Final = "copy the whole key, from jst_ to its last character; it was shown once, when it was created"
+MAX_FILE_BYTES: Final = 1024 * 1024
+_STORED: Final = tuple(field.name for field in fields(AccessKey) if field.name != "last_used_at")
+_OTHER_KEY: Final = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
+_NONE: Final[Mapping[str, AccessKey]] = MappingProxyType({})
+
+_logger = logging.getLogger(__name__)
+
+
+class Minted(NamedTuple):
+    """A new key."""
+
+    text: str  # text that its holder keeps; nothing else does
+    record: AccessKey  # record that is stored
+
+
+def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> Minted:
+    """Make a key."""
+    key_id = secrets.token_hex(5)
+    body = f"jst_{key_id}_{_random()}"
+    text = f"{body}_{_check(body)}"
+    record = AccessKey(
+        id=key_id,
+        name=name,
+        role=role,
+        key_hash=digest(text),
+        created_at=now,
+        expires_at=expires_at,
+        revoked_at=None,
+        last_used_at=None,
+    )
+    return Minted(text, record)
+
+
+def mint_token(kind: str) -> str:
+    """Return a random text of 256 bits for a cookie or a link, with a word that says for which."""
+    return f"{kind}_{_random()}"
+
+
+def id_in(text: str) -> str:
+    """Return the id in a key.
+
+    Raises:
+        KeyRefusedError: the text is no key, or is mistyped.
+    """
+    match = _KEY.fullmatch(text)
+    if match is None:
+        raise KeyRefusedError("the text sent is not a key", _REMEDY)
+    if _check(match[1]) != match[3]:
+        raise KeyRefusedError("the key is mistyped: its check sum does not fit", _REMEDY)
+    return match[2]
+
+
+def digest(text: str) -> str:
+    """Return the SHA-256 of a key or token, which is all that is stored of it.
+
+    A slow hash would protect a password that people choose. Nobody guesses 256 random bits.
+    """
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def without_keys(text: str) -> str:
+    """Return a text in which nothing is left of keys and links, for those who keep it."""
+    return _SECRETS.sub(r"\1_…", text)
+
+
+def _random() -> str:
+    return "".join(secrets.choice(_ALPHABET) for _ in range(_LENGTH))
+
+
+def _check(body: str) -> str:
+    return f"{zlib.crc32(body.encode()):08x}"
+
+
+_NOBODY: Final = digest(mint_token("jst"))
+"""Hash that a key of unknown id is compared with: the answer takes as long."""
+
+
+class KeysFileError(ServiceError):
+    """A file of keys that cannot be read or written."""
+
+    def __init__(self, path: Path, reason: object) -> None:
+        super().__init__(
+            f"the file of keys {path} cannot be used: {reason}",
+            "write it with `jointstiff keys create NAME --role ROLE --keys-file FILE`",
+        )
+
+
+class _Entry(Message):
+    id: KeyId
+    name: Name
+    role: Role
+    key_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    created_at: AwareDatetime
+    expires_at: AwareDatetime | None
+    revoked_at: AwareDatetime | None
+
+
+class _Document(Message):
+    format: Literal["jointstiff-keys-1"] = "jointstiff-keys-1"
+    keys: list[_Entry]
+
+
+class KeysFile:
+    """The keys in a file."""
+
+    def __init__(self, path: Path) -> None:
+        """Use a file, which need not be there yet to be written."""
+        self._path = path
+
+    def all(self) -> list[AccessKey]:
+        """Return all keys, revoked ones too.
+
+        Raises:
+            KeysFileError: the file is not there, or not such a file.
+        """
+        try:
+            with self._path.open("rb") as file:
+                if os.fstat(file.fileno()).st_mode & stat.S_IWOTH:
+                    raise KeysFileError(self._path, "every user can write to it; correct this with chmod o-w")
+                content = file.read(MAX_FILE_BYTES + 1)
+            if len(content) > MAX_FILE_BYTES:
+                raise KeysFileError(self._path, f"it exceeds {MAX_FILE_BYTES // 1024} KiB")
+            document = _Document.model_validate_json(content)
+        except OSError as error:
+            raise KeysFileError(self._path, error.strerror) from error
+        except ValidationError as error:
+            raise KeysFileError(self._path, "its content is not a file of keys") from error
+        if len({entry.id for entry in document.keys}) < len(document.keys):
+            raise KeysFileError(self._path, "an id occurs twice")
+        return [AccessKey(**entry.model_dump(), last_used_at=None) for entry in document.keys]
+
+    def add(self, key: AccessKey) -> None:
+        """Add a key, to a new file if there is none.
+
+        Raises:
+            KeysFileError: the file cannot be read or written.
+        """
+        with self._turn():
+            self._write([*(self.all() if self._path.exists() else []), key])
+
+    def revoke(self, key_id: str, now: datetime) -> AccessKey:
+        """Revoke a key for good; return it.
+
+        Raises:
+            KeysFileError: the file cannot be read or written.
+            NotFoundError: there is no such key.
+        """
+        with self._turn():
+            keys = {key.id: key for key in self.all()}
+            if key_id not in keys:
+                raise NotFoundError(KEY, key_id)
+            keys[key_id] = replace(keys[key_id], revoked_at=keys[key_id].revoked_at or now)
+            self._write(list(keys.values()))
+        return keys[key_id]
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Hold a lock on the folder: of two who change the file, each finds what the other wrote."""
+        try:
+            folder = os.open(self._path.parent, os.O_RDONLY)
+        except OSError as error:
+            raise KeysFileError(self._path, error.strerror) from error
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(folder)
+
+    def _write(self, keys: list[AccessKey]) -> None:
+        """Replace the file at once: a service that reads it meanwhile finds the old or the new one."""
+        entries = [{name: asdict(key)[name] for name in _STORED} for key in keys]
+        text = json.dumps(
+            _Document.model_validate({"keys": entries}).model_dump(mode="json"), indent=1, ensure_ascii=False
+        )
+        path = self._path
+        try:
+            mode = path.stat().st_mode & 0o777 if path.exists() else 0o600
+            descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+            os.close(descriptor)
+            written = Path(name)
+            try:
+                written.write_text(text + "\n", encoding="utf-8")
+                written.chmod(mode)
+                written.replace(path)
+            finally:
+                written.unlink(missing_ok=True)
+        except OSError as error:
+            raise KeysFileError(path, error.strerror) from error
+
+
+class Keyring:
+    """The keys of a store and of a file, as they were last looked at."""
+
+    def __init__(self, store: Store, file: Path | None = None) -> None:
+        """Know no key until `look` is called.
+
+        Args:
+            store: its keys open the service.
+            file: and those of this file, if there is one.
+        """
+        self._store = store
+        self._file = None if file is None else KeysFile(file)
+        self._stored = _NONE
+        self._filed = _NONE
+        self._gone: set[str] = set()
+        self._is_broken = False
+        self._looking = threading.Lock()
+
+    def look(self) -> None:
+        """Look at the keys again. A file that is gone or became unreadable has no keys.
+
+        Raises:
+            StoreError: the database does not answer.
+        """
+        with self._looking:  # a look that began before a change must not end after one that saw it
+            if self._file is not None:
+                before, self._filed = self._live(), self._in_file(self._file)
+                self._gone |= before - self._live()
+                if self._gone:  # their sessions and links must not come to life again with the file
+                    self._store.sessions.end_of(sorted(self._gone))
+                    self._gone.clear()
+            self._stored = {key.id: key for key in self._store.keys.all()}
+
+    def _live(self) -> set[str]:
+        """Return the ids of the keys in the file that open the service."""
+        now = datetime.now(UTC)
+        return {key.id for key in self._filed.values() if key.is_live(now)}
+
+    def _in_file(self, file: KeysFile) -> Mapping[str, AccessKey]:
+        try:
+            filed = {key.id: key for key in file.all()}
+            self._is_broken = False
+        except KeysFileError as error:
+            filed = {}  # who takes the file away takes its keys away
+            if not self._is_broken:  # not at each look again
+                _logger.error("%s", error.reason)  # noqa: TRY400 - the reason is all there is
+            self._is_broken = True
+        return filed
+
+    def open_file(self) -> None:
+        """Read the file of keys for the first time.
+
+        Raises:
+            KeysFileError: there is no such file, or it is none.
+        """
+        if self._file is not None:
+            self._filed = {key.id: key for key in self._file.all()}
+
+    def has_keys(self) -> bool:
+        """Return whether any key opens the service now."""
+        now = datetime.now(UTC)
+        return any(key.is_live(now) for key in (*self._stored.values(), *self._filed.values()))
+
+    def find(self, key_id: str) -> AccessKey | None:
+        """Return a key that opens the service now; None if it does not, or no longer."""
+        key = self._known(key_id)
+        return key if key is not None and key.is_live(datetime.now(UTC)) else None
+
+    def check(self, text: str) -> AccessKey:
+        """Return the key of a text.
+
+        Raises:
+            KeyRefusedError: it is mistyped, or unknown, or no longer taken.
+        """
+        key = self._known(id_in(text))
+        is_right = hmac.compare_digest(digest(text), _NOBODY if key is None else key.key_hash)
+        if key is None or not is_right:
+            raise KeyRefusedError("the key is not one of this service", _OTHER_KEY)
+        if key.revoked_at is not None:
+            raise KeyRefusedError("the key was revoked", _OTHER_KEY)
+        if not key.is_live(datetime.now(UTC)):
+            raise KeyRefusedError("the key has expired", _OTHER_KEY)
+        return key
+
+    def listing(self) -> list[Key]:
+        """Return all keys, revoked ones too, without their secrets."""
+        filed = [described(key, is_filed=True) for key in self._filed.values()]
+        return [*(described(key) for key in self._stored.values()), *filed]
+
+    def is_filed(self, key_id: str) -> bool:
+        """Return whether a key stands in the file."""
+        return key_id in self._filed
+
+    def _known(self, key_id: str) -> AccessKey | None:
+        """Return a key; what the file says of an id counts, as it is the operator's."""
+        return self._filed.get(key_id) or self._stored.get(key_id)
+
+
+def described(key: AccessKey, *, is_filed: bool = False) -> Key:
+    """Return a key as it is shown, without its secret."""
+    return Key(
+        id=key.id,
+        name=key.name,
+        role=cast("Role", key.role),
+        source="file" if is_filed else "database",
+        created_at=key.created_at,
+        expires_at=key.expires_at,
+        revoked_at=key.revoked_at,
+        last_used_at=key.last_used_at,
+    )

@@ -1,0 +1,33 @@
+"""Addresses and bodies of the API that jobs of all kinds share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+CANCEL = {"cancelled": True}
+DELETE = {"deleted": True}
+RESTORE = {"deleted": False}
+
+
+def job_at(job: str | dict[str, Any]) -> str:
+    """The address that all jobs share, of a job, its id, or the address of its kind."""
+    identifier = job if isinstance(job, str) else str(job["id"])
+    return f"/v1/jobs/{identifier.rpartition('/')[2]}"
+
+
+def file_at(job: str | dict[str, Any], name: str) -> str:
+    """The address of a file of a job."""
+    return f"{job_at(job)}/files/{name}"
+
+
+def posted(client: Any, campaign: dict[str, Any], **options: Any) -> dict[str, Any]:
+    """Post a campaign with options of its run; return the run, which has ended."""
+    answer = client.request("POST", "/v1/campaigns", json=campaign | {"run": options})
+    assert answer.status_code == 201, answer.text
+    run: dict[str, Any] = answer.json()
+    return run
+
+
+def posted_set(client: Any, campaign: dict[str, Any]) -> str:
+    """Post a campaign; return the id of its measurement set."""
+    return str(posted(client, campaign)["request"]["measurement_set_id"])
