@@ -433,11 +433,12 @@ class ResamplingSummary:
     share_infinite: FloatArray
     share_at_bound: FloatArray  #: (n,) held by a bound, zero or another
     share_undetermined: FloatArray  #: (n,) share of the K repetitions that leave it undetermined
+    repetitions: int  #: K
     share_any_negative: float  #: share of the K repetitions with a negative stiffness
     #: over all configurations, of the repetitions that determine every visible joint
     compensation_mean: float
     compensation_deviation: float  #: standard deviation of one repetition
-    compensation_interval: tuple[float, float]  #: percentile interval
+    compensation_interval: FloatArray  #: (2,) percentile interval
 
     def without(self, hidden: BoolArray) -> ResamplingSummary:
         """Withhold the numbers of joints (n,) that the whole set does not show."""
@@ -492,10 +493,11 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
         share_infinite=_share(resamples, resamples.compliance == 0),
         share_at_bound=_share(resamples, resamples.active != 0),
         share_undetermined=resamples.undetermined.mean(axis=0),
+        repetitions=len(resamples.compliance),
         share_any_negative=float((resamples.compliance < 0).any(axis=1).mean()),
         compensation_mean=float(explained),
         compensation_deviation=float(e_deviation),
-        compensation_interval=(float(e_interval[0]), float(e_interval[1])),
+        compensation_interval=e_interval,
     )
 
 

@@ -15,7 +15,7 @@ from jointstiff.solver.design.advice import Advice
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
-from jointstiff.solver.evidence.prediction import Contributions, Prediction
+from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.links.choice import HeldOut, Selection
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import Loss
@@ -28,7 +28,7 @@ MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""
 
 
-def to_result(
+def run_result(
     robot: Robot,
     estimate: Estimate,
     prediction: Prediction,
@@ -37,9 +37,41 @@ def to_result(
     warnings: list[Finding],
     advice: Sequence[Advice] = (),
     budget: UncertaintyBudget | None = None,
+    encoders: FloatArray | None = None,
+    **parts: object,
 ) -> run.RunResult:
-    """Return the numbers of a run, with residuals by observation and target, and advice."""
+    """Return the numbers of a run, with residuals by observation and target, and advice.
+
+    Args:
+        robot: n joints.
+        estimate: of the joints.
+        prediction: of the deflections of the measurements.
+        assessment: of both.
+        measurements: N observations.
+        warnings: of the set, then of the fit.
+        advice: on the next readings.
+        budget: of the compliances.
+        encoders: (N, n) predicted deflections of the joints [rad], where encoders were read.
+        parts: further fields of the result; null if they are left out.
+    """
+    labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names = [joint.name for joint in estimate.joints]
+    i, t = np.nonzero(measurements.present)
+    by_encoder, contributions = [], []
+    if measurements.encoders is not None and encoders is not None:
+        k, j = np.nonzero(measurements.encoders.present)
+        read, predicted = measurements.encoders.deflection[k, j], encoders[k, j]
+        by_encoder = rows(
+            run.EncoderResidual,
+            observation=labels[k],
+            joint=np.array(names)[j],
+            deflection=read,
+            predicted=predicted,
+            residual=read - predicted,
+        )
+    if prediction.contributions is not None:
+        contributions = rows(run.Contribution, joint=names, **vars(prediction.contributions))
+    absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
     return message(
         run.RunResult,
         estimate,
@@ -50,30 +82,19 @@ def to_result(
         goodness=message(run.Goodness, estimate, test=estimate.sigma_test),
         identifiability=to_identifiability(estimate, advice, robot, measurements),
         robust=to_robust_loss(estimate, measurements),
-        contributions=to_contributions(prediction.contributions, names),
-        resampling=None,
-        model=None,
+        contributions=contributions,
         budget=to_budget(budget, names, [reason.code for reason in assessment.reasons]),
-        links=None,
-        selection=None,
-        choice=None,
-        residuals=_residuals(prediction, measurements),
-        encoder_residuals=[],
-        weight=None,
+        residuals=rows(
+            run.Residual,
+            observation=labels[i],
+            target=targets[t],
+            deflection=measurements.deflection[i, t],
+            predicted=prediction.predicted[i, t],
+            residual=prediction.residual[i, t],
+        ),
+        encoder_residuals=by_encoder,
         warnings=warnings,
-    )
-
-
-def to_contributions(contributions: Contributions | None, names: Sequence[str]) -> list[run.Contribution]:
-    """Return each joint's part of the predicted deflection; none where links bend, too."""
-    if contributions is None:
-        return []
-    return rows(
-        run.Contribution,
-        joint=names,
-        share=contributions.share,
-        mean=contributions.mean,
-        by_observation=contributions.by_observation,
+        **{**absent, **parts},
     )
 
 
@@ -116,56 +137,18 @@ def to_robust_loss(estimate: Estimate, measurements: Measurements) -> run.Robust
     return message(run.RobustLoss, robust, suspicious=suspicious, suspicious_count=len(robust.suspicious))
 
 
-def to_encoder_residuals(
-    measurements: Measurements, predicted: FloatArray, robot: Robot
-) -> list[run.EncoderResidual]:
-    """Return measured and predicted deflection (N, n) [rad] of each encoder that was read."""
-    encoders = measurements.encoders
-    if encoders is None:
-        return []
-    i, j = np.nonzero(encoders.present)
-    return rows(
-        run.EncoderResidual,
-        observation=np.array(measurements.labels)[i],
-        joint=np.array(robot.joint_names)[j],
-        deflection=encoders.deflection[i, j],
-        predicted=predicted[i, j],
-        residual=(encoders.deflection - predicted)[i, j],
-    )
-
-
-def to_resampling_result(
-    summary: ResamplingSummary, joints: list[run.JointResult], repetitions: int
-) -> run.ResamplingResult:
+def resampling_result(summary: ResamplingSummary, joints: Sequence[JointCompliance]) -> run.ResamplingResult:
     """Return statistics of the draws; joints that the whole set does not show get no numbers."""
     shown = summary.without(np.array([joint.status == "not_observable" for joint in joints]))
-    return run.ResamplingResult(
-        repetitions=repetitions,
-        joints=rows(
-            run.ResampledJoint,
-            name=[joint.name for joint in joints],
-            **{name: getattr(shown, name) for name in run.ResampledJoint.model_fields if name != "name"},
-        ),
-        share_any_negative=summary.share_any_negative,
-        compensation=message(
-            run.ResampledCompensation,
-            summary,
-            mean=summary.compensation_mean,
-            deviation=summary.compensation_deviation,
-            interval=np.array(summary.compensation_interval),
-        ),
-    )
-
-
-def _residuals(prediction: Prediction, measurements: Measurements) -> list[run.Residual]:
-    i, t = np.nonzero(measurements.present)
-    return rows(
-        run.Residual,
-        observation=np.array(measurements.labels)[i],
-        target=np.array(measurements.targets)[t],
-        deflection=measurements.deflection[i, t],
-        predicted=prediction.predicted[i, t],
-        residual=prediction.residual[i, t],
+    columns = {name: getattr(shown, name) for name in run.ResampledJoint.model_fields if name != "name"}
+    compensation = {
+        name: getattr(summary, f"compensation_{name}") for name in run.ResampledCompensation.model_fields
+    }
+    return message(
+        run.ResamplingResult,
+        summary,
+        joints=rows(run.ResampledJoint, name=[joint.name for joint in joints], **columns),
+        compensation=message(run.ResampledCompensation, None, **compensation),
     )
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel
 from jointstiff.schemas.options import Resampling, RunOptions, Weight
 from jointstiff.schemas.run import (
-    EncoderResidual,
     Identifiability,
     ModelChoice,
     PlainModel,
+    ResamplingResult,
     RunRequest,
     RunResult,
     WeightResult,
@@ -36,7 +35,7 @@ from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
-from jointstiff.solver.evidence.budget import LeftOut, UncertaintyBudget
+from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.prediction import predict, predict_encoders
@@ -79,12 +78,11 @@ from jointstiff.solver.resampling import (
     summarise,
 )
 from jointstiff.solver.results import (
+    resampling_result,
+    run_result,
     to_assessment,
-    to_encoder_residuals,
     to_joints,
     to_links_result,
-    to_resampling_result,
-    to_result,
     to_selection,
 )
 from jointstiff.solver.robot.model import Robot
@@ -236,8 +234,13 @@ class ResamplingWork:
         """
         return resample(self._blocks, self._plan, self._settings.bounds if bounds is None else bounds, *span)
 
+    def statistics(self, parts: Sequence[Arrays], estimate: Estimate) -> ResamplingResult:
+        """Return what the draws come to, of the joints that the whole set shows."""
+        resamples = Resamples.concatenate([Resamples(**part) for part in parts])
+        return resampling_result(summarise(resamples, confidence=self._settings.confidence), estimate.joints)
 
-class RunWork(Work):
+
+class ByJoints(Work):
     """The work of a run of joints alone: its draws, of which a quick run has none."""
 
     unit = "resamples"
@@ -270,7 +273,7 @@ class RunWork(Work):
         """Return the estimate of the joints, and how it was made.
 
         Raises:
-            JointstiffError: as `run_identification` does.
+            JointstiffError: as `jointstiff.solver.estimate.identify` does.
         """
         return identified(self._prepared, self._settings)
 
@@ -298,26 +301,60 @@ class RunWork(Work):
         """Identify from the whole set, with the statistics of the draws and the model that predicts.
 
         Raises:
-            JointstiffError: as `run_identification` does.
+            JointstiffError: as `identified` does.
         """
-        return self.conclude_with(self.screening, [Resamples(**part) for part in parts])
+        return self.result(self.screening, parts)
 
-    def conclude_with(self, screening: Screening, parts: Sequence[Resamples] = ()) -> RunResult:
+    def result(
+        self, screening: Screening, parts: Sequence[Arrays] = (), choice: ModelChoice | None = None
+    ) -> RunResult:
         """Report joints alone, with what is known of links beside them; raises as `conclude` does."""
         prepared, options, (settings, estimate) = self._prepared, self._options, self.identified
-        model = JointModel.of(prepared.robot, estimate, settings.constraints)
+        robot, measurements = prepared.robot, prepared.measurements
+        model, left_out = JointModel.of(robot, estimate, settings.constraints), None
         error: ModelError | JointstiffError
         try:
-            error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
+            error = leave_postures_out(robot, measurements, settings, estimate, model)
+            left_out = error.left_out
         except JointstiffError as none:  # the run stands without it, and predictions say why
             error = none
-        left_out = error.left_out if isinstance(error, ModelError) else None
-        result = _reported(prepared, options, settings, estimate, parts, left_out, screening)
-        choice = to_choice_of_joints(options, screening, self._excluded)
-        return result.model_copy(update={"model": stored_model(model, error), "choice": choice})
+        lacks = screening.lack_of_fit and prepared.is_sound(estimate)
+        budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
+        if budget is not None and lacks:
+            estimate = budget.widened(estimate, settings.bounds)
+        balanced = settings.complementary_stiffness
+        prediction = predict(
+            robot,
+            measurements,
+            estimate.compliance,
+            complementary_stiffness=balanced,
+            estimated=estimate.estimated,
+        )
+        encoders = None
+        if measurements.encoders is not None:
+            encoders = predict_encoders(
+                robot, measurements, estimate.compliance, complementary_stiffness=balanced
+            )
+        assessment = prepared.assess(settings, estimate, prediction, screening)
+        # Behind a mistake, what another reading would bring is not known.
+        usable = assessment.verdict != "do_not_use"
+        return run_result(
+            robot,
+            estimate,
+            assessment.supported(prediction),
+            assessment,
+            measurements,
+            [*prepared.warnings, *assessment.remarks],
+            advise(robot, measurements, estimate) if usable else (),
+            budget,
+            encoders,
+            resampling=None if self._draws is None or not parts else self._draws.statistics(parts, estimate),
+            model=stored_model(model, error),
+            choice=choice or to_choice_of_joints(options, screening, self._excluded),
+        )
 
 
-def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWork:
+def identification(inputs: Inputs, request: RunRequest) -> Work:
     """Return the work of a run; an automatic choice compares models only where the screening speaks.
 
     Mistakes come first: a gross one in the readings, too, leaves patterns as links do.
@@ -332,9 +369,9 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWo
         return QuickWork(compute, input_hash, prepared.robot_id)
     prepared = prepared.with_loads()
     if request.elasticity == "joints":
-        return RunWork(prepared, request, input_hash)
+        return ByJoints(prepared, request, input_hash)
     excluded = _excluded(prepared, request) if request.elasticity == "automatic" else None
-    plain = RunWork(prepared, request, input_hash, excluded)
+    plain = ByJoints(prepared, request, input_hash, excluded)
     if request.elasticity == "automatic":
         try:
             speaks = excluded is None and plain.screening.links_speak
@@ -344,10 +381,7 @@ def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork | QuickWo
         if not speaks:
             return plain
 
-    def by_joints(options: RunOptions) -> RunWork:
-        return RunWork(prepared, options, input_hash)
-
-    return ElasticWork(prepared, request, input_hash, by_joints)
+    return ByLinks(prepared, request, input_hash)
 
 
 def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:
@@ -374,109 +408,15 @@ def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
     return hash_of(prepared.content, options, bodies)
 
 
-def run_identification(
-    prepared: PreparedSet,
-    options: RunOptions,
-    parts: Sequence[Resamples] = (),
-) -> RunResult:
-    """Identify, predict, and report, without the model that predicts.
-
-    It takes a refit a posture only where joints alone do not fit: their intervals hold what that says.
-
-    Raises:
-        RequestError: the options do not fit the robot or the set.
-        UnsupportedMethodError: the readings cannot support the method.
-        NotObservableError: the readings determine no joint.
-        SolverError: optimality could not be certified.
-    """
-    robot, measurements = prepared.robot, prepared.measurements
-    settings, estimate = identified(prepared, to_settings(options, robot))
-    screening, left_out = screen_estimate(robot, measurements, estimate), None
-    if screening.lack_of_fit:
-        model = JointModel.of(robot, estimate, settings.constraints)
-        with suppress(JointstiffError):
-            left_out = leave_postures_out(robot, measurements, settings, estimate, model).left_out
-    return _reported(prepared, options, settings, estimate, parts, left_out, screening)
-
-
-def _reported(
-    prepared: PreparedSet,
-    options: RunOptions,
-    settings: Settings,
-    estimate: Estimate,
-    parts: Sequence[Resamples],
-    left_out: LeftOut | None = None,
-    screening: Screening | None = None,
-) -> RunResult:
-    lacks = screening is not None and screening.lack_of_fit and prepared.is_sound(estimate)
-    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
-    if budget is not None and lacks:
-        estimate = budget.widened(estimate, settings.bounds)
-    prediction = predict(
-        prepared.robot,
-        prepared.measurements,
-        estimate.compliance,
-        complementary_stiffness=settings.complementary_stiffness,
-        estimated=estimate.estimated,
-    )
-    assessment = prepared.assess(settings, estimate, prediction, screening)
-    # Behind a mistake, what another reading would bring is not known.
-    usable = assessment.verdict != "do_not_use"
-    advice = advise(prepared.robot, prepared.measurements, estimate) if usable else ()
-    prediction = assessment.supported(prediction)
-    result = to_result(
-        prepared.robot,
-        estimate,
-        prediction,
-        assessment,
-        prepared.measurements,
-        [*prepared.warnings, *assessment.remarks],
-        advice,
-        budget,
-    )
-    result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
-    if options.resampling is None or not parts:
-        return result
-    summary = summarise(Resamples.concatenate(parts), confidence=options.confidence)
-    repetitions = options.resampling.repetitions
-    resampling = to_resampling_result(summary, result.joints, repetitions)
-    return result.model_copy(update={"resampling": resampling})
-
-
-def _encoder_residuals(
-    prepared: PreparedSet, settings: Settings, estimate: Estimate
-) -> list[EncoderResidual]:
-    if prepared.measurements.encoders is None:
-        return []
-    predicted = predict_encoders(
-        prepared.robot,
-        prepared.measurements,
-        estimate.compliance,
-        complementary_stiffness=settings.complementary_stiffness,
-    )
-    return to_encoder_residuals(prepared.measurements, predicted, prepared.robot)
-
-
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
-
-
-class JointRun(Protocol):
-    """Identification of the prepared set by joints alone."""
-
-    @property
-    def screening(self) -> Screening:
-        """Return what joints alone leave unexplained."""
-
-    def conclude_with(self, screening: Screening) -> RunResult:
-        """Report joints alone, with what is known of links beside them."""
 
 
 _OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
 """Reasons that remain where links do not explain what joints alone did not."""
 
 
-class ElasticWork(Work):
+class ByLinks(Work):
     """The work of a run beyond joints: each unit is a weight of the penalty in a fold, for all models.
 
     A penalty that is given leaves one weight, which is quick: such work takes no steps.
@@ -485,20 +425,14 @@ class ElasticWork(Work):
     unit = "penalties"
     activity = "cross-validating"
 
-    def __init__(
-        self,
-        prepared: PreparedSet,
-        options: RunOptions,
-        input_hash: str,
-        by_joints: Callable[[RunOptions], JointRun],
-    ) -> None:
+    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
         """Check what is asked for.
 
         Raises:
             RequestError: the readings cannot support it, or something about a joint that is not there.
         """
         self.robot_id, self.input_hash = prepared.robot_id, input_hash
-        self._prepared, self._options, self._by_joints = prepared, options, by_joints
+        self._prepared, self._options = prepared, options
         self._settings = to_settings(options, prepared.robot)
         refuse_unsupported_elastic(prepared.measurements, self._settings)
         if options.resampling is not None:
@@ -557,7 +491,7 @@ class ElasticWork(Work):
         }
         options = self._options
         elasticity = None if options.elasticity == "automatic" else options.elasticity
-        screened = elasticity is None  # `work` compares models only where the screening speaks
+        screened = elasticity is None  # `identification` compares models only where the screening speaks
         selection = select_model(
             robot, measurements, self._folds, fits, self._plan, elasticity, screened=screened
         )
@@ -571,16 +505,7 @@ class ElasticWork(Work):
             chosen = select_model(robot, measurements, self._folds, of_model, plan, chosen.model).models[0]
             selection = selection.with_refined(chosen)
 
-        def joints_alone(loss: Loss) -> JointRun:
-            alone: dict[str, object] = {
-                "elasticity": "joints",
-                "loss": loss,
-                "links": [],
-                "link_penalty": None,
-            }
-            return self._by_joints(options.model_copy(update=alone))
-
-        plain = joints_alone("squared")
+        plain = self._joints_alone("squared")
         screening = replace(plain.screening, gain=selection.gain)
         same = (chosen.model, chosen.loss) == ("joints", "squared")
         choice = to_choice_by_comparison(
@@ -588,13 +513,22 @@ class ElasticWork(Work):
             chosen,
             screening,
             given=elasticity is not None,
-            plain=None if same else plain.conclude_with(screening),
+            plain=None if same else plain.result(screening),
         )
         if chosen.model == "joints":
-            result = joints_alone(chosen.loss).conclude_with(screening)
+            result = self._joints_alone(chosen.loss).result(screening, choice=choice)
         else:
-            result = self._result(chosen, plan.weights, screening)
-        return result.model_copy(update={"selection": to_selection(selection, chosen), "choice": choice})
+            result = self._result(chosen, plan.weights, screening, choice)
+        return result.model_copy(update={"selection": to_selection(selection, chosen)})
+
+    def _joints_alone(self, loss: Loss) -> ByJoints:
+        alone: dict[str, object] = {
+            "elasticity": "joints",
+            "loss": loss,
+            "links": [],
+            "link_penalty": None,
+        }
+        return ByJoints(self._prepared, self._options.model_copy(update=alone), self.input_hash)
 
     @property
     def _models(self) -> list[ElasticModel]:
@@ -631,7 +565,9 @@ class ElasticWork(Work):
     def _model_of(self, chosen: HeldOut) -> ElasticModel:
         return next(model for model in self._models if model.key == (chosen.model, chosen.loss))
 
-    def _result(self, chosen: HeldOut, grid: Sequence[float], screening: Screening) -> RunResult:
+    def _result(
+        self, chosen: HeldOut, grid: Sequence[float], screening: Screening, choice: ModelChoice
+    ) -> RunResult:
         prepared, options, model = self._prepared, self._options, self._model_of(chosen)
         robot, weight = prepared.robot, chosen.penalty or grid[0]
         elastic = first_certified(
@@ -650,9 +586,17 @@ class ElasticWork(Work):
             warnings += judge_penalty(weight, elastic.penalty)
             if options.loss == "automatic":
                 warnings += judge_losses(int(prepared.measurements.present.sum()))
-        result = to_result(robot, estimate, elastic.prediction, assessment, prepared.measurements, warnings)
-        links = to_links_result(elastic, robot.joint_names, options, self._losses)
-        return result.model_copy(update={"links": links, "model": self._model(elastic)})
+        return run_result(
+            robot,
+            estimate,
+            elastic.prediction,
+            assessment,
+            prepared.measurements,
+            warnings,
+            links=to_links_result(elastic, robot.joint_names, options, self._losses),
+            model=self._model(elastic),
+            choice=choice,
+        )
 
     def _model(self, elastic: ElasticEstimate) -> IdentifiedModel:
         robot, measurements = self._prepared.robot, self._prepared.measurements

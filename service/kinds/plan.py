@@ -183,17 +183,18 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _compute(inputs: Inputs, request: PlanRequest) -> Work:
-    from jointstiff.service.kinds.planning import work
+def compute(inputs: Inputs, request: PlanRequest) -> Work:
+    """Return the work of a plan."""
+    from jointstiff.service.kinds.planning import planning
 
-    return work(inputs, request)
+    return planning(inputs, request)
 
 
 PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
     message=Plan,
     request=PlanRequest,
     options=PlanOptions,
-    compute=_compute,
+    compute=compute,
     report=report,
     sources=("robot_or_set",),
     summary=PlanSummary,

@@ -53,7 +53,7 @@ class Planned:
     prepared: PreparedSet | None = None  # the campaign to go on with; None to begin one
 
 
-def work(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
+def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     """Return the work of a plan.
 
     Raises:

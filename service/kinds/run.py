@@ -193,8 +193,11 @@ def _gain(run: Run, advice: Advice, joint: JointResult) -> str:
     if ratio is None or u is None or not joint.compliance:
         after = advice.standard_uncertainty
         return "" if after is None else f": u(c) becomes {1e6 * after:.2g} µrad/(N·m)"
-    before = 100 * u / abs(joint.compliance)
-    return f": u {before:.2g} % → {ratio * before:.2g} %"
+    # Only the readings' part shrinks; what all observations share stays.
+    readings = u if joint.budget is None else joint.budget.readings
+    after = sqrt(max(u**2 - (1.0 - ratio**2) * readings**2, 0.0))
+    before, after = (100 * size / abs(joint.compliance) for size in (u, after))
+    return f": u {before:.2g} % → {after:.2g} %"
 
 
 _SIGMA = {
@@ -468,17 +471,18 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _compute(inputs: Inputs, request: RunRequest) -> Work:
-    from jointstiff.service.kinds.identification import work
+def compute(inputs: Inputs, request: RunRequest) -> Work:
+    """Return the work of a run."""
+    from jointstiff.service.kinds.identification import identification
 
-    return work(inputs, request)
+    return identification(inputs, request)
 
 
 RUN: Final = Kind[Run, RunRequest, RunSummary](
     message=Run,
     request=RunRequest,
     options=RunOptions,
-    compute=_compute,
+    compute=compute,
     report=report,
     sources=("measurement_set",),
     summary=RunSummary,

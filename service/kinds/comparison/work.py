@@ -17,7 +17,7 @@ from jointstiff.schemas.run import RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs import Inputs
-from jointstiff.service.kinds.identification import ResamplingWork, run_identification, to_settings
+from jointstiff.service.kinds.identification import ByJoints, ResamplingWork, to_settings
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.problems.table import problem_of
 from jointstiff.solver.convex.problem import Bounds
@@ -135,8 +135,8 @@ class ComparisonWork(Work):
         if fit.error is not None:
             return fit.error
         try:
-            resamples = [part for part in parts if isinstance(part, Resamples)]
-            result = run_identification(self._prepared, fit.options, resamples)
+            resamples = [vars(part) for part in parts if isinstance(part, Resamples)]
+            result = ByJoints(self._prepared, fit.options, self.input_hash).conclude(resamples)
         except JointstiffError as error:
             return problem_of(error)
         return problems[0] if problems else result

@@ -18,16 +18,14 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparedMethod, ComparisonOptions, ComparisonRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.comparison.tables import entries_sheet
-from jointstiff.service.kinds.identification import run_identification
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
-from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator import default_arm
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import RequestError
 
@@ -51,22 +49,6 @@ def request(set_id, **changes):
 def compared(document, **options):
     campaign = Campaign.model_validate_json(json.dumps(document))
     return jointstiff.compare(campaign, ComparisonOptions.model_validate(options))
-
-
-def test_only_a_run_takes_the_time_for_a_model():
-    """A comparison shows none: no posture needs to be left out for it."""
-    document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
-    campaign = Campaign.model_validate_json(json.dumps(document))
-    options = RunOptions(method="complete_pose")
-    alone = jointstiff.identify(campaign, options).result
-    compared = run_identification(
-        prepare_set(campaign.measurement_set, prepare_robot(campaign.robot), "robot"), options
-    )
-    assert alone.model is not None
-    assert "model_error" in {part.source for part in alone.budget.components}
-    assert alone.choice.elasticity == "joints"
-    without = {"model": None, "budget": None, "choice": None}
-    assert compared.model_copy(update=without) == alone.model_copy(update=without)
 
 
 def test_each_entry_has_the_numbers_of_the_run_that_it_stands_for(store):

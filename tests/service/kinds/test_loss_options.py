@@ -13,7 +13,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.kinds.identification import run_identification
+from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NEGLECTED = {"complementary_stiffness": "neglected"}
@@ -43,7 +43,7 @@ def command(monkeypatch, tmp_path, document):
 def result(document, **options) -> RunResult:
     robot, measurements = prepare(document)
     prepared = PreparedSet(robot, measurements, [], "robot", "hash")
-    return run_identification(prepared, RunOptions(**options))
+    return ByJoints(prepared, RunOptions(**options), "").conclude(())
 
 
 def test_huber_names_the_bumped_target(document):

@@ -18,7 +18,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.comparison.work import work as comparison_work
-from jointstiff.service.kinds.identification import work
+from jointstiff.service.kinds.identification import identification
 from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.solver.errors import RequestError, RobotError
@@ -37,7 +37,7 @@ def identified(document, **options):
     inputs = FromFile()
     set_id = inputs.add_set(campaign.measurement_set, prepare_robot(campaign.robot))
     request = RunRequest(measurement_set_id=set_id, **{**campaign.run.model_dump(), **options})
-    return work(inputs, request).conclude(())
+    return identification(inputs, request).conclude(())
 
 
 def intervals(result):
