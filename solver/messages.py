@@ -61,6 +61,12 @@ def finite(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
 
+def point(vector: np.ndarray[Any, Any]) -> tuple[float, float, float]:
+    """Return three components as messages take them."""
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
 def _column(values: Sequence[Any] | np.ndarray[Any, Any]) -> list[Any]:
     if isinstance(values, np.ndarray) and (values.dtype.kind != "f" or np.isfinite(values).all()):
         return list(values.tolist())

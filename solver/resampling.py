@@ -425,13 +425,9 @@ class ResamplingSummary:
     compliance_interval: FloatArray  #: (n, 2) percentile interval [rad/(N·m)]
     stiffness_mean: FloatArray  #: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`
     stiffness_deviation: FloatArray  #: (n,) standard deviation of one finite stiffness [N·m/rad]
-    #: (n, 2) what the interval of the compliance means for the stiffness [N·m/rad]; open upwards (inf)
-    #: where that reaches zero
-    stiffness_interval: FloatArray
     share_negative: FloatArray  #: (n,) negative compliance, hence negative stiffness
     #: (n,) compliance of exactly zero: these configurations cannot tell it from rigid
     share_infinite: FloatArray
-    share_at_bound: FloatArray  #: (n,) held by a bound, zero or another
     share_undetermined: FloatArray  #: (n,) share of the K repetitions that leave it undetermined
     repetitions: int  #: K
     share_any_negative: float  #: share of the K repetitions with a negative stiffness
@@ -488,10 +484,8 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
         compliance_interval=c_interval,
         stiffness_mean=stiffness,
         stiffness_deviation=k_deviation,
-        stiffness_interval=_stiffness_interval(c_interval),
         share_negative=_share(resamples, resamples.compliance < 0),
         share_infinite=_share(resamples, resamples.compliance == 0),
-        share_at_bound=_share(resamples, resamples.active != 0),
         share_undetermined=resamples.undetermined.mean(axis=0),
         repetitions=len(resamples.compliance),
         share_any_negative=float((resamples.compliance < 0).any(axis=1).mean()),
@@ -519,11 +513,3 @@ def _share(resamples: Resamples, which: BoolArray) -> FloatArray:
     determined = (~resamples.undetermined).sum(axis=0)
     share: FloatArray = which.sum(axis=0) / np.where(determined > 0, determined, np.nan)
     return share
-
-
-def _stiffness_interval(compliance: FloatArray) -> FloatArray:
-    """[1/c_hi, 1/c_lo] (n, 2), open upwards where the compliances (n, 2) reach zero."""
-    inverse = 1.0 / np.where(compliance == 0, np.nan, compliance)
-    reaches_zero = (compliance[:, 0] <= 0) & (compliance[:, 1] >= 0)
-    lower = np.where(compliance[:, 1] == 0, np.inf, inverse[:, 1])
-    return np.stack([lower, np.where(reaches_zero, np.inf, inverse[:, 0])], axis=1)

@@ -7,18 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas import assessment, model, run
+from jointstiff.schemas import assessment, run
 from jointstiff.schemas.finding import Finding, Verdict
-from jointstiff.schemas.options import RunOptions
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.advice import Advice
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
 from jointstiff.solver.evidence.prediction import Prediction
-from jointstiff.solver.links.choice import HeldOut, Selection
-from jointstiff.solver.links.fit import ElasticEstimate
-from jointstiff.solver.links.model import Loss
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import ResamplingSummary
@@ -42,17 +38,8 @@ def run_result(
 ) -> run.RunResult:
     """Return the numbers of a run, with residuals by observation and target, and advice.
 
-    Args:
-        robot: n joints.
-        estimate: of the joints.
-        prediction: of the deflections of the measurements.
-        assessment: of both.
-        measurements: N observations.
-        warnings: of the set, then of the fit.
-        advice: on the next readings.
-        budget: of the compliances.
-        encoders: (N, n) predicted deflections of the joints [rad], where encoders were read.
-        parts: further fields of the result; null if they are left out.
+    Warnings are of the set, then of the fit; `encoders` (N, n) are predicted deflections of the joints [rad];
+    `parts` are further fields of the result, null if they are left out.
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names = [joint.name for joint in estimate.joints]
@@ -152,38 +139,6 @@ def resampling_result(summary: ResamplingSummary, joints: Sequence[JointComplian
     )
 
 
-def to_links_result(
-    elastic: ElasticEstimate, joint_names: Sequence[str], options: RunOptions, losses: Sequence[Loss]
-) -> model.LinksResult:
-    """Return the links, with what each element explains."""
-    return message(
-        model.LinksResult,
-        elastic,
-        model=elastic.model.name,
-        model_source="cross_validation" if options.elasticity == "automatic" else "given",
-        loss=elastic.model.loss,
-        loss_source="cross_validation" if len(losses) > 1 else "given",
-        penalty_source="cross_validation" if options.link_penalty is None else "given",
-        links=[message(model.LinkCompliance, link, joint=joint_names[link.joint]) for link in elastic.links],
-        elements=[
-            message(
-                model.ElementShare,
-                element,
-                joint=None if element.joint is None else joint_names[element.joint],
-            )
-            for element in elastic.elements
-        ],
-    )
-
-
-def to_selection(selection: Selection, chosen: HeldOut) -> model.ModelSelection:
-    """Return models and losses side by side."""
-    losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
-    return message(
-        model.ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
-    )
-
-
 _LACK_OF_FIT: Final = {
     "lack_of_fit",
     "links_bend_with_joints",
@@ -261,7 +216,4 @@ def to_joints(
     budgets: Sequence[run.UncertaintyBudget | None],
 ) -> list[run.JointResult]:
     """Return the joints, each with its verdict and its budget."""
-    known = [joint.one_sided for joint in joints if joint.one_sided is not None]
-    bounds = iter(messages_of(run.OneSidedBounds, known))
-    one_sided = [None if joint.one_sided is None else next(bounds) for joint in joints]
-    return messages_of(run.JointResult, joints, verdict=verdicts, budget=budgets, one_sided=one_sided)
+    return messages_of(run.JointResult, joints, verdict=verdicts, budget=budgets)

@@ -282,12 +282,11 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
 
 
 def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
-    from jointstiff.service.conversion.geometry import to_conventions
+    from jointstiff.service.conversion.geometry import to_conventions, to_geometry_result
     from jointstiff.service.conversion.prepared import to_base_targets
     from jointstiff.service.kinds.work import as_request_errors
     from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.geometry.result import to_geometry_result
 
     nominal = None if robot is None else robot.chain
     with as_request_errors():

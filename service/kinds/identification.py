@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas import run as runs
-from jointstiff.schemas.model import IdentifiedModel
+from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
 from jointstiff.schemas.options import Resampling, RunOptions, Weight
 from jointstiff.schemas.run import (
     Identifiability,
@@ -30,7 +30,7 @@ from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.problem import Bounds, Constraints, Order
-from jointstiff.solver.convex.solution import StagesCertificate
+from jointstiff.solver.convex.solution import greatest_violations
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
@@ -82,8 +82,6 @@ from jointstiff.solver.results import (
     run_result,
     to_assessment,
     to_joints,
-    to_links_result,
-    to_selection,
 )
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
@@ -593,7 +591,7 @@ class ByLinks(Work):
             assessment,
             prepared.measurements,
             warnings,
-            links=to_links_result(elastic, robot.joint_names, options, self._losses),
+            links=to_links_result(elastic, options, self._losses),
             model=self._model(elastic),
             choice=choice,
         )
@@ -638,6 +636,25 @@ def to_losses(options: RunOptions) -> tuple[Loss, ...]:
     if options.loss != "automatic":
         return (options.loss,)
     return LOSSES if options.link_penalty is None else ("squared",)
+
+
+def to_links_result(elastic: ElasticEstimate, options: RunOptions, losses: Sequence[Loss]) -> LinksResult:
+    """Return the links, with what each element explains."""
+    return message(
+        LinksResult,
+        elastic,
+        model=elastic.model.name,
+        model_source="cross_validation" if options.elasticity == "automatic" else "given",
+        loss=elastic.model.loss,
+        loss_source="cross_validation" if len(losses) > 1 else "given",
+        penalty_source="cross_validation" if options.link_penalty is None else "given",
+    )
+
+
+def to_selection(selection: Selection, chosen: HeldOut) -> ModelSelection:
+    """Return models and losses side by side."""
+    losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
+    return message(ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses)
 
 
 def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
@@ -730,7 +747,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
             chi_square=estimate.chi_square,
             degrees_of_freedom=estimate.degrees_of_freedom,
             sigma_source="given" if given else "residuals",
-            test=None if test is None else message(runs.SigmaTest, test),
+            test=test,
         ),
         identifiability=Identifiability(
             parameters=len(joints),
@@ -739,7 +756,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
             combinations=[],
             stages=[],
         ),
-        certificate=message(runs.Certificate, StagesCertificate.of([estimate.certificate])),
+        certificate=greatest_violations([estimate.certificate]),
         characteristic_length=None,
         complementary_stiffness=runs.ComplementaryStiffness(
             included=True,

@@ -28,7 +28,7 @@ from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.messages import finite
+from jointstiff.solver.messages import finite, point
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument
 from jointstiff.solver.results import to_assessment
@@ -246,15 +246,15 @@ def to_plan_result(
                 joints=joints.tolist(),
                 force=tuple(force.tolist()),
                 anchor=None if anchor < 0 else int(anchor),
-                direction=None if plan.along is None else _point(plan.along[i]),
+                direction=None if plan.along is None else point(plan.along[i]),
                 validation=bool(held),
             )
             for i, (joints, force, anchor, held) in enumerate(
                 zip(plan.joints, plan.force, plan.anchor, plan.validation, strict=True)
             )
         ],
-        targets=dict(zip(names, map(_point, request.equipment.targets), strict=True)),
-        load_point=_point(request.equipment.load_point),
+        targets=dict(zip(names, map(point, request.equipment.targets), strict=True)),
+        load_point=point(request.equipment.load_point),
         joints=[
             plans.PlannedJoint(
                 name=robot.joint_names[j],
@@ -282,11 +282,6 @@ def to_plan_result(
         feasible=plan.pool.feasible,
         struck_out=plan.pool.struck_out,
     )
-
-
-def _point(place: FloatArray) -> tuple[float, float, float]:
-    x, y, z = place.tolist()
-    return x, y, z
 
 
 def named_targets(

@@ -21,9 +21,10 @@ import numpy as np
 from scipy import special
 from scipy.linalg import block_diag
 
+from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Bounds, Constraints, Order
-from jointstiff.solver.convex.solution import Certificate, StagesCertificate
+from jointstiff.solver.convex.solution import Certificate, greatest_violations
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate, Evidence, stiffness_of
@@ -137,7 +138,7 @@ class OrderedFit:
     @property
     def certificate(self) -> StagesCertificate:
         """The greatest violations over the stages."""
-        return StagesCertificate.of(self.certificates)
+        return greatest_violations(self.certificates)
 
     @property
     def joints(self) -> tuple[OrderedJoint, ...]:

@@ -19,6 +19,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.problem import (
     FREE,
@@ -70,24 +71,14 @@ class Certificate:
         return max(self.primal, self.dual, self.gap) <= eps
 
 
-@dataclass(frozen=True)
-class StagesCertificate:
-    """The greatest violations of the optimality conditions over the stages of a method, dimensionless."""
-
-    primal: float  #: greatest violation of a bound
-    dual: float  #: gradient of the wrong sign
-    complementarity: float  #: min(multiplier, slack)
-    solved_by: tuple[str, ...]  #: what found the support of each stage
-
-    @classmethod
-    def of(cls, stages: Sequence[Certificate]) -> StagesCertificate:
-        """Combine the certificates of the stages, at least one."""
-        return cls(
-            primal=max(stage.primal for stage in stages),
-            dual=max(stage.dual for stage in stages),
-            complementarity=max(stage.gap for stage in stages),
-            solved_by=tuple(stage.solved_by for stage in stages),
-        )
+def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
+    """Combine the certificates of the stages of a method, at least one."""
+    return StagesCertificate(
+        primal=max(stage.primal for stage in stages),
+        dual=max(stage.dual for stage in stages),
+        complementarity=max(stage.gap for stage in stages),
+        solved_by=[stage.solved_by for stage in stages],
+    )
 
 
 def certify(problem: IdentificationProblem, compliance: FloatArray, solved_by: Proposer) -> Certificate:

@@ -14,7 +14,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.evidence.estimate import Estimate, OneSidedBounds
+from jointstiff.solver.evidence.estimate import Estimate, one_sided_bounds
 from jointstiff.solver.fitting.fit import student_quantile
 
 _LEAST_POSTURES: Final = 2
@@ -147,7 +147,9 @@ class UncertaintyBudget:
                 status="uncertain" if unsure else joint.status,
                 standard_uncertainty=float(uncertainty[j]),
                 compliance_interval=interval,
-                one_sided=OneSidedBounds(min(sides[0], least), max(sides[1], most)),
+                one_sided=one_sided_bounds(
+                    min(sides.compliance_at_least, least), max(sides.compliance_at_most, most)
+                ),
                 reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if unsure else None])) or None,
             )
         return replace(estimate, joints=tuple(joints))

@@ -26,6 +26,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 from scipy import optimize, special
 
+from jointstiff.schemas.model import HeldOutGain
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.estimate import Estimate
@@ -282,19 +283,9 @@ class LoadMistake:
         return replace(measurements, force=measurements.force + self.correction)
 
 
-@dataclass(frozen=True)
-class HeldOutGain:
-    """Verdict of cross-validation on the best model beside joints alone, on held-out postures."""
-
-    model: str  #: model of least error
-    error: float  #: mean norm of its residuals [m]
-    error_of_joints: float  #: the same of joints alone [m]
-    standard_error: float  #: standard error of the difference, paired by posture [m]
-
-    @property
-    def significant(self) -> bool:
-        """Return True if the difference exceeds two of its standard errors."""
-        return self.error_of_joints - self.error > CLEAR_GAIN * self.standard_error
+def is_clear(gain: HeldOutGain) -> bool:
+    """Return whether the better prediction of held-out postures exceeds two of its standard errors."""
+    return gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +302,7 @@ class Screening:
     @property
     def lack_of_fit(self) -> bool:
         """Return True if links explain the readings better: on held-out postures, if these were compared."""
-        proved = self.links_p_value < MISTAKE_LEVEL if self.gain is None else self.gain.significant
+        proved = self.links_p_value < MISTAKE_LEVEL if self.gain is None else is_clear(self.gain)
         return self.links_speak and proved
 
     @property

@@ -9,20 +9,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
+from jointstiff.schemas.run import Certificate as StagesCertificate
+from jointstiff.schemas.run import ObservabilityIndices, OneSidedBounds, SigmaTest
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.problem import Constraints
-from jointstiff.solver.convex.solution import Certificate, StagesCertificate
+from jointstiff.solver.convex.solution import Certificate, greatest_violations
 from jointstiff.solver.evidence.intervals import interval_ends
-from jointstiff.solver.fitting.fit import Fit, Likelihood, Scale, SigmaTest, sigma_test
+from jointstiff.solver.fitting.fit import Fit, Likelihood, Scale, sigma_test
 from jointstiff.solver.fitting.method import MethodTriangles
 from jointstiff.solver.fitting.observability import (
     Identifiability,
     Observability,
-    ObservabilityIndices,
     noise_reason,
     observability_indices,
 )
@@ -50,21 +51,15 @@ def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, flo
     return None if least is None else (least, stiffness_of(interval[0]))
 
 
-class OneSidedBounds(NamedTuple):
-    """Bounds on a compliance from below and above, each at the full confidence [rad/(N·m)]."""
-
-    compliance_at_least: float
-    compliance_at_most: float
-
-    @property
-    def stiffness_at_least(self) -> float | None:
-        """Lower bound of the stiffness [N·m/rad]; None where the compliance may be negative."""
-        return (stiffness_interval(self) or (None, None))[0]
-
-    @property
-    def stiffness_at_most(self) -> float | None:
-        """Upper bound of the stiffness [N·m/rad]; None where there is none."""
-        return (stiffness_interval(self) or (None, None))[1]
+def one_sided_bounds(least: float, most: float) -> OneSidedBounds:
+    """Return bounds on a compliance from below and above, each at the full confidence [rad/(N·m)]."""
+    stiffness = stiffness_interval((least, most)) or (None, None)
+    return OneSidedBounds(
+        compliance_at_least=least,
+        compliance_at_most=most,
+        stiffness_at_least=stiffness[0],
+        stiffness_at_most=stiffness[1],
+    )
 
 
 @dataclass(frozen=True)
@@ -198,7 +193,7 @@ class Estimate:
     @property
     def certificate(self) -> StagesCertificate:
         """The greatest violations over the stages."""
-        return StagesCertificate.of(self.certificates)
+        return greatest_violations(self.certificates)
 
     @property
     def sigma_source(self) -> Literal["given", "residuals"]:
@@ -279,7 +274,7 @@ class Evidence:
             value,
             uncertainty,
             None if two_sided is None else (two_sided[0], two_sided[1]),
-            None if one_sided is None else OneSidedBounds(*one_sided),
+            None if one_sided is None else one_sided_bounds(*one_sided),
             None if np.isnan(ratio) else ratio,
             "; ".join(filter(None, [reason, alone.format(name) if np.isinf(ratio) else None])) or None,
         )

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from scipy import special
 from scipy.linalg import block_diag
 
+from jointstiff.schemas.run import SigmaTest
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
 from jointstiff.solver.convex.solution import Certificate, Solution, solve
@@ -318,14 +319,6 @@ class Scale:
         return student_quantile(probability, None if self.given else self.degrees_of_freedom)
 
 
-@dataclass(frozen=True)
-class SigmaTest:
-    """Two-sided chi-square test of a stated sigma against the residuals."""
-
-    p_value: float  #: probability of residuals as unlikely as these, were model and sigma right
-    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"]  #: at `SIGMA_TEST_LEVEL`
-
-
 def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     """Chi-square of the targets' residuals, its degrees of freedom, and sigma.
 
@@ -353,11 +346,12 @@ def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
 
 
 def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
-    """Test a stated sigma; None where there are no degrees of freedom."""
+    """Test a stated sigma against the residuals, two-sided; None where there are no degrees of freedom."""
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
     tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
     p_value = min(1.0, 2.0 * float(min(tails)))
     if p_value >= SIGMA_TEST_LEVEL:
-        return SigmaTest(p_value, "consistent")
-    return SigmaTest(p_value, "residuals_too_large" if tails[1] < tails[0] else "residuals_too_small")
+        return SigmaTest(p_value=p_value, verdict="consistent")
+    large = tails[1] < tails[0]
+    return SigmaTest(p_value=p_value, verdict="residuals_too_large" if large else "residuals_too_small")

@@ -14,9 +14,10 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.model import HeldOutGain
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.causes import CLEAR_GAIN, HeldOutGain
+from jointstiff.solver.evidence.causes import CLEAR_GAIN
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
@@ -390,7 +391,12 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
         return None
     best = min(others, key=lambda each: float(each.by_posture.mean()))
     error, error_of_joints = (float(each.by_posture.mean()) for each in (best, joints))
-    return HeldOutGain(best.model, error, error_of_joints, joints.behind(best)[1])
+    return HeldOutGain(
+        model=best.model,
+        error=error,
+        error_of_joints=error_of_joints,
+        standard_error=joints.behind(best)[1],
+    )
 
 
 def _compensation(

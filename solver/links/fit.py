@@ -16,6 +16,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.model import ElementShare, LinkCertificate, LinkCompliance, PrincipalCompliance
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
     diagonal,
@@ -41,55 +42,9 @@ from jointstiff.solver.links.model import (
     LossProblem,
     elastic_blocks,
 )
+from jointstiff.solver.messages import point
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-
-ElementKind = Literal["joint", "coupling", "link"]
-
-
-@dataclass(frozen=True)
-class LinkCertificate:
-    """Evidence of optimality, from the data."""
-
-    least_eigenvalue: float  #: of the matrices as they are returned, each in SI units; zero or positive
-    dual: float  #: how far the slack matrices are from positive semidefinite, over the weight of the penalty
-    #: in units of `scale`. Squared loss: bound of the distance, over all weighted readings, between what is
-    #: fitted and what the optimum fits. Robust losses: bound of the objective's excess over the optimum, as
-    #: mean norm of a target's residual.
-    gap: float
-    scale: float  #: sigma where it is given, else the residual scale of joints alone [m]
-
-
-@dataclass(frozen=True, eq=False)
-class PrincipalCompliance:
-    """A principal compliance [m/N] or [rad/(N·m)] and its direction (3,), a unit vector."""
-
-    value: float
-    direction: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class LinkCompliance:
-    """The compliance of a link, in the frame of the joint that carries it."""
-
-    joint: int  #: index of that joint
-    #: (6, 6) displacement (m, then rad) by the load's wrench (N, then N·m), about the origin of the joint's
-    #: frame and in its axes
-    matrix: FloatArray
-    translation: tuple[PrincipalCompliance, ...]  #: three principal compliances [m/N], largest first
-    rotation: tuple[PrincipalCompliance, ...]  #: the same of rotations [rad/(N·m)]
-    effective_freedom: float  #: how many of its numbers the readings determine
-    parameters: int  #: how many numbers it has
-
-
-@dataclass(frozen=True, eq=False)
-class Element:
-    """Contribution of an element to the deflection."""
-
-    kind: ElementKind  #: a joint, the coupling between joints, or a link
-    joint: int | None  #: index of the joint, or of the one that carries the link; None for the coupling
-    share: float  #: share of the measured deflection, ``Σ δp_e·δp / Σ ‖δp‖²`` over the set
-    by_observation: FloatArray  #: (N,) the same of each observation; zero where nothing moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +75,7 @@ class ElasticEstimate:
     coupled_joints: FloatArray | None
     entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
     links: tuple[LinkCompliance, ...]  #: links that bend
-    elements: tuple[Element, ...]  #: what each explains
+    elements: tuple[ElementShare, ...]  #: what each explains
     prediction: Prediction  #: prediction of all deflections
     sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
     chi_square: float  #: chi square of the weighted residuals, under sigma
@@ -136,11 +91,11 @@ class ElasticEstimate:
         return 1.0 - sum(element.share for element in self.elements)
 
 
-def principal(block: FloatArray) -> tuple[PrincipalCompliance, ...]:
+def principal(block: FloatArray) -> list[PrincipalCompliance]:
     """Return the principal compliances of a block (3, 3), largest first."""
     values, vectors = np.linalg.eigh(block)
     pairs = zip(np.maximum(values[::-1], 0.0).tolist(), vectors[:, ::-1].T, strict=True)
-    return tuple(PrincipalCompliance(value, direction) for value, direction in pairs)
+    return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
 
 
 CERTIFIED_GAP: Final = 1e-2
@@ -221,7 +176,7 @@ def estimate_elastic(
         compliance=np.where(seen, np.diagonal(joints), np.nan),
         coupled_joints=joints if model.name == "coupled_joints" else None,
         entries=compliances,
-        links=tuple(_links(compliances, model, freedom)),
+        links=tuple(_links(robot, compliances, model, freedom)),
         elements=elements,
         prediction=prediction,
         sigma=sigma,
@@ -229,7 +184,9 @@ def estimate_elastic(
         degrees_of_freedom=left,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
-        certificate=LinkCertificate(least, solution.certificate.dual, gap, float(scale)),
+        certificate=LinkCertificate(
+            least_eigenvalue=least, dual=solution.certificate.dual, gap=gap, scale=float(scale)
+        ),
         companion=_companion(problem, compliances, weight),
     )
 
@@ -312,15 +269,17 @@ def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray,
     return out, min(least)
 
 
-def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) -> Iterator[LinkCompliance]:
+def _links(
+    robot: Robot, compliances: FloatArray, model: ElasticModel, freedom: FloatArray
+) -> Iterator[LinkCompliance]:
     if model.name in {"joints", "coupled_joints"}:
         return
     for joint in model.columns.links:
         own = model.columns.link(joint)
         matrix = to_matrix(compliances[own], 6)
         yield LinkCompliance(
-            joint=joint,
-            matrix=matrix,
+            joint=robot.joint_names[joint],
+            matrix=matrix.tolist(),
             translation=principal(matrix[:3, :3]),
             rotation=principal(matrix[3:, 3:]),
             effective_freedom=float(freedom[own].sum()),
@@ -330,17 +289,18 @@ def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) ->
 
 def _explained(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
-) -> tuple[tuple[Element, ...], Prediction]:
+) -> tuple[tuple[ElementShare, ...], Prediction]:
     """Return what each element explains of the measured deflections, and all of them together."""
     columns = model.columns
     coupled = columns.coupling[diagonal(columns.n)]
-    places: list[tuple[ElementKind, int | None, IndexArray]] = [
-        ("joint", joint, np.array([columns.joints[joint], coupled[joint]])) for joint in range(columns.n)
+    places: list[tuple[Literal["joint", "coupling", "link"], str | None, IndexArray]] = [
+        ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupled[joint]]))
+        for joint in range(columns.n)
     ]
     if model.name == "coupled_joints":
         places.append(("coupling", None, np.setdiff1d(columns.coupling, coupled)))
     elif model.name != "joints":
-        places += [("link", joint, columns.link(joint)) for joint in columns.links]
+        places += [("link", robot.joint_names[joint], columns.link(joint)) for joint in columns.links]
     predicted, along = [], []
     for block, rows in elastic_blocks(robot, measurements, model.columns):
         # Whatever was not read is zero, in the rows as in the deflections.
@@ -351,7 +311,12 @@ def _explained(
     worked = np.concatenate(along, axis=1)
     share = np.divide(worked, moved, out=np.zeros_like(worked), where=moved > 0.0)
     elements = tuple(
-        Element(kind, joint, float(worked[number].sum() / moved.sum()), share[number])
+        ElementShare(
+            kind=kind,
+            joint=joint,
+            share=float(worked[number].sum() / moved.sum()),
+            by_observation=share[number].tolist(),
+        )
         for number, (kind, joint, _) in enumerate(places)
     )
     return elements, Prediction.of(measurements, np.concatenate(predicted))
@@ -449,7 +414,8 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
     return replace(
         estimate,
         joints=tuple(
-            _joint(joint, effective, j, with_link=j in bends) for j, joint in enumerate(estimate.joints)
+            _joint(joint, effective, j, with_link=joint.name in bends)
+            for j, joint in enumerate(estimate.joints)
         ),
         compliance=np.nan_to_num(effective.compliance),
         covariance=None,

@@ -17,10 +17,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.options import ElasticModel as ModelName
+from jointstiff.schemas.options import Loss
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
     Cone,
@@ -175,12 +177,9 @@ def elastic_blocks(
             yield block, rows_of(block, columns.terms, np.zeros(robot.n)).targets
 
 
-ModelName = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
-
 MODELS: Final[tuple[ModelName, ...]] = ("joints", "coupled_joints", "diagonal_links", "joints_and_links")
 """The models, from simple to rich."""
 
-Loss = Literal["squared", "huber", "absolute"]
 
 LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
 """Losses of the norm of each target's residual."""

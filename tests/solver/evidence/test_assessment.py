@@ -378,4 +378,4 @@ def test_a_joint_less_certain_than_its_size_is_used_with_care_at_best():
         assert joint.reason.startswith("stiffer than")
         number, unit = joint.reason.removeprefix("stiffer than ").split(" at ")[0].split(" ", 1)
         stated = float(number) * {"N·m/rad": 1.0, "· 10⁶ N·m/rad": 1e6}[unit]
-        assert 0.9 / joint.one_sided[1] < stated <= 1 / joint.one_sided[1]
+        assert 0.9 / joint.one_sided.compliance_at_most < stated <= 1 / joint.one_sided.compliance_at_most

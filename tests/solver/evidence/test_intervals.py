@@ -273,7 +273,8 @@ class TestJoints:
     def test_an_unconstrained_interval_that_spans_zero_is_none_of_stiffness(self, rigid_joint):
         robot, measurements = read_with_noise(rigid_joint, 1)
         free = estimate(robot, measurements, positive=False).joints[3]
-        for ends, quantile in zip((free.compliance_interval, free.one_sided), RADII, strict=True):
+        bounds = free.one_sided.compliance_at_least, free.one_sided.compliance_at_most
+        for ends, quantile in zip((free.compliance_interval, bounds), RADII, strict=True):
             half = quantile * free.standard_uncertainty
             np.testing.assert_allclose(ends, [free.compliance - half, free.compliance + half], rtol=1e-12)
         assert free.compliance_interval[0] < 0 < free.compliance_interval[1]
@@ -288,5 +289,5 @@ class TestJoints:
         assert free.degrees_of_freedom == pytest.approx(165)
         half = (joint.compliance_interval[1] - joint.compliance_interval[0]) / 2 / joint.standard_uncertainty
         assert half == pytest.approx(2.6060, abs=1e-4)
-        above = (joint.one_sided[1] - joint.compliance) / joint.standard_uncertainty
+        above = (joint.one_sided.compliance_at_most - joint.compliance) / joint.standard_uncertainty
         assert above == pytest.approx(2.3492, abs=1e-4)

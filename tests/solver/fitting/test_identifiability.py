@@ -14,9 +14,9 @@ from support.examples import examples
 from jointstiff.simulator.campaign import torques
 from jointstiff.solver.fitting.observability import (
     Observability,
-    ObservabilityIndices,
     Spectrum,
     analyse,
+    indices_by,
     observability_indices,
 )
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
@@ -32,11 +32,11 @@ def pulls():
 
 def indices_of(robot, measurements, **options) -> np.ndarray:
     found = estimate(robot, measurements, **options)
-    return np.array(list(vars(observability_indices(found.regressor, found.observability)).values()))
+    return np.array(list(dict(observability_indices(found.regressor, found.observability)).values()))
 
 
 def test_definitions_on_powers_of_two():
-    found = ObservabilityIndices.of(np.array([1.0, 0.5, 0.25]))
+    found = indices_by(np.array([1.0, 0.5, 0.25]))
     assert found.o1 == pytest.approx(0.5, rel=1e-15)
     assert (found.o2, found.o3, found.o4) == (0.25, 0.25, 0.0625)
     assert found.o5 == pytest.approx(1 / 7, rel=1e-15)

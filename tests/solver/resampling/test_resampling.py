@@ -287,23 +287,13 @@ class TestSummary:
         np.testing.assert_allclose(found.compliance_deviation, [np.sqrt(7 / 3), np.sqrt(20 / 3), nan])
         np.testing.assert_allclose(found.compliance_interval, [[1.5, 3.0], [-0.5, 2.5], [nan, nan]])
         np.testing.assert_allclose(found.stiffness_mean, [7 / 12, 1 / 12, nan])
-        np.testing.assert_allclose(found.stiffness_interval, [[1 / 3, 2 / 3], [0.4, np.inf], [nan, nan]])
         np.testing.assert_allclose(found.share_negative, [0, 0.25, nan])
         np.testing.assert_allclose(found.share_infinite, [0, 0.25, nan])
-        np.testing.assert_allclose(found.share_at_bound, [1 / 3, 0.25, nan])
         np.testing.assert_allclose(found.share_undetermined, [0.25, 0, 1])
         assert found.share_any_negative == 0.25
         assert found.compensation_mean == pytest.approx(0.7)
         assert found.compensation_deviation == pytest.approx(0.2)
         assert found.compensation_interval == pytest.approx((0.6, 0.8))
-
-    @pytest.mark.parametrize(
-        ("values", "expected"),
-        [((0.0, 0.0), (np.inf, np.inf)), ((0.0, 2.0), (0.5, np.inf)), ((-4.0, -2.0), (-0.5, -0.25))],
-    )
-    def test_stiffness_of_an_interval_of_compliance(self, values, expected):
-        resamples = Resamples(np.repeat(values, 2)[:, None], np.zeros((4, 1), np.int8), np.zeros(4))
-        np.testing.assert_allclose(summarise(resamples, confidence=0.5).stiffness_interval[0], expected)
 
     def test_refuses(self):
         nothing = Resamples(np.zeros((0, 2)), np.zeros((0, 2), np.int8), np.zeros(0))
