@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas import assessment, run
-from jointstiff.schemas.finding import Finding, Verdict
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.advice import Advice
 from jointstiff.solver.evidence.assessment import Assessment
@@ -63,7 +63,12 @@ def run_result(
         run.RunResult,
         estimate,
         assessment=to_assessment(assessment, estimate.joints),
-        joints=to_joints(estimate.joints, assessment.joints, to_joint_budgets(budget, len(names))),
+        joints=messages_of(
+            run.JointResult,
+            estimate.joints,
+            verdict=assessment.joints,
+            budget=to_joint_budgets(budget, len(names)),
+        ),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         goodness=message(run.Goodness, estimate, test=estimate.sigma_test),
@@ -208,12 +213,3 @@ def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> a
         reasons=list(judgement.reasons),
         notes=list(judgement.notes),
     )
-
-
-def to_joints(
-    joints: Sequence[JointCompliance],
-    verdicts: Sequence[Verdict],
-    budgets: Sequence[run.UncertaintyBudget | None],
-) -> list[run.JointResult]:
-    """Return the joints, each with its verdict and its budget."""
-    return messages_of(run.JointResult, joints, verdict=verdicts, budget=budgets)

@@ -64,7 +64,7 @@ from jointstiff.solver.links.fit import (
     with_links,
 )
 from jointstiff.solver.links.model import LOSSES, MODELS, ElasticColumns, ElasticModel, Loss, compared_losses
-from jointstiff.solver.messages import message, rows
+from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
@@ -81,7 +81,6 @@ from jointstiff.solver.results import (
     resampling_result,
     run_result,
     to_assessment,
-    to_joints,
 )
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
@@ -739,7 +738,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
         assessment=to_assessment(assessment, joints),
-        joints=to_joints(joints, assessment.joints, [None] * len(joints)),
+        joints=messages_of(runs.JointResult, joints, verdict=assessment.joints, budget=[None] * len(joints)),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),
         sigma=estimate.sigma,

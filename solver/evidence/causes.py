@@ -283,11 +283,6 @@ class LoadMistake:
         return replace(measurements, force=measurements.force + self.correction)
 
 
-def is_clear(gain: HeldOutGain) -> bool:
-    """Return whether the better prediction of held-out postures exceeds two of its standard errors."""
-    return gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
-
-
 @dataclass(frozen=True, eq=False)
 class Screening:
     """Outcome of the tests."""
@@ -302,7 +297,9 @@ class Screening:
     @property
     def lack_of_fit(self) -> bool:
         """Return True if links explain the readings better: on held-out postures, if these were compared."""
-        proved = self.links_p_value < MISTAKE_LEVEL if self.gain is None else is_clear(self.gain)
+        proved, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
+        if gain is not None:
+            proved = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
         return self.links_speak and proved
 
     @property

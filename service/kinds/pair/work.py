@@ -29,8 +29,8 @@ from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.messages import message
-from jointstiff.solver.results import to_assessment, to_joint_budgets, to_joints
+from jointstiff.solver.messages import message, messages_of
+from jointstiff.solver.results import to_assessment, to_joint_budgets
 
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",
@@ -107,8 +107,11 @@ class Side:
             assessment=judgement.model_copy(
                 update={"reasons": [self._placed(each) for each in judgement.reasons]}
             ),
-            joints=to_joints(
-                estimate.joints, assessment.joints, to_joint_budgets(budget, len(estimate.joints))
+            joints=messages_of(
+                JointResult,
+                estimate.joints,
+                verdict=assessment.joints,
+                budget=to_joint_budgets(budget, len(estimate.joints)),
             ),
             compensation=assessment.supported(prediction).compensation,
             warnings=[self._placed(each) for each in (*self.prepared.warnings, *assessment.remarks)],
