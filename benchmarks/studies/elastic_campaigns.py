@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Part, Section
+from jointstiff.schemas.options import Loss
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
 from jointstiff.simulator.experiment import TARGETS, plan_experiment
@@ -21,7 +22,7 @@ from jointstiff.solver.links.choice import (
     refined,
 )
 from jointstiff.solver.links.fit import ElasticEstimate, effective_compliances, first_certified
-from jointstiff.solver.links.model import LOSSES, ElasticColumns, ElasticModel, Loss
+from jointstiff.solver.links.model import LOSSES, ElasticColumns, ElasticModel
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.model_error import leave_folds_out
 from jointstiff.solver.predict.models import ElasticPredictor

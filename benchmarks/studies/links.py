@@ -17,6 +17,8 @@ from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Part, Section, times_table
 from benchmarks.studies.fanuc import CAMPAIGN, prepared
 from benchmarks.timing import interleaved
+from jointstiff.schemas.options import ElasticModel as ModelName
+from jointstiff.schemas.options import Loss
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import simulate_positions
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
@@ -40,8 +42,6 @@ from jointstiff.solver.links.model import (
     ElasticColumns,
     ElasticModel,
     ElasticRows,
-    Loss,
-    ModelName,
     elastic_blocks,
 )
 from jointstiff.solver.readings.measurements import Measurements
@@ -286,7 +286,7 @@ def _certificates(*, quick: bool) -> Section:
             unanswered += 1
             continue
         gaps.append(estimate.certificate.gap)
-        matrices = [link.matrix for link in estimate.links]
+        matrices = [np.array(link.matrix) for link in estimate.links]
         matrices += [] if estimate.coupled_joints is None else [estimate.coupled_joints]
         least.append(min(float(np.linalg.eigvalsh(matrix).min()) for matrix in matrices))
         false += _better_exists(Peer(folds.training(None), model), weight, estimate)

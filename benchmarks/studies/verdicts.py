@@ -80,7 +80,9 @@ class Outcome:
                 nothing if joint.compliance is None else joint.compliance,
                 nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
                 joint.compliance_interval or (nothing, nothing),
-                joint.one_sided or (nothing, nothing),
+                (nothing, nothing)
+                if joint.one_sided is None
+                else (joint.one_sided.compliance_at_least, joint.one_sided.compliance_at_most),
             )
             for joint in estimate.joints
         ]

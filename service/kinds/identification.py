@@ -12,7 +12,7 @@ import numpy as np
 
 from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
-from jointstiff.schemas.options import Resampling, RunOptions, Weight
+from jointstiff.schemas.options import Loss, Resampling, RunOptions, Weight
 from jointstiff.schemas.run import (
     Identifiability,
     ModelChoice,
@@ -63,7 +63,7 @@ from jointstiff.solver.links.fit import (
     refuse_unsupported_elastic,
     with_links,
 )
-from jointstiff.solver.links.model import LOSSES, MODELS, ElasticColumns, ElasticModel, Loss, compared_losses
+from jointstiff.solver.links.model import LOSSES, MODELS, ElasticColumns, ElasticModel, compared_losses
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out

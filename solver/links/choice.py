@@ -15,6 +15,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.model import HeldOutGain
+from jointstiff.schemas.options import ElasticModel as ModelName
+from jointstiff.schemas.options import Loss
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.causes import CLEAR_GAIN
@@ -26,9 +28,7 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     ElasticRows,
     Formulation,
-    Loss,
     LossProblem,
-    ModelName,
     elastic_blocks,
     elastic_rows,
     formulate,
