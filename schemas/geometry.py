@@ -432,7 +432,7 @@ class GeometryRequest(Message):
 
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits
-    robot_id: Annotated[Identifier | None, Terminal()] = Field(
+    robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
         default=None, description="Robot whose stored model is the nominal one; or give `robot`."
     )
     robot: RobotDocument | None = Field(default=None, description="Nominal model; it is not stored.")

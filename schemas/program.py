@@ -106,7 +106,7 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         "in the campaign, or `compensates_load`, which is refused because the load would be compensated "
         "twice."
     )
-    load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", force_of)] = Field(
+    load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", force_of, unit="N")] = Field(
         default=None, description="One load for all moves."
     )
     segments: Annotated[list[LoadSegment], Field(max_length=MAX_SEGMENTS)] = Field(
@@ -154,7 +154,7 @@ class ProgramOptions(AcceptingOptions, SagOptions):
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
-        Terminal("", "NUMBERS[deg]", numbers_of),
+        Terminal("", "NUMBERS[deg]", numbers_of, unit="deg"),
     ] = Field(
         default=None,
         description="Controller angles near the first cartesian target, in units.angle; needed if the "

@@ -9,17 +9,16 @@ from typing import Any, Literal
 
 @dataclass(frozen=True)
 class Terminal:
-    """Form of a field on the command line, if its name and type do not determine it.
-
-    Without `parse`, `unit` and `flag` the field has no option: it comes from a file of options.
-    """
+    """Form of a field on the command line, if its name and type do not determine it."""
 
     option: str = ""  # name, such as `--prior`; the field's if empty
     metavar: str = ""
     parse: Callable[[str], Any] | None = None  # from text to JSON; raises a ValueError
     gather: Literal["one", "list", "dict"] = "one"  # whether it is repeated, and what becomes of the values
-    unit: str = ""  # unit of its numbers as the command line states them to the API
+    unit: str = ""  # unit of its numbers as the command line states them to the API: m, deg, N
+    hidden: bool = False  # whether the field has no option: it comes from a file of options
     flag: str = ""  # value that the option stands for, if it takes none
+    text: str = ""  # help, if the description of the field does not hold on the command line
 
 
 def prior_of(text: str) -> tuple[str, dict[str, float]]:

@@ -7,33 +7,47 @@ from typing import Annotated, Any
 
 import typer
 import typer.core
-from typer.main import get_command_from_info
+from typer.main import get_command
 
-from jointstiff.service.cli.answers import refusal_of
-from jointstiff.service.cli.database import backup, doctor, restore
-from jointstiff.service.cli.imports import import_readings
+from jointstiff.service.cli.demo import demo, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, predict, report
+from jointstiff.service.cli.options import refusal_of
 from jointstiff.service.cli.robots import robots
-from jointstiff.service.cli.services import demo, post, serve, worker
-from jointstiff.service.cli.simulate import simulate
-from jointstiff.service.cli.webhooks import webhooks
+from jointstiff.service.cli.services import backup, doctor, post, restore, serve, webhooks, worker
 from jointstiff.service.kinds.rooms import ROOMS
+
+_MADE = {room.command: room.summary for room in ROOMS.values()} | {
+    "import": "Import files of readings as a campaign."
+}
+"""Commands that are made of messages when they are called, as messages take time, with their help."""
+_SETTINGS: Any = {
+    "add_completion": False,
+    "rich_markup_mode": None,  # its libraries take longer to import than all else that help needs
+    "pretty_exceptions_enable": False,
+}
+
+
+def _made(command: str) -> Callable[..., None]:
+    """Make a command of its messages."""
+    if command == "import":
+        from jointstiff.service.cli.imports import import_command
+
+        return import_command()
+    from jointstiff.service.cli.kinds import command_of
+
+    return command_of(next(name for name, room in ROOMS.items() if room.command == command))
 
 
 class _Commands(typer.core.TyperGroup):
-    """Commands; those of the kinds of work are made when they are called, as their messages take time."""
+    """The commands."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
-        """Return name, command and arguments; build the command of a kind."""
-        name = next((name for name, room in ROOMS.items() if args and room.command == args[0]), None)
-        if name is not None:
-            from jointstiff.service.cli.generated import command_of
-
-            info = typer.models.CommandInfo(name=args[0], callback=command_of(name))
-            self.commands[args[0]] = get_command_from_info(
-                info, pretty_exceptions_short=False, rich_markup_mode=None
-            )
+        """Return name, command and arguments; make the command if it is not yet."""
+        if args and args[0] in _MADE:
+            alone = typer.Typer(**_SETTINGS)
+            alone.command(args[0])(_made(args[0]))
+            self.commands[args[0]] = get_command(alone)
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's Click is private
@@ -53,9 +67,7 @@ app = typer.Typer(
     help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"
     "Start with `jointstiff simulate campaign.json`, then `jointstiff identify campaign.json`.",
     no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,  # its libraries take longer to import than all else that help needs
-    pretty_exceptions_enable=False,
+    **_SETTINGS,
 )
 
 
@@ -70,23 +82,10 @@ def _placeholder(summary: str) -> Callable[[], None]:
 
 
 app.command()(simulate)
-for _room in ROOMS.values():
-    app.command(_room.command)(_placeholder(_room.summary))
-app.command("import")(import_readings)
-for command in (
-    robots,
-    predict,
-    export,
-    report,
-    serve,
-    worker,
-    post,
-    demo,
-    backup,
-    restore,
-    doctor,
-):
-    app.command()(command)
+for _command, _summary in _MADE.items():
+    app.command(_command)(_placeholder(_summary))
+for _written in (robots, predict, export, report, serve, worker, post, demo, backup, restore, doctor):
+    app.command()(_written)
 app.add_typer(keys, name="keys")
 app.add_typer(webhooks, name="webhooks")
 

@@ -1,87 +1,146 @@
-"""The first five minutes: a service, and a client in a thread of it that knows nothing but its address."""
+"""Example campaigns whose truth is known: `simulate` writes one, `demo` serves one and shows it."""
 
 from __future__ import annotations
 
 import os
 import signal
-from typing import Final
+from pathlib import Path
+from typing import Annotated, Literal
 
-from jointstiff.service.kinds.comparison import COMPARISON
-from jointstiff.service.kinds.run import RUN
-from jointstiff.service.library.client import Client
-from jointstiff.service.library.errors import RefusedError
-from jointstiff.service.reports.job import job_parts
-from jointstiff.service.server import run_server
-from jointstiff.service.tables.table import Line
-from jointstiff.service.tables.terminal import console, printed, problem_text
-from jointstiff.simulator import default_arm, simulate_campaign
+import typer
 
-_FAILED: Final = 1
+from jointstiff.service.cli.options import (
+    Overwrite,
+    refuse_existing,
+    write_json,
+)
 
 
-def run_demo(*, port: int, database: str, once: bool) -> int:
-    """Serve, and show an example campaign; what an earlier demonstration stored is shown again.
+def simulate(
+    file: Annotated[
+        Path, typer.Argument(dir_okay=False, metavar="FILE", help="File to write the campaign to.")
+    ],
+    *,
+    load: Annotated[
+        Literal["dead_weight", "pull", "own_weight"],
+        typer.Option(
+            help="Load: a weight on the flange, pulls in all directions, or only the arm's own weight."
+        ),
+    ] = "pull",
+    configurations: Annotated[int, typer.Option(min=1, max=5_000, help="Number of postures.")] = 19,
+    force: Annotated[
+        float, typer.Option(min=0.0, max=1e5, help="Magnitude of the force, in newtons.")
+    ] = 1500.0,
+    sigma: Annotated[
+        float, typer.Option(min=0.0, max=1e-2, help="Standard deviation of a coordinate, in metres.")
+    ] = 2e-5,
+    encoders: Annotated[
+        Literal["motor", "secondary"], typer.Option(help="Encoders that close the position loop.")
+    ] = "motor",
+    seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same file.")] = 1,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a simulated example campaign."""
+    from jointstiff.simulator import default_arm, simulate_campaign
+    from jointstiff.simulator.own_weight import unloaded_campaign
 
-    The service is this process, not a child of it, so that no signal can leave one without the other.
+    refuse_existing(file, overwrite=overwrite)
+    arm = default_arm(encoders)
+    if load == "own_weight":
+        acts = "own weight"
+        document = unloaded_campaign(arm, configurations=configurations, sigma=sigma, seed=seed)
+    else:
+        acts = f"{force:g} N"
+        document = simulate_campaign(
+            arm,
+            configurations=configurations,
+            load=load,
+            force=force,
+            sigma=sigma,
+            encoders=encoders,
+            seed=seed,
+        )
+    write_json(file, document)
+    stiffness = ", ".join(f"{1e-6 * k:.3g}" for k in arm.stiffnesses)
+    typer.echo(
+        f"wrote {file}: {configurations} configurations, {acts}\n"
+        f"true stiffnesses, joint 1 to {len(arm.stiffnesses)}: {stiffness} × 10⁶ N·m/rad\n"
+        f"now: jointstiff identify {file}"
+    )
 
-    Args:
-        port: TCP port, 0 for a free one.
-        database: URL of the store.
-        once: end the service after the tables instead of leaving it running.
 
-    Returns:
-        Exit status.
+def demo(
+    *,
+    once: Annotated[bool, typer.Option("--once", help="Stop after printing the tables.")] = False,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free one with --once.")
+    ] = None,
+    database: Annotated[
+        str,
+        typer.Option(metavar="URL", help="Database of the demonstration; that of `serve` is not changed."),
+    ] = "sqlite:///jointstiff-demo.db",
+) -> None:
+    """Start the service with an example campaign."""
+    from jointstiff.service.server import run_server
 
-    Raises:
-        StoreError: the database cannot be used.
-        ServerError: the address cannot be listened on.
-    """
-    statuses = [0]
+    port = 8000 if port is None and not once else port
+    # The service is this process, not a child of it, so that no signal can leave one without the other; the
+    # demonstration is a client in a thread of it that knows nothing but its address.
+    status = [0]
 
     def show(address: str) -> None:
-        statuses.append(_FAILED)  # unless it gets to its end
+        status[0] = 1  # unless it gets to its end
         try:
-            statuses.append(_tour(address, once=once))
+            status[0] = _tour(address, once=once)
         finally:
-            if once or statuses[-1]:
+            if once or status[0]:
                 os.kill(os.getpid(), signal.SIGTERM)
-        if not once and not statuses[-1]:
-            console().print("Ctrl-C ends the service.")
+        if not once:
+            typer.echo("Ctrl-C ends the service.")
 
     try:
-        run_server("127.0.0.1", port, database, workers=1, then=show)
+        run_server("127.0.0.1", port or 0, database, workers=1, then=show)
     except KeyboardInterrupt:
-        return statuses[-1]
+        pass
     except SystemExit as ended:  # of the handler that heard SIGTERM, or of a server that could not start
         if ended.code:
             raise
-    return statuses[-1]
+    raise typer.Exit(status[0])
 
 
 def _tour(address: str, *, once: bool) -> int:
-    """Post the example, print what comes back, and the page's address if it stays.
+    """Post the example, print what comes back, and the page's address if it stays; return the exit status.
 
     Each is posted once: of two demonstrations, one after the other or at the same time, both show what the
     first stored.
     """
-    out = console()
+    from jointstiff.service.kinds.comparison import COMPARISON
+    from jointstiff.service.kinds.report import job_parts
+    from jointstiff.service.kinds.run import RUN
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.errors import RefusedError
+    from jointstiff.service.tables.table import Line
+    from jointstiff.service.tables.terminal import console, printed, problem_text
+    from jointstiff.simulator import default_arm, simulate_campaign
+
     try:
         with Client(address) as client:
             client.ping()
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
             robot, stored = client.post_campaign(campaign)
             counted = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
-            out.print(f"robot {robot.id} and measurement set {stored.id} ({counted})\n", soft_wrap=True)
+            typer.echo(f"robot {robot.id}\nmeasurement set {stored.id} ({counted})\n")
             request = {"measurement_set_id": stored.id}
             run, comparison = client.runs.once(request), client.comparisons.once(request)
             run, comparison = client.runs.wait(run), client.comparisons.wait(comparison)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
-        return _FAILED
+        return 1
     parts = job_parts(RUN, run)
     others = [part for part in job_parts(COMPARISON, comparison) if part not in parts]
-    out.print(printed([*parts, Line(""), *others]))
-    # with --once, the address ends with the service
-    last = "Run {id}; to open its page: the same command without --once" if once else "Open the page: {page}"
-    out.print("\n" + last.format(id=run.id, page=f"{address}/#/runs/{run.id}"), markup=False, soft_wrap=True)
+    console().print(printed([*parts, Line(""), *others]))
+    if once:  # the address ends with the service
+        typer.echo(f"\nRun {run.id}\nTo open its page: the same command without --once")
+    else:
+        typer.echo(f"\nOpen the page: {address}/#/runs/{run.id}")
     return 0

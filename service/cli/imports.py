@@ -1,172 +1,298 @@
 """`jointstiff import`: files of readings shown as they were understood, then written as a campaign."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from jointstiff.service.cli.answers import warn
-from jointstiff.service.cli.import_documents import (
-    joined,
-    noted_in,
-    read_template,
-    with_notes,
-    write_campaign,
-    write_template,
-)
-from jointstiff.service.cli.import_options import (
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
+from jointstiff.schemas.measurement import SetMetadata
+from jointstiff.schemas.terminal import Terminal
+from jointstiff.service.cli.import_dialogue import (
     Options,
-    in_options,
-    options_for_fields,
-    with_import_options,
-    with_length_unit,
+    ask,
+    ask_robot,
+    has_errors,
+    import_report,
+    may_ask,
 )
-from jointstiff.service.cli.import_questions import ask, ask_robot, may_ask
-from jointstiff.service.cli.options import AsJson, NamedRobot, file_argument, file_option
+from jointstiff.service.cli.kinds import field_options, flag_of, gathered, in_options, with_signature
+from jointstiff.service.cli.options import (
+    AsJson,
+    NamedRobot,
+    Overwrite,
+    failed,
+    file_argument,
+    file_option,
+    output_option,
+    refuse_existing,
+    refused,
+    vector_of,
+    warn,
+    write_json,
+)
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+    from jointstiff.schemas.problem import Problem
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
 
-Files = Annotated[list[Path], file_argument("FILES...", "Files of tables or point lists: text or Excel.")]
+
+def _pair(text: str) -> tuple[str, str]:
+    """Return `KEY=VALUE` as both; a key may contain `=`."""
+    key, equals, value = text.rpartition("=")
+    if not equals:
+        raise ValueError(f"'{text}' has no '='")
+    return key.strip(), value.strip()
 
 
-@with_import_options
-def import_readings(
-    files: Files,
-    *,
-    chosen: Options,
-    robot: NamedRobot = None,
-    about: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="Note about the set: measured_at, serial_number, item_condition, operator, instrument, "
-            "conditions or notes. Repeatable.",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            dir_okay=False,
-            metavar="FILE",
-            help="File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
-            "unloaded positions were read.",
-        ),
-    ] = None,
-    template: Annotated[
-        Path | None,
-        file_option("Template of an earlier import; files of another form are refused."),
-    ] = None,
-    save_template: Annotated[
-        Path | None,
-        typer.Option(dir_okay=False, metavar="FILE", help="Write the template of this import."),
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
-    despite_errors: Annotated[
-        bool, typer.Option("--despite-errors", help="Write readings although their inspection finds errors.")
-    ] = False,
-    as_json: AsJson = False,
-) -> None:
-    """Import files of readings as a campaign.
+def _target(text: str) -> tuple[str, tuple[float, ...]]:
+    target, place = _pair(text)
+    return target, vector_of(place)
 
-    Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
-    asks for what is missing. If the inspection of the readings finds errors, they are written only with
-    --despite-errors, and the exit status is 1 without it.
-    """
-    from jointstiff.service.cli.import_table import has_errors, import_report
-    from jointstiff.service.tables.terminal import console
 
-    noted = noted_in(about or [])
-    known = {} if template is None else read_template(template)
-    stated = joined(known, with_length_unit(chosen, known))
-    asking = may_ask() and not as_json
-    owner = None if robot is None else _robot_of(robot)
-    answer = _understood(files, stated, owner, asking=asking)
-    if asking and owner is None and answer.measurement_set is not None and (named := ask_robot()):
-        owner = _robot_of(named)
-        answer = _inspected(answer, owner)
-    answer = with_notes(answer, noted)
+_FORMS: Final = {
+    "units": Terminal(
+        "",
+        "length=mm,angle=deg,force=N",
+        lambda text: dict(_pair(part) for part in text.split(",") if part),
+        text="Units of columns whose header has none; add moment=N.m if there are moments.",
+    ),
+    "columns": Terminal("--column", "HEADER=MEANING", _pair, "dict"),
+    "ignore": Terminal("", "HEADER", str, "list"),
+    "point_name": Terminal("", "TEMPLATE", str),
+    "file_name": Terminal("", "TEMPLATE", str),
+    "state_words": Terminal("--state-word", "WORD=STATE", _pair, "dict"),
+    "header": Terminal("", "'A;B;C'", lambda text: [cell.strip() for cell in text.split(";")]),
+    "noise": Terminal(
+        "--sigma",
+        "MM",
+        lambda text: {"sigma": float(text)},
+        text="Standard uncertainty of a coordinate, in mm.",
+    ),
+    "load_point": Terminal(
+        "", "X,Y,Z[mm]", vector_of, text="Point where the force acts, in the flange frame, in mm."
+    ),
+    "force": Terminal(
+        "",
+        "X,Y,Z[force]",
+        vector_of,
+        text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has it.",
+    ),
+    "flange_targets": Terminal(
+        "--flange-target",
+        "TARGET=X,Y,Z[mm]",
+        _target,
+        "dict",
+        text="Target's position in the flange frame, in mm, for deflections.",
+    ),
+    **dict.fromkeys(("layouts", "length_unit", "robot_id", "show_faults"), Terminal(hidden=True)),
+}
+"""Forms of the fields of an import on the command line; those that are hidden have no option."""
+_LENGTHS: Final = frozenset(("noise", "load_point", "flange_targets"))
+"""Fields that are typed in mm."""
+
+_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
+    "robot": (NamedRobot, None),
+    "about": (
+        Annotated[
+            list[str] | None,
+            typer.Option(
+                metavar="KEY=VALUE",
+                help="Note about the set: measured_at, serial_number, item_condition, operator, instrument, "
+                "conditions or notes. Repeatable.",
+            ),
+        ],
+        None,
+    ),
+    "output": (
+        Annotated[
+            Path | None,
+            output_option(
+                "File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
+                "unloaded positions were read."
+            ),
+        ],
+        None,
+    ),
+    "template": (
+        Annotated[
+            Path | None, file_option("Template of an earlier import; files of another form are refused.")
+        ],
+        None,
+    ),
+    "save_template": (
+        Annotated[
+            Path | None,
+            typer.Option(dir_okay=False, metavar="FILE", help="Write the template of this import."),
+        ],
+        None,
+    ),
+    "overwrite": (Overwrite, False),
+    "despite_errors": (
+        Annotated[
+            bool,
+            typer.Option("--despite-errors", help="Write readings although their inspection finds errors."),
+        ],
+        False,
+    ),
+    "as_json": (AsJson, False),
+}
+
+
+def import_command() -> Callable[..., None]:
+    """Return the command, with an option for each field of the request."""
+
+    def command(files: list[Path], **values: Any) -> None:  # noqa: ANN401 - by the signature below
+        """Import files of readings as a campaign.
+
+        Nothing is written without --output or --save-template, nor while something is missing. At a terminal
+        it asks for what is missing. If the inspection of the readings finds errors, they are written only
+        with --despite-errors, and the exit status is 1 without it.
+        """
+        _import(files, gathered(ImportRequest, values, _FORMS), values)
+
+    fields = {name: (one, None) for name, one in field_options(ImportRequest, _FORMS)}
+    taken = Annotated[list[Path], file_argument("FILES...", "Files of tables or point lists: text or Excel.")]
+    with_signature(command, {"files": (taken, ...), **fields, **_OPTIONS})
+    return command
+
+
+def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -> None:
+    from jointstiff.service.library.files import read_robot
+
+    notes = _notes(values["about"] or [])
+    known = {} if values["template"] is None else _read_template(values["template"])
+    stated = _joined(known, _with_length_unit(chosen, known))
+    asking = may_ask() and not values["as_json"]
+    robot = None if values["robot"] is None else read_robot(values["robot"])
+    answer = _understood(files, stated, asking=asking)
+    if robot is not None:
+        answer = _inspected(answer, robot)
+    elif asking and answer.measurement_set is not None and (named := ask_robot()):
+        robot = read_robot(named)
+        answer = _inspected(answer, robot)
+    if answer.measurement_set is not None:
+        noted = answer.measurement_set.model_copy(update=notes)
+        answer = answer.model_copy(update={"measurement_set": noted})
+    _show(answer, as_json=values["as_json"])
+    if values["save_template"] is not None:
+        _write_template(values["save_template"], answer, overwrite=values["overwrite"])
+    if has_errors(answer) and not values["despite_errors"]:
+        if values["output"] is not None:
+            warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
+        raise typer.Exit(1)
+    if values["output"] is not None:
+        _write_campaign(values["output"], answer, robot, overwrite=values["overwrite"])
+
+
+def _show(answer: ImportAnswer, *, as_json: bool) -> None:
+    from jointstiff.service.tables.terminal import console, printed
+
     if as_json:
         typer.echo(answer.model_dump_json(indent=2))
     else:
-        console().print(import_report(answer))
-    if save_template is not None:
-        write_template(save_template, answer, overwrite=overwrite)
-    if has_errors(answer) and not despite_errors:
-        if output is not None:
-            warn(f"{output} was not written: correct the errors, or use --despite-errors")
-        raise typer.Exit(1)
-    if output is not None:
-        write_campaign(output, answer, owner, overwrite=overwrite)
+        console().print(printed(import_report(answer)))
 
 
-def _robot_of(text: str) -> "RobotDocument":
-    from jointstiff.service.library.files import read_robot
+def _joined(options: Options, others: Options) -> Options:
+    """Return options with others over them; of dictionaries, such as units, entry by entry."""
+    merged = dict(options)
+    for field, value in others.items():
+        before = merged.get(field)
+        merged[field] = before | value if isinstance(before, dict) and isinstance(value, dict) else value
+    return merged
 
-    return read_robot(text)
+
+def _with_length_unit(stated: Options, template: Options) -> Options:
+    """Return options with their lengths, which are in mm, in the unit of a template's lengths."""
+    lengths = {name: value for name, value in stated.items() if name in _LENGTHS}
+    if not lengths:
+        return stated
+    unit = template.get("length_unit", "mm")
+    if unit == "m":
+        lengths = {name: _in_metres(value) for name, value in lengths.items()}
+    return {**stated, **lengths, "length_unit": "m" if unit == "m" else "mm"}
 
 
-def _understood(
-    files: Sequence[Path], stated: Options, owner: "RobotDocument | None", *, asking: bool
-) -> "ImportAnswer":
+def _in_metres(value: Any) -> Any:  # noqa: ANN401 - numbers, in tuples or dictionaries
+    if isinstance(value, dict):
+        return {key: _in_metres(part) for key, part in value.items()}
+    return tuple(map(_in_metres, value)) if isinstance(value, tuple | list) else value / 1e3
+
+
+def _understood(files: Sequence[Path], stated: Options, *, asking: bool) -> ImportAnswer:
     """Return what the files say, with what a person answers if there is one."""
-    from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems.errors import FilesError
-    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.library.files import parse_document
     from jointstiff.service.resources.imports import import_files
 
     sources, asked = _read(files), set[str]()
-    while asking:
-        given = ask(import_files(sources, _request(stated | {"show_faults": True})), asked)
-        if not given:
-            break
-        stated = joined(stated, with_length_unit(given, stated))
-    try:
-        answer = import_files(sources, _request(stated))
-    except FilesError as error:
-        raise CampaignError(in_options(problem_of(error))) from error
-    answer = answer.model_copy(update={"missing": [options_for_fields(text) for text in answer.missing]})
-    return answer if owner is None else _inspected(answer, owner)
+    with _as_options():
+        while asking:
+            request = parse_document(stated | {"show_faults": True}, ImportRequest)
+            given = ask(import_files(sources, request), asked)
+            if not given:
+                break
+            stated = _joined(stated, _with_length_unit(given, stated))
+        answer = import_files(sources, parse_document(stated, ImportRequest))
+    return answer.model_copy(update={"missing": [_worded(text) for text in answer.missing]})
 
 
-def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer":
-    """Return the answer with the integrity findings for a robot that was named later, in words of options."""
+def _inspected(answer: ImportAnswer, robot: RobotDocument) -> ImportAnswer:
+    """Return the answer with the integrity findings for a robot, in words of options."""
     from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems.errors import FilesError
-    from jointstiff.service.problems.table import problem_of
     from jointstiff.service.resources.imports import inspect_import
 
-    try:
-        answer = inspect_import(answer, prepare_robot(owner).robot)
-    except FilesError as error:
-        raise CampaignError(in_options(problem_of(error))) from error
+    with _as_options():
+        answer = inspect_import(answer, prepare_robot(robot).robot)
     findings = [
-        finding.model_copy(update={"remedy": options_for_fields(finding.remedy)})
-        for finding in answer.findings or ()
+        finding.model_copy(update={"remedy": _worded(finding.remedy)}) for finding in answer.findings or ()
     ]
     return answer.model_copy(update={"findings": findings})
 
 
-def _request(chosen: Options) -> "ImportRequest":
-    from pydantic import ValidationError
-
-    from jointstiff.schemas.imports import ImportRequest
+@contextmanager
+def _as_options() -> Iterator[None]:
+    """Name options in place of fields where files or options are refused."""
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems.table import invalid_request
+    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.problems.table import problem_of
 
     try:
-        return ImportRequest.model_validate(chosen)
-    except ValidationError as error:
-        faults = error.errors(include_url=False, include_context=False, include_input=False)
-        raise CampaignError(in_options(invalid_request(faults))) from None
+        yield
+    except FilesError as error:
+        raise CampaignError(in_options(ImportRequest, problem_of(error), _FORMS)) from error
+    except CampaignError as error:
+        problem = in_options(ImportRequest, error.problem, _FORMS)
+        raise CampaignError(_placed(problem)) from None
 
 
-def _read(files: Sequence[Path]) -> "list[SourceFile]":
-    """The files, no more of them than an import takes."""
+def _placed(problem: Problem) -> Problem:
+    """Return a problem of the options, whose place names one of them."""
+    name, _, rest = (problem.where or "").partition(".")
+    if name not in ImportRequest.model_fields:
+        return problem
+    place = f"{flag_of(ImportRequest, name, _FORMS)} {rest}".rstrip()
+    return problem.model_copy(update={"where": place, "detail": problem.detail.replace(problem.where, place)})
+
+
+def _worded(text: str) -> str:
+    """Return a message with options in place of fields."""
+
+    def option(name: re.Match[str]) -> str:
+        is_field = name[1] in ImportRequest.model_fields
+        return f"`{flag_of(ImportRequest, name[1], _FORMS)}`" if is_field else name[0]
+
+    return re.sub(r"`(\w+)`", option, text)
+
+
+def _read(files: Sequence[Path]) -> list[SourceFile]:
+    """Return the files, no more of them than an import takes."""
     from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 
@@ -177,3 +303,78 @@ def _read(files: Sequence[Path]) -> "list[SourceFile]":
         left = max(0, left - len(content))
         sources.append(SourceFile(path.name, content))
     return sources
+
+
+def _notes(texts: Sequence[str]) -> dict[str, Any]:
+    """Return what `--about KEY=VALUE` says of a set.
+
+    Raises:
+        CampaignError: a key or a value is none.
+    """
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.library.files import parse_document
+
+    pairs = (text.partition("=") for text in texts)
+    try:
+        notes = parse_document({key.strip(): value.strip() for key, _, value in pairs}, SetMetadata)
+    except CampaignError as error:
+        where = f"--about {error.problem.where}"
+        raise CampaignError(error.problem.model_copy(update={"where": where})) from None
+    return {name: getattr(notes, name) for name in notes.model_fields_set}
+
+
+def _read_template(path: Path) -> Options:
+    from jointstiff.service.library.files import read_document
+
+    known: Options = read_document(path, ImportTemplate).model_dump(mode="json", exclude_defaults=True)
+    if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":
+        known["length_unit"] = "m"  # lengths of a template without it are in the files' unit
+    return known
+
+
+def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None:
+    """Write the template of an import.
+
+    Raises:
+        typer.Exit: something is missing, or the file cannot be written.
+    """
+    if answer.template is None:
+        if not answer.missing:
+            reason = "no template was written: the files have too many columns, or too long headers"
+            raise failed(reason, "ignore columns that are not needed, in smaller files")
+        raise failed(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
+    refuse_existing(path, overwrite=overwrite)
+    template = answer.template.model_dump(mode="json", exclude_defaults=True)
+    write_json(path, template)
+
+
+def _write_campaign(
+    path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool
+) -> None:
+    """Write a campaign, or without a robot the measurement set; unloaded poses if the files have no more.
+
+    Raises:
+        typer.Exit: something is missing, or the file cannot be written.
+    """
+    from jointstiff.service.problems.table import http_problem
+
+    readings = answer.measurement_set or answer.poses
+    if readings is None:
+        missing = "; ".join(answer.missing)
+        raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
+    refuse_existing(path, overwrite=overwrite)
+    document = readings.model_dump(mode="json", exclude_none=True)
+    robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
+    if answer.measurement_set is None:
+        document |= robot_part
+        robots = "" if robot_part else " --robot ROBOT"
+        what, command = "unloaded poses", f"jointstiff geometry {path}{robots}"
+    elif robot_part:
+        document = {**robot_part, "measurement_set": document}
+        if answer.leave_out:
+            document["run"] = {"leave_out": answer.leave_out}
+        what, command = "a campaign", f"jointstiff identify {path}"
+    else:
+        what, command = "a measurement set", "add a robot with --robot"
+    write_json(path, document)
+    typer.echo(f"wrote {path}, {what}; now: {command}", err=True)

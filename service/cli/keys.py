@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
 
-from jointstiff.service.cli.answers import failed, warn
-from jointstiff.service.cli.options import DatabaseUrl, KeysFilePath, ServerAddress
+from jointstiff.service.cli.options import (
+    DatabaseUrl,
+    KeysFilePath,
+    ServerAddress,
+    failed,
+    warn,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,14 +31,6 @@ LINK_TIME: Final = timedelta(minutes=10)
 keys = typer.Typer(help="Create, list and revoke the keys that open a service.", no_args_is_help=True)
 
 
-class RoleChoice(StrEnum):
-    """Roles, each of which may do what those before it may."""
-
-    VIEWER = "viewer"
-    OPERATOR = "operator"
-    ADMIN = "admin"
-
-
 KeyId = Annotated[str, typer.Argument(metavar="ID", help="Id of the key; see `jointstiff keys list`.")]
 
 
@@ -43,7 +39,7 @@ def create(
     name: Annotated[str, typer.Argument(help="Who or what holds the key, such as 'tablet hall 3'.")],
     *,
     role: Annotated[
-        RoleChoice,
+        Literal["viewer", "operator", "admin"],
         typer.Option(
             help="viewer reads; operator also posts and deletes; admin also issues keys and reads the audit."
         ),
@@ -66,7 +62,7 @@ def create(
     now = datetime.now(UTC)
     expires_at = None if expires is None else expires.replace(tzinfo=UTC)
     try:
-        request = KeyRequest(name=name, role=role.value, expires_at=expires_at)
+        request = KeyRequest(name=name, role=role, expires_at=expires_at)
     except ValidationError as error:
         raise typer.BadParameter("must be 1 to 200 printable characters", param_hint="NAME") from error
     if expires_at is not None and expires_at <= now:

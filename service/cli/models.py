@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from jointstiff.service.cli.answers import refuse_existing, write_text
 from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
-    DespiteVerdict,
     LaboratoryFile,
-    LoadPoint,
     Overwrite,
     RunFile,
     Vector,
     file_argument,
     output_option,
     point_of,
+    refuse_existing,
+    write_text,
 )
 
 if TYPE_CHECKING:
@@ -39,7 +38,14 @@ def predict(
     ],
     *,
     run: RunFile = None,
-    load_point: LoadPoint = None,
+    load_point: Annotated[
+        Vector | None,
+        typer.Option(
+            parser=point_of,
+            metavar="X,Y,Z[mm]",
+            help="Point where the force acts, in the flange frame, in mm.",
+        ),
+    ] = None,
     place: Annotated[
         Vector | None,
         typer.Option(
@@ -95,7 +101,10 @@ def export(
         Path, output_option("File to write the model to: .csv, .xlsx, .urdf, .sdf, .mjcf or .xml (MJCF).")
     ],
     run: RunFile = None,
-    despite_verdict: DespiteVerdict = False,
+    despite_verdict: Annotated[
+        bool,
+        typer.Option("--despite-verdict", help="Continue although the verdict on the run is: do not use."),
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Export a model as a table or for a simulator."""

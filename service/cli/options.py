@@ -1,12 +1,14 @@
-"""Arguments and options that commands share, with their help."""
+"""Arguments and options that commands share, with their help; and how they refuse."""
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.problem import Problem
 
 
 class Vector(NamedTuple):
@@ -49,15 +51,17 @@ def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Ty
     return typer.Option("--output", "-o", metavar=metavar, help=text)
 
 
-LoadPoint = Annotated[
-    Vector | None,
-    typer.Option(
-        "--load-point",
-        parser=point_of,
-        metavar="X,Y,Z[mm]",
-        help="Point where the force acts, in the flange frame, in mm.",
-    ),
-]
+def write_text(path: Path, text: str) -> None:
+    """Write a file of lines."""
+    path.write_text(f"{text}\n", encoding="utf-8")
+
+
+def write_json(path: Path, document: object) -> None:
+    """Write a document that people may read."""
+    import json
+
+    write_text(path, json.dumps(document, indent=1, ensure_ascii=False))
+
 
 CampaignFile = Annotated[
     Path,
@@ -74,9 +78,6 @@ NamedRobot = Annotated[
         help="File of a robot, or of a campaign that contains one; or a nominal arm of the catalogue by its "
         'name, such as "KUKA KR 210 R2700": `jointstiff robots` lists them.',
     ),
-]
-DespiteVerdict = Annotated[
-    bool, typer.Option("--despite-verdict", help="Continue although the verdict on the run is: do not use.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -110,32 +111,55 @@ LaboratoryFile = Annotated[
 ]
 
 
-class UnitChoice(StrEnum):
-    """Units in which tables show stiffnesses, or compliances."""
-
-    MEGA = "MNm/rad"
-    DEGREE = "kNm/deg"
-    ARC_MINUTE = "Nm/arcmin"
-    SI = "Nm/rad"
-    COMPLIANCE = "urad/Nm"
-
-
+Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 Unit = Annotated[
-    UnitChoice,
+    Units,
     typer.Option(case_sensitive=False, help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m)."),
 ]
 
 
-class LoadChoice(StrEnum):
-    """Choices for the load of the simulated robot."""
+def refusal_of(error: Exception) -> typer.Exit | None:
+    """Show an error that says how to mend it; to be raised. None for another error."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return failed(f"cannot open {error.filename}: {error.strerror}", "choose another path")
+    if not type(error).__module__.startswith("jointstiff."):
+        return None
+    from jointstiff.service.library.errors import ProblemError
+    from jointstiff.service.problems.errors import ServiceError
 
-    DEAD_WEIGHT = "dead_weight"
-    PULL = "pull"
-    OWN_WEIGHT = "own_weight"
+    if isinstance(error, ProblemError):
+        return refused(error.problem)
+    return failed(error.reason, error.remedy) if isinstance(error, ServiceError) else None
 
 
-class EncoderChoice(StrEnum):
-    """Encoders that close the position loop."""
+def refused(problem: Problem) -> typer.Exit:
+    """Show a problem as the API would answer it; to be raised."""
+    from jointstiff.service.tables.terminal import console, problem_text
 
-    MOTOR = "motor"
-    SECONDARY = "secondary"
+    console(stderr=True).print(problem_text(problem))
+    return typer.Exit(2)
+
+
+def failed(reason: str, remedy: str) -> typer.Exit:
+    """Show what is in the way outside of the request; to be raised."""
+    from jointstiff.service.tables.terminal import console
+
+    console(stderr=True).print(f"{reason}\n  remedy: {remedy}", style="red", markup=False, soft_wrap=True)
+    return typer.Exit(2)
+
+
+def warn(message: str) -> None:
+    """Show what the user should know while it goes on."""
+    from jointstiff.service.tables.terminal import console
+
+    console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Refuse to replace a file unasked.
+
+    Raises:
+        typer.Exit: it is there.
+    """
+    if path.exists() and not overwrite:
+        raise failed(f"{path} exists", "choose another name, or --overwrite")

@@ -9,8 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from jointstiff.service.cli.answers import refuse_existing, refused, write_text
-from jointstiff.service.cli.options import AsJson, Overwrite
+from jointstiff.service.cli.options import (
+    AsJson,
+    Overwrite,
+    refuse_existing,
+    refused,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from jointstiff.schemas.robot import Arm, Catalogue

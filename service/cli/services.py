@@ -1,11 +1,12 @@
-"""Commands that run a service or talk to one: `serve`, `worker`, `post`, `demo`."""
+"""Commands that run a service, talk to one, or look after its database."""
+
+from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointstiff.service.cli.answers import warn
 from jointstiff.service.cli.options import (
     DatabaseUrl,
     Details,
@@ -13,13 +14,14 @@ from jointstiff.service.cli.options import (
     LaboratoryFile,
     ServerAddress,
     Unit,
-    UnitChoice,
+    warn,
 )
 from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.store.backups import Manifest
 
 LogLines = Annotated[
     LogFormat,
@@ -137,7 +139,7 @@ def post(
     ],
     *,
     server: ServerAddress = "http://127.0.0.1:8000",
-    unit: Unit = UnitChoice.MEGA,
+    unit: Unit = "MNm/rad",
     details: Details = False,
 ) -> None:
     """Post campaigns to a running service.
@@ -169,7 +171,7 @@ def post(
         raise typer.Exit(1)
 
 
-def _post_all(client: "Client", folder: Path) -> int:
+def _post_all(client: Client, folder: Path) -> int:
     """Post the files of a folder; return the exit status."""
     from jointstiff.service.library.errors import ProblemError
     from jointstiff.service.tables.terminal import console
@@ -187,7 +189,7 @@ def _post_all(client: "Client", folder: Path) -> int:
     return 1 if refused else 0
 
 
-def _ended(client: "Client", run: "TabledRun", server: str) -> "TabledRun":
+def _ended(client: Client, run: TabledRun, server: str) -> TabledRun:
     """Wait for the end of a run; who waits no longer is told that it goes on."""
     from jointstiff.service.tables.terminal import progress_bar
 
@@ -200,20 +202,119 @@ def _ended(client: "Client", run: "TabledRun", server: str) -> "TabledRun":
         raise
 
 
-def demo(
-    *,
-    once: Annotated[bool, typer.Option("--once", help="Stop after printing the tables.")] = False,
-    port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free one with --once.")
-    ] = None,
-    database: Annotated[
-        str,
-        typer.Option(metavar="URL", help="Database of the demonstration; that of `serve` is not changed."),
-    ] = "sqlite:///jointstiff-demo.db",
-) -> None:
-    """Start the service with an example campaign."""
-    from jointstiff.service.cli.demo import run_demo
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the backup.")]
 
-    if port is None:
-        port = 0 if once else 8000
-    raise typer.Exit(run_demo(port=port, database=database, once=once))
+
+def backup(folder: Folder, *, database: DatabaseUrl) -> None:
+    """Copy a database to a new folder; the service may run."""
+    from jointstiff.service.store.backups import back_up
+
+    manifest = back_up(database, folder)
+    typer.echo(f"{folder}: {_counts(manifest)}")
+
+
+def restore(
+    folder: Folder,
+    *,
+    database: DatabaseUrl,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite",
+            help="Replace a database that is not empty; an SQLite file is renamed.",
+        ),
+    ] = False,
+) -> None:
+    """Restore a backup to a database that no service uses."""
+    from jointstiff.service.store.backups import restore as put_back
+
+    manifest = put_back(database, folder, overwrite=overwrite)
+    origin = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
+    typer.echo(f"{_counts(manifest)}; {origin}")
+
+
+def doctor(*, database: DatabaseUrl) -> None:
+    """Check a database for faults; exit status 1 if it has any."""
+    from jointstiff.service.workers.doctor import examine
+
+    examination = examine(database)
+    for fault in examination.faults:
+        line = f"{fault.code}: {fault.where}: {fault.reason}\n  remedy: {fault.remedy}"
+        typer.echo(line)
+    counted = ", ".join(f"{count:,} × {name}" for name, count in examination.counted.items()) or "nothing"
+    typer.echo(f"read {counted}; faults: {len(examination.faults)}")
+    raise typer.Exit(1 if examination.faults else 0)
+
+
+def _counts(manifest: Manifest) -> str:
+    shown = ("robots", "measurement_sets", "jobs")
+    return ", ".join(f"{manifest.tables[name].rows:,} {name.replace('_', ' ')}" for name in shown)
+
+
+webhooks = typer.Typer(
+    help="Create, list and delete webhooks. JOINTSTIFF_KEY must have an admin key.",
+    no_args_is_help=True,
+)
+
+
+@webhooks.command()
+def create(
+    url: Annotated[str, typer.Argument(metavar="URL", help="Address to post to.")],
+    *,
+    event: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="EVENT",
+            help="Event to post: run.succeeded, run.failed, alarm.raised or worker.lost; default: all. "
+            "Repeatable.",
+        ),
+    ] = None,
+    server: ServerAddress = "http://127.0.0.1:8000",
+) -> None:
+    """Create a webhook, and print its secret once; the secret signs the messages."""
+    from jointstiff.schemas.webhook import NewWebhook
+    from jointstiff.service.library.client import Client, resource_in
+
+    with Client(server) as client:
+        document = {"url": url, **({"events": event} if event else {})}
+        webhook = resource_in(client.send("POST", "/v1/webhooks", None, document), NewWebhook)
+    typer.echo(webhook.secret)
+    warn(f"not shown again; to delete the webhook: jointstiff webhooks delete {webhook.id}")
+
+
+@webhooks.command("list")
+def list_webhooks(*, server: ServerAddress = "http://127.0.0.1:8000") -> None:
+    """List webhooks and messages that were not delivered."""
+    from jointstiff.schemas.webhook import WebhookList
+    from jointstiff.service.library.client import Client, resource_in
+    from jointstiff.service.tables.table import text_table
+    from jointstiff.service.tables.terminal import console, printed
+
+    with Client(server) as client:
+        found = resource_in(client.send("GET", "/v1/webhooks"), WebhookList).items
+    hooks = [[one.id, one.url, ", ".join(one.events), str(one.delivered)] for one in found]
+    lost = [
+        [one.url, each.type, each.state, f"{each.created_at:%Y-%m-%d %H:%M}", each.error or "not sent yet"]
+        for one in found
+        for each in one.undelivered
+    ]
+    tables = [text_table(["id", "address", "events", "delivered"], hooks, texts=[0, 1, 2])]
+    if lost:
+        head = ["address", "not delivered", "state", "since (UTC)", "last attempt"]
+        tables.append(text_table(head, lost, texts=[0, 1, 2, 3, 4]))
+    console().print(printed(tables))
+
+
+@webhooks.command()
+def delete(
+    webhook_id: Annotated[str, typer.Argument(metavar="ID", help="Id; see `jointstiff webhooks list`.")],
+    *,
+    server: ServerAddress = "http://127.0.0.1:8000",
+) -> None:
+    """Delete a webhook with its messages."""
+    from urllib.parse import quote
+
+    from jointstiff.service.library.client import Client
+
+    with Client(server) as client:
+        client.send("DELETE", f"/v1/webhooks/{quote(webhook_id, safe='')}")

@@ -31,7 +31,7 @@ def shown(folder: Path) -> str:
 
 def run_in(text: str) -> str:
     """Return the id of the run that the demonstration ends with."""
-    return re.search(r"^Run (\w+); to open its page: the same command without --once$", text, re.MULTILINE)[1]
+    return re.search(r"^Run (\w+)$", text, re.MULTILINE)[1]
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import io
 import json
 import re
 from copy import deepcopy
+from typing import get_args
 
 import pytest
 from rich.console import Console
@@ -15,7 +16,7 @@ import jointstiff
 from jointstiff.schemas.assessment import combined
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import RunOptions
-from jointstiff.service.cli.options import UnitChoice
+from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.reports.run import assessment
@@ -60,7 +61,7 @@ def numbers(text):
 
 
 def test_the_terminal_offers_the_units_of_the_reports():
-    assert [choice.value for choice in UnitChoice] == list(UNITS)
+    assert list(get_args(Units)) == list(UNITS)
 
 
 @pytest.mark.parametrize(

@@ -1,20 +1,24 @@
-"""Questions of `jointstiff import` at a terminal: one for each thing that is missing."""
+"""Report of an import for people, and its questions at a terminal: one for each thing that is missing."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from jointstiff.service.cli.import_options import Options
 from jointstiff.service.cli.options import vector_of
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.imports import ImportAnswer
+    from jointstiff.schemas.imports import FilePreview, ImportAnswer
+    from jointstiff.service.tables.table import Line, Part
 
+Options = dict[str, Any]
+"""Fields of the request of an import."""
+_LONGEST: Final = 24
+_LINES_SHOWN: Final = 8
 _STATES: Final = ("unloaded", "loaded", "deflection")
 _CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
@@ -130,3 +134,83 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),
 }
+
+
+def has_errors(answer: ImportAnswer) -> bool:
+    """Return whether the inspection of the readings finds errors."""
+    return any(finding.weight == "do_not_use" for finding in answer.findings or ())
+
+
+def import_report(answer: ImportAnswer) -> list[Part]:
+    """Return each file with its columns, then all of them together, then what is missing."""
+    from jointstiff.service.tables.table import Line, text_table
+
+    preview = answer.preview
+    parts: list[Part] = []
+    for file in preview.files:
+        rows = [
+            [
+                str(column.column),
+                _short(column.header),
+                _short(column.meaning) + (" ?" if column.guessed else ""),
+                column.unit or "",
+                "; ".join(
+                    _short(row[column.column - 1]) for row in file.first_rows[:2] if column.column <= len(row)
+                ),
+            ]
+            for column in file.columns
+        ]
+        head = ["", "header", "read as", "unit", "first values"]
+        parts += [Line(f"{file.file}: {_dialect(file)}", "title"), text_table(head, rows, texts=[1, 2, 3, 4])]
+        parts += _lines(file.assumptions, "assumed: ")
+    joints = "no joint angles" if preview.joint_count is None else f"{preview.joint_count} joints"
+    targets, states = ", ".join(preview.targets) or "none", ", ".join(preview.states) or "none"
+    more = ", …" if preview.observation_count > len(preview.first_labels) else ""
+    counted = (
+        f"  {preview.observation_count} observations ({', '.join(preview.first_labels)}{more}), {joints}, "
+        f"{preview.reading_count} complete readings; targets: {targets}; states: {states}"
+    )
+    parts += [Line(counted), *_lines(preview.assumptions, "assumed: ")]
+    if answer.poses is not None:
+        parts.append(Line(f"  complete: {len(answer.poses.poses)} unloaded poses for a geometry", "good"))
+    if answer.missing:
+        parts += _lines(answer.missing, "missing: ", "care")
+    elif not has_errors(answer):
+        parts.append(Line("  complete: a measurement set", "good"))
+    return [*parts, *_findings(answer)]
+
+
+def _findings(answer: ImportAnswer) -> Iterator[Line]:
+    """Yield the integrity findings, if a robot is known."""
+    from jointstiff.service.tables.report import VERDICTS
+    from jointstiff.service.tables.table import Line
+
+    if answer.findings == []:
+        yield Line("  integrity: nothing suspicious", "good")
+    for finding in answer.findings or ():
+        place = f"{finding.observation}: " if finding.observation else ""
+        remedy = f"; {finding.remedy}" if finding.remedy else ""
+        style: Any = "bad" if finding.weight == "do_not_use" else "care"
+        yield Line(f"  {VERDICTS[finding.weight]}: {place}{finding.message}{remedy}", style)
+
+
+def _dialect(file: FilePreview) -> str:
+    """Describe the file's format."""
+    rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
+    if file.format == "xlsx":
+        return f"Excel, sheet {file.sheet!r}, {rows}"
+    return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
+
+
+def _lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
+    from jointstiff.service.tables.table import Line
+
+    for text in texts[:_LINES_SHOWN]:
+        yield Line(f"  {lead}{text}", style)
+    if len(texts) > _LINES_SHOWN:
+        yield Line(f"  {lead}{len(texts) - _LINES_SHOWN} more (--json shows all)", style)
+
+
+def _short(text: str) -> str:
+    printable = "".join(character if character.isprintable() else "\ufffd" for character in text)
+    return printable if len(printable) <= _LONGEST else printable[: _LONGEST - 1] + "…"

@@ -1,0 +1,472 @@
+"""Commands of the kinds of work, made of their declarations and messages when they are called."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType, NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_args, get_origin
+
+import typer
+
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.terminal import Terminal, chain_of
+from jointstiff.service.cli.options import (
+    AsJson,
+    CampaignFile,
+    Details,
+    NamedRobot,
+    Overwrite,
+    RunFile,
+    Unit,
+    file_argument,
+    file_option,
+    output_option,
+    point_of,
+    refuse_existing,
+    vector_of,
+    warn,
+    write_json,
+)
+from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.rooms import ROOMS, kind_of
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+    from jointstiff.schemas.job import Job
+    from jointstiff.schemas.problem import Problem
+
+_Values = Mapping[str, Any]
+_ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "measurement_set": {"file": CampaignFile},
+    "run": {"file": CampaignFile},
+    "pair": {
+        "first": Annotated[
+            Path,
+            file_argument(
+                "FIRST", "Campaign with the position loop on the motors' encoders, or before a change."
+            ),
+        ],
+        "second": Annotated[
+            Path,
+            file_argument(
+                "SECOND", "Campaign with the position loop on secondary encoders, or after a change."
+            ),
+        ],
+    },
+    "robot_or_set": {
+        "source": Annotated[
+            str,
+            typer.Argument(
+                metavar="ROBOT_OR_CAMPAIGN",
+                help="To begin: file of a robot, or name of an arm of the catalogue. To continue: file of a "
+                "campaign.",
+            ),
+        ]
+    },
+    "readings": {"file": Annotated[Path, file_argument("FILE", "File of readings.")]},
+    "files": {
+        "program": Annotated[list[Path], file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
+    },
+}
+"""Arguments of a command by what its kind is made of."""
+_Options = Annotated[Path | None, file_option("JSON file with further options, named as in the API.")]
+_Output = Annotated[Path | None, output_option("File to write the table to; its suffix sets the format.")]
+_AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
+
+
+Forms = Mapping[str, Terminal]
+_PLAIN: Final[Forms] = MappingProxyType({})
+
+
+class Parsed:
+    """A value that its option has parsed."""
+
+
+@dataclass(frozen=True)
+class _Extra:
+    """What a command has beside the options of its kind's messages: files of the result."""
+
+    options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
+    passed: tuple[str, ...] = ()  # names of those that the function of the work takes
+    # writes files of a job that has a result; returns the job to show
+    finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
+    # paths that the command will write
+    written: Callable[[_Values, Sequence[Any]], Sequence[Path | None]] = lambda _values, _sources: ()
+
+
+def command_of(name: str) -> Callable[..., None]:
+    """Return the command of a kind of work, with a signature that Typer reads."""
+    kind, extra = kind_of(name), _EXTRAS.get(name, _Extra())
+    sources = {key: (one, ...) for source in kind.sources for key, one in _ARGUMENTS[source].items()}
+    fields = {key: (one, None) for key, one in field_options(kind.options)}
+    endings = [f".{file.suffix}" for file in kind.files]
+    tabled = "output" not in extra.options and ".csv" in endings
+
+    def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
+        given, output = [values[key] for key in sources], values.get("output")
+        if tabled and output is not None and output.suffix not in endings:
+            raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
+        for path in filter(None, [output, *extra.written(values, given)]):
+            refuse_existing(path, overwrite=values.get("overwrite", False))
+        passed = {key: values[key] for key in extra.passed if values[key] is not None}
+        job = _done(kind, given, gathered(kind.options, values) | passed, values)
+        if job.result is not None:
+            job = extra.finish(job, values, given)
+            if tabled and output is not None:
+                output.write_bytes(job.table(output.suffix[1:]))
+        _show(kind, job, values)
+
+    others: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
+    others |= {"run": (RunFile, None)} if "run" in kind.sources else {}
+    others |= extra.options | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
+    others |= {"overwrite": (Overwrite, False)} if "output" in others else {}
+    others |= {"unit": (Unit, "MNm/rad"), "details": (Details, False), "as_json": (AsJson, False)}
+    with_signature(command, sources | fields | others)
+    command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
+    return command
+
+
+def with_signature(command: Callable[..., None], parameters: Mapping[str, tuple[Any, Any]]) -> None:
+    """Give a command the signature that Typer reads: annotation and default by name; `...` for no default."""
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                annotation=annotation,
+                default=inspect.Parameter.empty if default is ... else default,
+            )
+            for name, (annotation, default) in parameters.items()
+        ]
+    )
+
+
+def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
+    """Carry the work out, as `import jointstiff` does."""
+    from jointstiff.schemas.run import Run
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.library.files import campaign_of, read_document
+    from jointstiff.service.library.verbs import function_of, run_of
+    from jointstiff.service.tables.terminal import progress_bar
+
+    if values["options"] is not None:
+        options = read_options(values["options"])
+        stated = options | _in_units_of(options, kind.options, stated)
+    if values.get("run") is not None:
+        sources = [run_of(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
+    given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
+    do = function_of(ROOMS[kind.name].command)
+    try:
+        with progress_bar(shown=kind.stepped) as tell:
+            job: Job = do(*given, on_progress=tell if kind.stepped else None, **stated)
+    except CampaignError as error:
+        raise CampaignError(in_options(kind.options, error.problem)) from error
+    return job
+
+
+def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str, Any]) -> dict[str, Any]:
+    """Return options of the command, in m, deg and N, in the units that a file of options states."""
+    from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+
+    units = file.get("units")
+    if not isinstance(units, dict):
+        return stated
+    sizes = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
+    scaled = dict(stated)
+    for name, value in stated.items():
+        quantity, size = sizes.get(_terminal(message.model_fields[name]).unit, ("", {}))
+        unit = units.get(quantity)
+        if unit in size:
+            scaled[name] = _times(size[_terminal(message.model_fields[name]).unit] / size[unit], value)
+    return scaled
+
+
+def _times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
+    if isinstance(value, dict):
+        return {key: _times(factor, part) for key, part in value.items()}
+    return [_times(factor, part) for part in value] if isinstance(value, list | tuple) else factor * value
+
+
+def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) -> Problem:
+    """Return a problem whose texts name the command's options in place of the request's fields."""
+    flags = {f"`{name}`": f"`{flag_of(message, name, forms)}`" for name, _ in field_options(message, forms)}
+
+    def renamed(text: str | None) -> str | None:
+        return text and re.sub(r"`\w+`", lambda field: flags.get(field[0], field[0]), text)
+
+    items = [
+        item.model_copy(update={"reason": renamed(item.reason), "remedy": renamed(item.remedy)})
+        for item in problem.errors
+    ]
+    return problem.model_copy(
+        update={"detail": renamed(problem.detail), "remedy": renamed(problem.remedy), "errors": items}
+    )
+
+
+def read_options(path: Path) -> dict[str, Any]:
+    """Read a file of options.
+
+    Raises:
+        CampaignError: it is no JSON object.
+    """
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.table import http_problem
+
+    try:
+        return dict(json.loads(path.read_bytes()))
+    except (ValueError, TypeError, RecursionError):
+        raise CampaignError(
+            http_problem(422, "the options are not a JSON object", "correct that file")
+        ) from None
+
+
+def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
+    """Print a job.
+
+    Raises:
+        typer.Exit: it has failed.
+    """
+    from jointstiff.service.kinds.report import job_report
+    from jointstiff.service.tables.terminal import console
+
+    if values["as_json"]:
+        typer.echo(kind.answered(job.model_dump_json(indent=2)))
+    elif values.get("as_csv") and job.result is not None:
+        typer.echo(job.table("csv").decode(), nl=False)
+    else:
+        console().print(job_report(kind, job, details=values["details"], unit=values["unit"]))
+    if job.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def field_options(message: type[Message], forms: Forms = _PLAIN) -> Iterator[tuple[str, Any]]:
+    """Yield name and annotation of each field with an option; pydantic says which are missing.
+
+    Args:
+        message: the options.
+        forms: forms of fields on the command line in place of those that the message states.
+    """
+    for name, stated in message.model_fields.items():
+        terminal = _terminal(stated, forms.get(name))
+        flag = flag_of(message, name, forms)
+        text = terminal.text or " ".join((stated.description or "").split())
+        if terminal.hidden:
+            continue
+        if terminal.flag:
+            yield name, Annotated[bool | None, typer.Option(flag, help=text)]
+        elif terminal.parse is not None:
+            kind: Any = Parsed if terminal.gather == "one" else list[Parsed]
+            text += "" if terminal.gather == "one" else " Repeatable."
+            form = {"parser": _parser(terminal.parse), "metavar": terminal.metavar}
+            yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
+        elif (shape := _shape(_bare(stated.annotation), terminal.unit)) is not None:
+            kind, form = shape
+            flag += f"/--no-{name.replace('_', '-')}" if kind is bool else ""
+            yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
+
+
+def flag_of(message: type[Message], name: str, forms: Forms = _PLAIN) -> str:
+    """Return the option of a field."""
+    return _terminal(message.model_fields[name], forms.get(name)).option or f"--{name.replace('_', '-')}"
+
+
+def gathered(message: type[Message], values: _Values, forms: Forms = _PLAIN) -> dict[str, Any]:
+    """Return the fields that options state, from what these have parsed."""
+    stated = {}
+    for name, _ in field_options(message, forms):
+        if values[name] not in (None, []):
+            terminal = _terminal(message.model_fields[name], forms.get(name))
+            value = dict(values[name]) if terminal.gather == "dict" else values[name]
+            stated[name] = terminal.flag or value
+    return stated
+
+
+def _parser(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return a parser whose errors say what is wrong, which Click would replace by the text itself."""
+
+    def parsed(text: str) -> Any:  # noqa: ANN401 - JSON
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    return parsed
+
+
+def _terminal(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
+    if form is not None:
+        return form
+    extra = stated.json_schema_extra
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    return next((each for each in stated.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
+
+
+def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
+    """Return the type of an option and how it is parsed; None for a field that stays in the file."""
+    if kind in {bool, int} or get_origin(kind) is Literal:
+        return kind, {}
+    if kind is str:
+        return str, {"metavar": "TEXT"}
+    if kind is float and unit in _SCALES:
+        shown, factor = _SCALES[unit]
+        return Parsed, {"parser": lambda text: factor * float(text), "metavar": f"NUMBER[{shown}]"}
+    if kind is float:
+        return float, {"metavar": "NUMBER"}
+    parts = [_bare(part) for part in get_args(kind)]
+    if get_origin(kind) is tuple and parts == [float] * 3:
+        shown = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
+        return Parsed, {"parser": point_of if unit == "m" else vector_of, "metavar": f"X,Y,Z{shown}"}
+    if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
+        return Parsed, {"parser": chain_of, "metavar": "NAME,NAME,..."}
+    return None
+
+
+_SCALES: Final[Mapping[str, tuple[str, float]]] = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0)}
+"""Units of the terminal for those of the API, with their sizes."""
+
+
+def _bare(annotation: Any) -> Any:  # noqa: ANN401 - a type
+    """Return a type without `None` and without what `Annotated` says of it."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _bare(get_args(annotation)[0])
+    if origin in {Union, UnionType}:
+        others = [each for each in get_args(annotation) if each is not NoneType]
+        return _bare(others[0]) if len(others) == 1 else annotation
+    return annotation
+
+
+def _mended_file(values: _Values, sources: Sequence[Any]) -> Path:
+    """Return where the mended campaign goes: beside the old one, unless the command says."""
+    name = values["apply"].replace("_", "-")
+    file: Path = sources[0]
+    return values["output"] or file.with_name(f"{file.stem}-{name}{file.suffix}")
+
+
+def _apply(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
+    """Apply an action, write the mended campaign, print a table of both runs, and return the new one."""
+    from jointstiff.service.kinds.run import before_and_after
+    from jointstiff.service.tables.stiffness import UNITS
+    from jointstiff.service.tables.terminal import console, printed
+
+    if values["apply"] is None:
+        return job
+    after = job.apply(values["apply"])
+    path = _mended_file(values, sources)
+    document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    write_json(path, document)
+    warn(f"wrote {path}")
+    if after.result is not None and not values["as_json"]:
+        console().print(printed([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
+    return after
+
+
+def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Geometry
+    if values["output"] is not None:
+        robot = job.result.robot.model_dump(mode="json", exclude_none=True)
+        write_json(values["output"], robot)
+    return job
+
+
+def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
+    from jointstiff.service.library.files import campaign_to_fill_in, read_planned
+
+    if values["campaign"] is not None:
+        campaign = campaign_to_fill_in(read_planned(sources[0]), job)
+        write_json(values["campaign"], campaign)
+    return job
+
+
+def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
+    """Return where each file of a program goes: a .dat beside the .src."""
+    output, several = values["output"], len(sources[1]) > 1
+    return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
+
+
+def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
+    from jointstiff.service.kinds.program.work import unpacked
+
+    outputs = _outputs(values, sources)
+    for each in job.result.files:
+        outputs[each.name].write_bytes(unpacked(each))
+    if values["report"] is not None:
+        values["report"].write_bytes(job.table("csv"))
+    return job
+
+
+_EXTRAS: Final[Mapping[str, _Extra]] = {
+    "run": _Extra(
+        options={
+            "apply": (
+                Annotated[
+                    str | None,
+                    typer.Option(
+                        metavar="ACTION",
+                        help="Apply an action that a reason advises, such as exchange_columns or "
+                        "convert_units: write the corrected campaign to a new file, and identify it.",
+                    ),
+                ],
+                None,
+            ),
+            "output": (
+                Annotated[
+                    Path | None,
+                    output_option("File to write the corrected campaign to; default: next to the old one."),
+                ],
+                None,
+            ),
+        },
+        finish=_apply,
+        written=lambda values, sources: [_mended_file(values, sources)] if values["apply"] else [],
+    ),
+    "geometry": _Extra(
+        options={
+            "robot": (NamedRobot, None),
+            "output": (
+                Annotated[Path | None, output_option("File to write the identified robot to.", "ROBOT.json")],
+                None,
+            ),
+        },
+        passed=("robot",),
+        finish=_write_robot,
+    ),
+    "plan": _Extra(
+        options={
+            "campaign": (
+                Annotated[
+                    Path | None,
+                    typer.Option(
+                        dir_okay=False, metavar="FILE", help="File to write the campaign to fill in to."
+                    ),
+                ],
+                None,
+            )
+        },
+        finish=_write_campaign,
+        written=lambda values, _: [values["campaign"]],
+    ),
+    "program": _Extra(
+        options={
+            "output": (
+                Annotated[
+                    Path,
+                    output_option("File for the compensated program; a .dat is written to its folder."),
+                ],
+                ...,
+            ),
+            "report": (
+                Annotated[Path | None, typer.Option(metavar="FILE", help="CSV file to write all points to.")],
+                None,
+            ),
+        },
+        finish=_write_program,
+        written=lambda values, sources: [*_outputs(values, sources).values(), values["report"]],
+    ),
+}
