@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +20,15 @@ from jointstiff.service.cli.import_dialogue import (
     import_report,
     may_ask,
 )
-from jointstiff.service.cli.kinds import field_options, flag_of, gathered, in_options, with_signature
+from jointstiff.service.cli.kinds import (
+    field_options,
+    flag_of,
+    gathered,
+    in_options,
+    times,
+    with_signature,
+    worded,
+)
 from jointstiff.service.cli.options import (
     AsJson,
     NamedRobot,
@@ -216,14 +223,8 @@ def _with_length_unit(stated: Options, template: Options) -> Options:
         return stated
     unit = template.get("length_unit", "mm")
     if unit == "m":
-        lengths = {name: _in_metres(value) for name, value in lengths.items()}
+        lengths = times(1e-3, lengths)
     return {**stated, **lengths, "length_unit": "m" if unit == "m" else "mm"}
-
-
-def _in_metres(value: Any) -> Any:  # noqa: ANN401 - numbers, in tuples or dictionaries
-    if isinstance(value, dict):
-        return {key: _in_metres(part) for key, part in value.items()}
-    return tuple(map(_in_metres, value)) if isinstance(value, tuple | list) else value / 1e3
 
 
 def _understood(files: Sequence[Path], stated: Options, *, asking: bool) -> ImportAnswer:
@@ -282,13 +283,7 @@ def _placed(problem: Problem) -> Problem:
 
 
 def _worded(text: str) -> str:
-    """Return a message with options in place of fields."""
-
-    def option(name: re.Match[str]) -> str:
-        is_field = name[1] in ImportRequest.model_fields
-        return f"`{flag_of(ImportRequest, name[1], _FORMS)}`" if is_field else name[0]
-
-    return re.sub(r"`(\w+)`", option, text)
+    return worded(ImportRequest, text, _FORMS)
 
 
 def _read(files: Sequence[Path]) -> list[SourceFile]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -152,12 +151,12 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     """Carry the work out, as `import jointstiff` does."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.library.files import campaign_of, read_document
+    from jointstiff.service.library.files import campaign_of, read_document, read_object
     from jointstiff.service.library.verbs import function_of, run_of
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
-        options = read_options(values["options"])
+        options = read_object(values["options"])
         stated = options | _in_units_of(options, kind.options, stated)
     if values.get("run") is not None:
         sources = [run_of(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
@@ -184,47 +183,41 @@ def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str,
         quantity, size = sizes.get(_terminal(message.model_fields[name]).unit, ("", {}))
         unit = units.get(quantity)
         if unit in size:
-            scaled[name] = _times(size[_terminal(message.model_fields[name]).unit] / size[unit], value)
+            scaled[name] = times(size[_terminal(message.model_fields[name]).unit] / size[unit], value)
     return scaled
 
 
-def _times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
+def times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Return a number, or all numbers in it, times a factor."""
     if isinstance(value, dict):
-        return {key: _times(factor, part) for key, part in value.items()}
-    return [_times(factor, part) for part in value] if isinstance(value, list | tuple) else factor * value
+        return {key: times(factor, part) for key, part in value.items()}
+    return [times(factor, part) for part in value] if isinstance(value, list | tuple) else factor * value
+
+
+def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
+    """Return a text that names the command's options in place of the fields of a message."""
+
+    def option(name: re.Match[str]) -> str:
+        is_field = name[1] in message.model_fields
+        return f"`{flag_of(message, name[1], forms)}`" if is_field else name[0]
+
+    return re.sub(r"`(\w+)`", option, text)
 
 
 def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) -> Problem:
     """Return a problem whose texts name the command's options in place of the request's fields."""
-    flags = {f"`{name}`": f"`{flag_of(message, name, forms)}`" for name, _ in field_options(message, forms)}
-
-    def renamed(text: str | None) -> str | None:
-        return text and re.sub(r"`\w+`", lambda field: flags.get(field[0], field[0]), text)
-
     items = [
-        item.model_copy(update={"reason": renamed(item.reason), "remedy": renamed(item.remedy)})
+        item.model_copy(
+            update={
+                "reason": worded(message, item.reason, forms),
+                "remedy": item.remedy and worded(message, item.remedy, forms),
+            }
+        )
         for item in problem.errors
     ]
-    return problem.model_copy(
-        update={"detail": renamed(problem.detail), "remedy": renamed(problem.remedy), "errors": items}
-    )
-
-
-def read_options(path: Path) -> dict[str, Any]:
-    """Read a file of options.
-
-    Raises:
-        CampaignError: it is no JSON object.
-    """
-    from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems.table import http_problem
-
-    try:
-        return dict(json.loads(path.read_bytes()))
-    except (ValueError, TypeError, RecursionError):
-        raise CampaignError(
-            http_problem(422, "the options are not a JSON object", "correct that file")
-        ) from None
+    detail, remedy = worded(message, problem.detail, forms), problem.remedy
+    changes = {"detail": detail, "remedy": remedy and worded(message, remedy, forms), "errors": items}
+    return problem.model_copy(update=changes)
 
 
 def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself

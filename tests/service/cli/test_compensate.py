@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 from support.programs import options, path, tool_poses
@@ -50,6 +51,16 @@ def test_a_program_and_its_report(folder):
     assert (folder / "out.src").read_bytes() != content
 
 
+def test_the_commands_options_keep_their_units_beside_a_file_in_others(folder):
+    units = {"length": "mm", "angle": "rad", "force": "kN"}
+    (folder / "units.json").write_text(json.dumps(options("krl", axes="tool") | {"units": units}))
+    stated = ["--force", "0,0,-500", "--load-point", "0,0,150.5", "--start", "10,0,90,0,0,0"]
+    request = json.loads(compensate("--options", "units.json", *stated, "--json").stdout)["request"]
+    assert request["load"]["force"] == pytest.approx([0.0, 0.0, -0.5])
+    assert request["load_point"] == pytest.approx([0.0, 0.0, 150.5])
+    assert request["start"] == pytest.approx([math.radians(10), 0, math.radians(90), 0, 0, 0])
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -57,7 +68,7 @@ def test_a_program_and_its_report(folder):
         (["--force", "0,0,-500"], "TOOL_DATA[1]"),
         (["--options", "options.json", "--load-point", "0,0,6000"], "6 m from the flange"),
         (["--options", "campaign.json"], "the file is a campaign"),
-        (["--options", "path.src"], "not a JSON object"),
+        (["--options", "path.src"], "Invalid JSON"),
         (["--options", "options.json", "--accuracy-option", "compensates_load"], "twice"),
         (["--options", "options.json", "--tool", "a,b"], "must be numbers"),
     ],
