@@ -12,7 +12,8 @@ import typer
 from jointstiff.service.cli.options import vector_of
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.imports import FilePreview, ImportAnswer
+    from jointstiff.schemas.importing import FilePreview
+    from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.tables.table import Line, Part
 
 Options = dict[str, Any]

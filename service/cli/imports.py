@@ -275,11 +275,12 @@ def _as_options() -> Iterator[None]:
 
 def _placed(problem: Problem) -> Problem:
     """Return a problem of the options, whose place names one of them."""
-    name, _, rest = (problem.where or "").partition(".")
+    where = problem.where or ""
+    name, _, rest = where.partition(".")
     if name not in ImportRequest.model_fields:
         return problem
     place = f"{flag_of(ImportRequest, name, _FORMS)} {rest}".rstrip()
-    return problem.model_copy(update={"where": place, "detail": problem.detail.replace(problem.where, place)})
+    return problem.model_copy(update={"where": place, "detail": problem.detail.replace(where, place)})
 
 
 def _worded(text: str) -> str:
@@ -313,7 +314,7 @@ def _notes(texts: Sequence[str]) -> dict[str, Any]:
     try:
         notes = parse_document({key.strip(): value.strip() for key, _, value in pairs}, SetMetadata)
     except CampaignError as error:
-        where = f"--about {error.problem.where}"
+        where = f"--about.{error.problem.where}"
         raise CampaignError(error.problem.model_copy(update={"where": where})) from None
     return {name: getattr(notes, name) for name in notes.model_fields_set}
 

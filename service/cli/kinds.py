@@ -124,7 +124,7 @@ def command_of(name: str) -> Callable[..., None]:
 
     others: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
     others |= {"run": (RunFile, None)} if "run" in kind.sources else {}
-    others |= extra.options | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
+    others |= dict(extra.options) | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
     others |= {"overwrite": (Overwrite, False)} if "output" in others else {}
     others |= {"unit": (Unit, "MNm/rad"), "details": (Details, False), "as_json": (AsJson, False)}
     with_signature(command, sources | fields | others)
@@ -257,7 +257,7 @@ def field_options(message: type[Message], forms: Forms = _PLAIN) -> Iterator[tup
         elif terminal.parse is not None:
             kind: Any = Parsed if terminal.gather == "one" else list[Parsed]
             text += "" if terminal.gather == "one" else " Repeatable."
-            form = {"parser": _parser(terminal.parse), "metavar": terminal.metavar}
+            form: dict[str, Any] = {"parser": _parser(terminal.parse), "metavar": terminal.metavar}
             yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
         elif (shape := _shape(_bare(stated.annotation), terminal.unit)) is not None:
             kind, form = shape

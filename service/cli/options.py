@@ -121,7 +121,7 @@ Unit = Annotated[
 def refusal_of(error: Exception) -> typer.Exit | None:
     """Show an error that says how to mend it; to be raised. None for another error."""
     if isinstance(error, OSError) and error.filename is not None:
-        return failed(f"cannot open {error.filename}: {error.strerror}", "choose another path")
+        return failed(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if not type(error).__module__.startswith("jointstiff."):
         return None
     from jointstiff.service.library.errors import ProblemError
