@@ -90,7 +90,7 @@ class Parsed:
 
 @dataclass(frozen=True)
 class _Extra:
-    """What a command has beside the options of its kind's messages: files of the result."""
+    """Options of a command beside those of its kind's messages: files of the result."""
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
     passed: tuple[str, ...] = ()  # names of those that the function of the work takes

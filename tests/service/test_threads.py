@@ -12,7 +12,7 @@ from jointstiff.service.threads import ONE_THREAD
 
 PROGRAM = """
 import os, sys
-import jointstiff.service.cli.__main__ as entry
+import jointstiff.service.cli.entry as entry
 assert "numpy" not in sys.modules, "it has read the environment already"
 sys.argv = ["jointstiff", "--version"]
 try:

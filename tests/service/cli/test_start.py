@@ -29,7 +29,7 @@ COMMANDS = (
 )
 PROGRAM = """
 import json, sys
-from jointstiff.service.cli.__main__ import main
+from jointstiff.service.cli.entry import main
 sys.argv = ["jointstiff", *sys.argv[1:]]
 try:
     main()
@@ -38,7 +38,7 @@ finally:
 """
 HELP_OF_ALL = """
 import contextlib, json, sys
-from jointstiff.service.cli.__main__ import main
+from jointstiff.service.cli.entry import main
 for command in sys.argv[1:]:
     sys.argv = ["jointstiff", command, "--help"]
     with contextlib.suppress(SystemExit):
@@ -103,7 +103,7 @@ print(json.dumps(sorted(sys.modules)), file=sys.stderr)
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the device of a full disk")
 @pytest.mark.parametrize("arguments", [["--help"], ["robots"]])
 def test_output_that_finds_no_room_is_said(arguments):
-    program = [sys.executable, "-c", "from jointstiff.service.cli.__main__ import main; main()", *arguments]
+    program = [sys.executable, "-c", "from jointstiff.service.cli.entry import main; main()", *arguments]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
