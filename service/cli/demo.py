@@ -95,7 +95,7 @@ def demo(
         finally:
             if once or status[0]:
                 os.kill(os.getpid(), signal.SIGTERM)
-        if not once:
+        if not once and not status[0]:
             typer.echo("Ctrl-C ends the service.")
 
     try:
@@ -115,10 +115,10 @@ def _tour(address: str, *, once: bool) -> int:
     first stored.
     """
     from jointstiff.service.kinds.comparison import COMPARISON
-    from jointstiff.service.kinds.report import job_parts
     from jointstiff.service.kinds.run import RUN
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import RefusedError
+    from jointstiff.service.reports.job import job_parts
     from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, printed, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign

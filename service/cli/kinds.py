@@ -226,7 +226,7 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
     Raises:
         typer.Exit: it has failed.
     """
-    from jointstiff.service.kinds.report import job_report
+    from jointstiff.service.reports.job import job_report
     from jointstiff.service.tables.terminal import console
 
     if values["as_json"]:
@@ -384,7 +384,7 @@ def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
 
 
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
-    from jointstiff.service.kinds.program.work import unpacked
+    from jointstiff.service.kinds.program_work import unpacked
 
     outputs = _outputs(values, sources)
     for each in job.result.files:
