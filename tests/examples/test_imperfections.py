@@ -10,12 +10,14 @@ from support.examples import examples
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm, deflections, random_configurations
+from jointstiff.simulator.elastic_links import beam_compliance
 from jointstiff.simulator.imperfections import (
     angles_with_elastic_links,
     misplaced,
     with_elastic_links,
     with_link_errors,
 )
+from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sag
 
 POINTS = np.array(list(TARGETS.values()))
 NO_MOMENT = np.zeros(3)
@@ -107,3 +109,29 @@ class TestElasticLinks:
         arm = SpringArm(np.zeros((1, 3)), direction[None], np.eye(3), np.ones(3), np.ones(1))
         axes = with_elastic_links(arm, [2.0]).axis_directions
         np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+
+
+def test_a_beam_bends_as_the_tables_say():
+    """Cantilever of length L: tip deflection F L³/3EI + F L/GA, tip rotation M L/EI, F L²/2EI."""
+    length, bending, shear = 1.2, 3e6, 5e8
+    C = beam_compliance([length, 0, 0], bending=bending, torsion=2e6, axial=1e9, shear=shear)
+    # Force along y at the tip: about the origin it is a force and a moment F L about z.
+    wrench = np.array([0.0, 1.0, 0.0, 0.0, 0.0, length])
+    at_origin = C @ wrench
+    tip = at_origin[1] + at_origin[5] * length
+    assert tip == pytest.approx(length**3 / (3 * bending) + length / shear)
+    assert at_origin[5] == pytest.approx(length**2 / (2 * bending))
+    assert C[0, 0] == pytest.approx(length / 1e9)
+    assert C[3, 3] == pytest.approx(length / 2e6)
+    assert np.linalg.eigvalsh(C).min() >= 0.0
+
+
+def test_the_sag_is_where_the_energy_has_its_minimum():
+    bodies, q = default_bodies(), random_configurations(ARM, 20)
+    spring = Balancer(3e4, 0.3, np.array([-0.2, 0.0, 0.5]), 1, np.array([-0.3, 0.0, 0.2]))
+    force, point = np.array([[300.0, -200.0, -900.0]] * 20), np.tile(LOAD_POINT, (20, 1))
+    theta = sag(ARM, bodies, q, force=force, load_point=point, balancer=spring)
+    least = energy(ARM, bodies, q, theta, force, point, spring)
+    for step in 1e-5 * np.eye(6):
+        for sign in (-1.0, 1.0):
+            assert (energy(ARM, bodies, q, theta + sign * step, force, point, spring) > least).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,26 @@ SIGMA = 2e-5
 def robot_of(arm: SpringArm) -> Robot:
     """The arm's kinematics."""
     return Robot(read_urdf(urdf_text(arm), BASE_LINK, FLANGE_LINK))
+
+
+def readings_of(
+    joints: npt.ArrayLike,
+    force: npt.ArrayLike,
+    load_point: npt.ArrayLike,
+    position: npt.ArrayLike,
+    deflection: npt.NDArray[np.float64],
+    **others: Any,
+) -> Measurements:
+    """Readings (N, T, 3), the loads as arrays (N, 3) or one for all; no moment, if nothing else is stated."""
+    present = np.ones(deflection.shape[:2], dtype=np.bool_)
+    loads = {"force": force, "moment": np.zeros(3), "load_point": load_point} | others
+    rows = {
+        name: np.array(np.broadcast_to(np.asarray(loads.pop(name), dtype=float), (len(present), 3)))
+        for name in ("force", "moment", "load_point")
+    }
+    place = np.array(np.broadcast_to(np.asarray(position, dtype=float), deflection.shape))
+    stated = {"in_flange": ~present, "present": present} | rows | loads
+    return Measurements(joints=np.asarray(joints), position=place, deflection=deflection, **stated)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +72,6 @@ class SpringCampaign:
         self, unloaded: npt.NDArray[np.float64], loaded: npt.NDArray[np.float64], *, sigma: float | None
     ) -> Measurements:
         """Positions read, (N, T, 3) each."""
-        present = np.ones(unloaded.shape[:2], dtype=np.bool_)
         plan = self.experiment
-        return Measurements(
-            joints=plan.joints,
-            force=plan.forces,
-            moment=plan.moments,
-            load_point=plan.load_points,
-            position=unloaded,
-            in_flange=~present,
-            deflection=loaded - unloaded,
-            present=present,
-            sigma=sigma,
-        )
+        loads = (plan.joints, plan.forces, plan.load_points)
+        return readings_of(*loads, unloaded, loaded - unloaded, moment=plan.moments, sigma=sigma)

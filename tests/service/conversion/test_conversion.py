@@ -40,13 +40,15 @@ def test_units_do_not_matter(length, angle, force, readings):
 
 coordinate = st.floats(-1e12, 1e12, allow_nan=False)
 vector = st.lists(coordinate, min_size=3, max_size=3)
+square = [[4e-10, 1e-10, 0.0], [1e-10, 4e-10, 0.0], [0.0, 0.0, 9e-10]]
+noise = st.sampled_from([{}, {"sigma": 1e-5}, {"unloaded_covariance": square, "loaded_covariance": square}])
 text = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=12)
 
 
 @st.composite
 def observations(draw):
     labels = draw(st.lists(text, min_size=1, max_size=4, unique=True))
-    joints = draw(st.integers(1, 5))
+    joints, stated = draw(st.integers(1, 5)), draw(noise)
     return [
         {
             "label": label,
@@ -54,7 +56,7 @@ def observations(draw):
             "force": draw(vector),
             **draw(st.fixed_dictionaries({}, optional={"moment": vector, "load_point": vector})),
             "readings": [
-                {"target": target, **reading}
+                {"target": target, **reading, **stated}
                 for target, reading in draw(
                     st.dictionaries(
                         text,
@@ -96,6 +98,7 @@ def test_content_hash_changes_with_every_number_and_not_with_the_name():
     assert hashed(document | {"name": "another"}) == original
     assert hashed(document | {"encoders": "secondary"}) != original
     assert hashed(document | {"noise": {"sigma": 3e-5}}) != original
+    assert hashed({**document, "noise": None}) != original
     nudged = json.loads(json.dumps(document))
     nudged["observations"][2]["readings"][1]["loaded"][0] += 1e-12
     assert hashed(nudged) != original

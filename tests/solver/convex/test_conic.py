@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize import minimize, nnls
+from scipy.optimize import minimize
 from support.examples import examples
 
 from jointstiff.solver.convex import programs
@@ -25,7 +25,6 @@ from jointstiff.solver.convex.conic import (
     SemidefiniteProgram,
     certify_cone,
     certify_robust,
-    diagonal,
     effective_freedom,
     penalised_range,
     raised,
@@ -108,23 +107,12 @@ def test_a_raised_block_has_no_computed_eigenvalue_below_zero(seed, size, decade
 
 
 @pytest.mark.parametrize("program", SQUARED + ROBUST)
-def test_no_feasible_point_is_better_than_the_certificate_allows(program):
-    """Truth from outside: the objective itself, at points on the way to anywhere else in the cone."""
-    program, rng = program(), np.random.default_rng(0)
-    (solution, gap), cone = solved(program), cone_of(program)
-    assert solution.certificate.primal == 0.0
-    assert cone.least(solution.x) >= 0.0
-    best = objective(program, solution.x)
-    for step in np.repeat([1e-6, 1e-4, 1e-2, 1.0], 20):
-        other = cone.project(solution.x + step * rng.standard_normal(len(solution.x)))
-        assert objective(program, other) >= best - gap - 1e-15
-
-
-@pytest.mark.parametrize("program", SQUARED[:5] + ROBUST)
 def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
     """The dual problem, written down anew, each ν_i of a robust loss in the unit ball."""
     program = program()
     solution, gap = solved(program)
+    assert solution.certificate.primal == 0.0
+    assert cone_of(program).least(solution.x) >= 0.0
     nu = solution.certificate.multipliers
     if isinstance(program, SemidefiniteProgram):
         pull, proven = program.fit.R.T @ nu, -nu @ nu / 4.0 - nu @ program.fit.z
@@ -150,14 +138,6 @@ def test_a_single_matrix_has_the_known_optimum():
     np.testing.assert_allclose(to_matrix(found, 5), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_scalars_alone_are_nonnegative_least_squares(seed):
-    program = random_program(seed, cone=Cone(6), weight=1.0)
-    np.testing.assert_allclose(
-        solve_cone(program, gap=1e-7).x, nnls(program.fit.R, program.fit.z)[0], atol=1e-6
-    )
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_effective_freedom_is_the_divergence_of_the_fit(seed):
     """Against differences of refits: what changes of the readings come through."""
@@ -174,15 +154,6 @@ def test_effective_freedom_is_the_divergence_of_the_fit(seed):
     freedom = effective_freedom(program, solve_cone(program, gap=1e-7).x)
     assert freedom.sum() == pytest.approx(divergence, abs=1e-2)
     assert 0.0 < freedom.sum() < program.cone.dimension
-
-
-def test_without_a_penalty_all_that_the_readings_show_is_free():
-    program = random_program(1, cone=Cone(0, (3,)), weight=1e-6)
-    inside = to_vector(np.diag([3.0, 2.0, 1.0]))
-    z = program.fit.R @ inside
-    program = replace(program, fit=LeastSquares(program.fit.R / np.linalg.norm(z), z / np.linalg.norm(z)))
-    freedom = effective_freedom(program, solve_cone(program, gap=1e-7).x)
-    assert freedom.sum() == pytest.approx(6.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("spoil", ["shifted", "shrunk", "zero"])
@@ -215,13 +186,6 @@ def test_the_bound_of_the_dual_is_below_every_objective(seed, decade):
     best = objective(program, solve_cone(program, gap=GAP).x)
     gap = certify_cone(program, x).gap
     assert objective(program, x) - gap**2 <= best + GAP**2
-
-
-def test_the_penalty_is_on_traces():
-    program = random_program(0, cone=Cone(1, (3,)), weight=0.5)
-    expected = np.zeros(7)
-    expected[1:][diagonal(3)] = 0.5
-    np.testing.assert_array_equal(program.penalty, expected)
 
 
 def test_a_robust_certificate_bounds_any_point_by_any_dual():
@@ -297,21 +261,13 @@ def reference(A, b, start):
     return found.fun
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_optimum_is_that_of_another_solver(seed):
-    A, b, rng = problem(seed)
+@pytest.mark.parametrize(("seed", "rows"), [*((seed, SIZE) for seed in range(8)), (3, 5)])
+def test_the_optimum_is_that_of_another_solver(seed, rows):
+    A, b, rng = problem(seed, rows)
     found = solve_weighed(A, b, CONES)
     start = inside(rng, 1)[0] + 1e-3
     assert found.certificate.gap <= 1e-8
     assert found.loss <= reference(A, b, start) + 1e-6
-
-
-@pytest.mark.parametrize("rows", [SIZE, 5])
-def test_no_point_of_the_set_is_better_than_the_gap_says(rows):
-    A, b, rng = problem(3, rows)
-    found = solve_weighed(A, b, CONES)
-    losses = np.square(inside(rng, 2000) @ A.T - b).sum(axis=1)
-    assert losses.min() >= found.loss - found.certificate.gap * (b @ b)
     assert (CONES.projected(found.x) == found.x).all()
 
 

@@ -1,4 +1,4 @@
-"""Screening of springs and beams that balance the load exactly: what it accuses, and what it does not."""
+"""Screening of springs and beams that balance the load exactly; contributions beside levers by hand."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ import numpy as np
 import pytest
 from support.campaigns import estimate, first_target, only_deflections, prepare
 from support.shared_data import shared
+from support.springs import readings_of
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
-from jointstiff.solver.evidence.causes import LINKS_LEVEL, MISTAKE_LEVEL, Screening, screen_estimate
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.evidence.causes import LINKS_LEVEL, MISTAKE_LEVEL, screen_estimate
+from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.model import Robot
 
 
-def screened(robot: Robot, measurements: Measurements, k_c="included") -> Screening:
+def screened(robot, measurements, k_c="included"):
     fit = estimate(robot, measurements, complementary_stiffness=k_c)
     return screen_estimate(robot, measurements, fit)
 
 
-def springs(seed: int, load: str = "pull", **options) -> tuple[Robot, Measurements]:
+def springs(seed, load="pull", **options):
     return prepare(simulate_campaign(default_arm(), load=load, seed=seed, **options))
 
 
-def beams(seed: int, softness: float = 1.0, **options) -> tuple[Robot, Measurements]:
+def beams(seed, softness=1.0, **options):
     elastic = beam_arm(default_arm())
     soft = ElasticArm(elastic.arm, softness * elastic.links)
     return prepare(elastic_campaign(soft, seed=seed, **options))
@@ -68,7 +70,9 @@ class TestLoad:
             direction = np.random.default_rng(seed).standard_normal(3)
             moved = offset * direction / np.linalg.norm(direction)
             wrong = replace(measurements, load_point=measurements.load_point + moved)
-            mistake = screened(robot, wrong).mistake
+            screening = screened(robot, wrong)
+            assert not screening.links_speak
+            mistake = screening.mistake
             assert mistake.kind == "load_point"
             assert mistake.p_value < MISTAKE_LEVEL
             assert mistake.proved
@@ -116,13 +120,6 @@ class TestLoad:
                 assert mistake.movement_as_well
         assert forces >= 6
 
-    def test_a_load_point_is_not_taken_for_links(self):
-        robot, measurements = springs(5, configurations=30)
-        wrong = replace(measurements, load_point=measurements.load_point + np.array([0.0, 0.15, 0.0]))
-        screening = screened(robot, wrong)
-        assert screening.links_p_value < LINKS_LEVEL
-        assert not screening.links_speak
-
 
 class TestLinks:
     @pytest.mark.parametrize("configurations", [20, 40])
@@ -144,3 +141,50 @@ class TestLinks:
         screening = screened(robot, measurements)
         assert screening.links_p_value == pytest.approx(6e-8, rel=0.1)
         assert screening.mistake is None
+
+
+LEVERS = Robot(dh_chain([DhRow(1.0, 0.0, 0.0, 0.0)] * 2, "standard", "levers"))
+"""Two levers of 1 m along x, both turning about z."""
+
+
+def pulled(forces):
+    """Read the flange of the stretched levers twice under each force, under the last one once."""
+    n = len(forces)
+    present = np.ones((n, 2), dtype=np.bool_)
+    present[-1, 1] = False
+    still = np.zeros((n, 2, 3))
+    return readings_of(
+        np.zeros((n, 2)), forces, np.zeros(3), still, still, in_flange=present, present=present
+    )
+
+
+def test_is_torque_times_compliance_times_lever():
+    """1 kN across gives 2000 and 1000 N.m, on levers of 2 and 1 m."""
+    found = predict(LEVERS, pulled([[0, -1000, 0], [0, 500, 0]]), np.array([1e-6, 4e-6])).contributions
+    np.testing.assert_allclose(found.by_observation, [[4e-3, 2e-3], [4e-3, 2e-3]], rtol=1e-12)
+    np.testing.assert_allclose(found.mean, [10e-3 / 3, 10e-3 / 3], rtol=1e-12)  # three readings
+    np.testing.assert_allclose(found.share, [0.5, 0.5], rtol=1e-12)
+
+
+def test_shares_add_up_to_one_and_may_be_negative_and_vanish_along_the_levers():
+    found = predict(LEVERS, pulled([[0, -1000, 0]]), np.array([1e-6, -3e-7])).contributions
+    assert found.share.sum() == pytest.approx(1.0)
+    assert found.share[1] < 0
+    assert not predict(LEVERS, pulled([[1000, 0, 0]]), np.array([1e-6, 4e-6])).contributions.share.any()
+
+
+def test_a_joint_without_an_estimate_counts_as_rigid():
+    measurements = pulled([[0, -1000, 0]])
+    found = predict(LEVERS, measurements, np.array([1e-6, 4e-6]), estimated=np.array([False, True]))
+    assert found.contributions.mean.tolist() == [0.0, pytest.approx(4e-3)]
+    np.testing.assert_allclose(found.predicted[0, 0], [0.0, -8e-3, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("included", [False, True])
+def test_means_add_up_to_the_mean_length_of_the_prediction(included):
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=8, seed=1))
+    compliance = estimate(robot, measurements).compliance
+    found = predict(robot, measurements, compliance, complementary_stiffness=included)
+    lengths = np.linalg.norm(found.predicted, axis=2)
+    assert found.contributions.mean.sum() == pytest.approx(lengths[measurements.present].mean())
+    np.testing.assert_allclose(found.contributions.by_observation.sum(axis=0), lengths.mean(axis=1))

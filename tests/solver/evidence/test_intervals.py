@@ -6,14 +6,11 @@ from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
 
-import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.optimize import brentq, lsq_linear
+from reference.optima import end_by_cone_program, least_within, profile
+from scipy.optimize import brentq
 from support.campaigns import METHODS, estimate, prepare
-from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex.problem import Bounds, Constraints
@@ -27,22 +24,22 @@ RADII = np.array([1.959963984540054, 1.6448536269514722])
 """Two-sided and one-sided at 95 %."""
 
 
-def likelihood(R, centre) -> Likelihood:
+def likelihood(R, centre):
     R = np.asarray(R, dtype=float)
     return Likelihood(np.arange(R.shape[1]), np.asarray(centre, dtype=float), np.linalg.pinv(R.T @ R), R)
 
 
-def positive(n: int, *order: tuple[int, int]) -> Constraints:
+def positive(n, *order):
     return Constraints(Bounds.positive(n), order)
 
 
-def ends_of(found: Likelihood, constraints: Constraints, radii=RADII, wanted=None):
+def ends_of(found, constraints, radii=RADII, wanted=None):
     wanted = np.arange(len(found.centre)) if wanted is None else np.asarray(wanted)
     rows = np.eye(len(found.centre))[wanted]
     return profile_ends(found, constraints, rows, np.atleast_1d(np.asarray(radii, dtype=float)))
 
 
-def random_likelihood(rng: np.random.Generator, decades: float) -> tuple[np.ndarray, np.ndarray]:
+def random_likelihood(rng, decades):
     """Correlated columns over some decades; the centre a few standard deviations about zero."""
     n = int(rng.integers(1, 7))
     while True:
@@ -124,7 +121,7 @@ class TestIndependently:
             ends = ends_of(found, Constraints(bounds))
             free = np.array(ends_of(found, Constraints(Bounds.unconstrained(n))))
             bent += int((np.abs(ends - free) > 1e-9 * np.abs(ends)).sum())
-            best = _constrained(R * unit, R @ centre, bounds.lower / unit, upper / unit)
+            best = least_within(R * unit, R @ centre, bounds.lower / unit, upper / unit)
             for q, radius in enumerate(RADII):
                 for j in range(n):
                     _check_ends(R, centre, bounds, unit, j, best + radius**2, ends[q, j])
@@ -140,7 +137,7 @@ class TestIndependently:
             unit = 1 / np.linalg.norm(R, axis=0)
             for j in range(n):
                 for side in (0, 1):
-                    expected = _cone_program(R, centre, unit, order, j, side)
+                    expected = end_by_cone_program(R, centre, unit, order, j, side, RADII[0])
                     assert ends[0, j, side] / unit[j] == pytest.approx(expected, abs=1e-6, rel=1e-6)
 
     def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
@@ -149,23 +146,10 @@ class TestIndependently:
             ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2))
 
 
-def _constrained(R, z, lower, upper) -> float:
-    return 2 * lsq_linear(R, z, bounds=(lower, upper), method="bvls", tol=1e-14).cost
-
-
-def _profile(R, centre, bounds, unit, j, t) -> float:
-    others = np.arange(len(centre)) != j
-    rhs = R @ centre - R[:, j] * t
-    if not others.any():
-        return float(rhs @ rhs)
-    scaled = bounds.lower[others] / unit[others], bounds.upper[others] / unit[others]
-    return _constrained(R[:, others] * unit[others], rhs, *scaled)
-
-
 def _check_ends(R, centre, bounds, unit, j, level, ends):
     """The profile is convex: it equals the level at an end, or is below it at a bound."""
     for end, bound in zip(ends, (bounds.lower[j], bounds.upper[j]), strict=True):
-        value = _profile(R, centre, bounds, unit, j, end)
+        value = profile(R, centre, bounds, unit, j, end)
         if end == bound:
             assert value <= level * (1 + 1e-8)
         else:
@@ -174,7 +158,7 @@ def _check_ends(R, centre, bounds, unit, j, level, ends):
     if ends[1] != bounds.upper[j]:  # and the root is where a search by itself finds it
 
         def excess(t):
-            return _profile(R, centre, bounds, unit, j, t) - level
+            return profile(R, centre, bounds, unit, j, t) - level
 
         root = brentq(excess, ends[0] + 0.5 * width, ends[1] + width, xtol=1e-12 * width, rtol=1e-12)
         assert root == pytest.approx(ends[1], rel=1e-7, abs=1e-7 * width)
@@ -185,55 +169,6 @@ def _random_order(rng, n):
     if n > 2 and rng.random() < 0.4:
         return ((shuffled[0], shuffled[2]), (shuffled[1], shuffled[2]))
     return tuple(pairwise(shuffled))
-
-
-def _cone_program(R, centre, unit, order, j, side) -> float:
-    x = cp.Variable(len(centre))
-    A = R * unit
-    constraints = [x >= 0]
-    for i, k in order:
-        larger = max(unit[i], unit[k])
-        constraints.append(unit[i] / larger * x[i] <= unit[k] / larger * x[k])
-    nearest = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - R @ centre)), constraints)
-    nearest.solve(solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11)
-    radius = sqrt(nearest.value + RADII[0] ** 2)
-    ball = cp.norm((A / radius) @ x - R @ centre / radius) <= 1.0
-    objective = cp.Minimize(x[j]) if side == 0 else cp.Maximize(x[j])
-    return float(cp.Problem(objective, [*constraints, ball]).solve(solver=cp.CLARABEL))
-
-
-@st.composite
-def problems(draw):
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    return (*random_likelihood(rng, 1), rng)
-
-
-class TestInvariances:
-    @examples(50)
-    @given(problem=problems(), exponent=st.floats(-8, 8))
-    def test_unit_of_compliance_order_of_joints_and_rotation_of_rows(self, problem, exponent):
-        R, centre, rng = problem
-        n, factor = len(centre), 10.0**exponent
-        order, permutation = _random_order(rng, n), rng.permutation(n)
-        place = np.argsort(permutation)
-        rotation = np.linalg.qr(rng.standard_normal((len(R), len(R))))[0]
-        expected = ends_of(likelihood(R, centre), positive(n, *order))
-        moved = tuple((int(place[i]), int(place[j])) for i, j in order)
-        turned = likelihood((rotation @ R)[:, permutation] / factor, factor * centre[permutation])
-        found = ends_of(turned, positive(n, *moved))[:, place] / factor
-        scale = np.abs(expected).max(axis=(0, 2), keepdims=True)
-        np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-7, atol=1e-9)
-
-    @examples(30)
-    @given(problem=problems())
-    def test_they_nest_and_stay_within_what_is_allowed(self, problem):
-        R, centre, _ = problem
-        wide, narrow = ends_of(likelihood(R, centre), positive(len(centre)))
-        assert (wide[:, 0] <= narrow[:, 0]).all()
-        assert (narrow[:, 1] <= wide[:, 1]).all()
-        assert (wide[:, 0] >= 0).all()
-        assert np.isfinite(wide).all()
-        assert (narrow[:, 0] < narrow[:, 1]).all()
 
 
 @pytest.fixture(scope="module")

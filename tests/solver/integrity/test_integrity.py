@@ -7,18 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, prepare
+from support.campaigns import only_deflections, prepare
 from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.solver.evidence.assessment import fit_reasons
-from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.integrity import MAX_FINDINGS_PER_CODE, inspect
 from jointstiff.solver.robot.configuration import Configurations
 
 ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configurations=15, seed=5))
+JOINTS, FORCE, POSITION, DEFLECTION = (
+    getattr(CAMPAIGN, name) for name in ("joints", "force", "position", "deflection")
+)
 
 
 def look(measurements=CAMPAIGN, *, degrees=False, **changed):
@@ -68,88 +69,61 @@ def bumped(measurements, row):
 
 
 @pytest.mark.parametrize(
-    ("changed", "code", "weight", "observation", "text"),
+    ("changed", "told"),
     [
         (
-            {"position": with_part(CAMPAIGN.position, np.s_[4, 1], [0.0, 4e-4, 0.0])},
-            "targets_not_rigid",
-            "do_not_use",
-            "c05",
-            r"observations\[4\] 'c05' .*µm.*'P11'",
+            {"position": with_part(POSITION, np.s_[4, 1], [0.0, 4e-4, 0.0])},
+            r"targets_not_rigid do_not_use c05 observations\[4\] 'c05' .*µm.*'P11'",
         ),
         # 837 µm from the tenth row on
-        ({"position": bumped(CAMPAIGN, 9)}, "target_moved", "do_not_use", "c10", "'P12' is displaced by 8"),
+        ({"position": bumped(CAMPAIGN, 9)}, "target_moved do_not_use c10 .*'P12' is displaced by 8"),
         # One posture on a side is no step: that posture is named instead, by its distances
-        ({"position": bumped(CAMPAIGN, 1)}, "targets_not_rigid", "do_not_use", "c01", ""),
-        ({"position": bumped(CAMPAIGN, 14)}, "targets_not_rigid", "do_not_use", "c15", ""),
+        ({"position": bumped(CAMPAIGN, 1)}, "targets_not_rigid do_not_use c01 "),
+        ({"position": bumped(CAMPAIGN, 14)}, "targets_not_rigid do_not_use c15 "),
         # Drifts by 500 µm
-        ({"position": CAMPAIGN.position + DRIFT}, "drift_in_time", "use_with_care", None, "drifted by 5"),
-        ({"force": -CAMPAIGN.force}, "force_sign_suspect", "do_not_use", None, "of 15 observations"),
+        ({"position": POSITION + DRIFT}, "drift_in_time use_with_care None .*drifted by 5"),
+        ({"force": -FORCE}, "force_sign_suspect do_not_use None .*of 15 observations"),
+        ({"force": with_part(FORCE, 3, -2.0 * FORCE[3])}, "deflection_against_force do_not_use c04 "),
+        ({"force": with_part(FORCE, 7, -FORCE[7])}, "zero_load use c08 "),
         (
-            {"force": with_part(CAMPAIGN.force, 3, -2.0 * CAMPAIGN.force[3])},
-            "deflection_against_force",
-            "do_not_use",
-            "c04",
-            "",
-        ),
-        ({"force": with_part(CAMPAIGN.force, 7, -CAMPAIGN.force[7])}, "zero_load", "use", "c08", ""),
-        (
-            {"deflection": with_part(CAMPAIGN.deflection, 5, [8e-4, -8e-4, 8e-4])},
-            "residual_outlier",
-            "use_with_care",
-            "c06",
-            "",
+            {"deflection": with_part(DEFLECTION, 5, [8e-4, -8e-4, 8e-4])},
+            "residual_outlier use_with_care c06 ",
         ),
         (
-            {"joints": with_part(CAMPAIGN.joints, np.s_[5, 1], 0.1)},
-            "target_off_model",
-            "do_not_use",
-            "c06",
-            "mm away from its median position on the flange",
+            {"joints": with_part(JOINTS, np.s_[5, 1], 0.1)},
+            "target_off_model do_not_use c06 .*mm away from its median position on the flange",
         ),
         (
             {"measurements": CAMPAIGN[np.array([*range(15), 6])]},
-            "duplicated_observation",
-            "do_not_use",
-            "c07",
-            r"observations\[15\].*observations\[6\]",
+            r"duplicated_observation do_not_use c07 .*observations\[15\].*observations\[6\]",
         ),
     ],
 )
-def test_a_mistake_is_the_only_finding(changed, code, weight, observation, text):
-    (finding,) = only(look(**changed), code)
-    assert (finding.weight, finding.observation) == (weight, observation)
-    assert re.search(text, f"{finding.where} {finding.message} {finding.remedy}")
+def test_a_mistake_is_the_only_finding(changed, told):
+    (finding,) = look(**changed)
+    where = f"{finding.code} {finding.weight} {finding.observation} {finding.where}"
+    assert re.match(told, f"{where} {finding.message} {finding.remedy}")
 
 
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({"force": 1e3 * CAMPAIGN.force}, {"force_unit_suspect"}),
-        ({"force": 1e-3 * CAMPAIGN.force}, {"force_unit_suspect"}),
-        ({"joints": np.rad2deg(CAMPAIGN.joints)}, {"angle_unit_suspect", "joint_outside_limits"}),
-        ({"joints": np.deg2rad(CAMPAIGN.joints), "degrees": True}, {"angle_unit_suspect"}),
-        ({"deflection": 1e3 * CAMPAIGN.deflection}, {"deflection_implausibly_large"}),
+        ({"force": 1e3 * FORCE}, {"force_unit_suspect"}),
+        ({"force": 1e-3 * FORCE}, {"force_unit_suspect"}),
+        ({"joints": np.rad2deg(JOINTS)}, {"angle_unit_suspect", "joint_outside_limits"}),
+        ({"joints": np.deg2rad(JOINTS), "degrees": True}, {"angle_unit_suspect"}),
+        ({"deflection": 1e3 * DEFLECTION}, {"deflection_implausibly_large"}),
+        ({"deflection": 1e3 * DEFLECTION, "position": 1e3 * POSITION}, {"length_unit_suspect"}),
         (
-            {"deflection": 1e3 * CAMPAIGN.deflection, "position": 1e3 * CAMPAIGN.position},
-            {"length_unit_suspect"},
-        ),
-        (
-            {"deflection": 1e-3 * CAMPAIGN.deflection, "position": 1e-3 * CAMPAIGN.position},
+            {"deflection": 1e-3 * DEFLECTION, "position": 1e-3 * POSITION},
             {"deflection_implausibly_small", "length_unit_suspect"},
         ),
-        (
-            {"deflection": with_part(CAMPAIGN.deflection, 3, 1e-6 - CAMPAIGN.deflection[3])},
-            {"deflection_below_noise"},
-        ),
+        ({"deflection": with_part(DEFLECTION, 3, 1e-6 - DEFLECTION[3])}, {"deflection_below_noise"}),
         # Positions in another frame
-        ({"position": CAMPAIGN.position[..., [1, 0, 2]] * [-1, 1, 1] + [1, 2, 0]}, {"target_off_model"}),
+        ({"position": POSITION[..., [1, 0, 2]] * [-1, 1, 1] + [1, 2, 0]}, {"target_off_model"}),
         ({"sigma": 0.02}, {"sigma_suspect"}),
         # Without sigma rigidity is judged by the other observations
-        (
-            {"sigma": None, "position": with_part(CAMPAIGN.position, np.s_[2, 0], 1e-3)},
-            {"targets_not_rigid"},
-        ),
+        ({"sigma": None, "position": with_part(POSITION, np.s_[2, 0], 1e-3)}, {"targets_not_rigid"}),
     ],
 )
 def test_a_mistake_in_a_unit_a_frame_or_a_size_is_among_the_findings(changed, expected):
@@ -205,7 +179,7 @@ def test_exact_readings_raise_no_finding():
     plan = experiment_of(document)
     linear = linear_deflections(arm, plan.joints, *plan.wrenches, np.array(list(TARGETS.values())))
     assert look(exact, deflection=linear) == []
-    assert look(unplaced(replace(exact, deflection=linear))) == []
+    assert look(only_deflections(replace(exact, deflection=linear))) == []
 
 
 @pytest.mark.parametrize("state", ["both", "loaded"])
@@ -226,7 +200,7 @@ def test_swapped_targets_are_named(state):
 def test_sign_of_a_joint(joint, read):
     joints = CAMPAIGN.joints.copy()
     joints[:, joint] *= -1.0
-    wrong = replace(CAMPAIGN if read == "positions" else unplaced(CAMPAIGN), joints=joints)
+    wrong = replace(CAMPAIGN if read == "positions" else only_deflections(CAMPAIGN), joints=joints)
     (finding,) = only(within_limits(look(wrong)), "joint_sign_suspect")
     assert f"joint_{joint + 1}" in finding.remedy
 
@@ -234,12 +208,6 @@ def test_sign_of_a_joint(joint, read):
 def within_limits(findings):
     """Other findings than that wrong angles are beyond the robot's limits."""
     return [finding for finding in findings if finding.code != "joint_outside_limits"]
-
-
-def unplaced(measurements):
-    """The same readings as deflections alone."""
-    places = np.broadcast_to(np.array(list(TARGETS.values())), measurements.position.shape)
-    return replace(measurements, position=places, in_flange=measurements.present)
 
 
 @pytest.mark.parametrize("pair", [(0, 3), (1, 2), (3, 5), (4, 5)])
@@ -291,14 +259,13 @@ def test_repetitions_tell_sigma():
 
 def test_a_drift_is_told_where_a_target_was_hidden_for_once():
     """A row without one of the targets has no barycentre to compare: the others tell the drift."""
-    drift = np.linspace(0.0, 1.0, 15)[:, None, None] * np.array([3e-4, 0.0, -4e-4])
     present = CAMPAIGN.present.copy()
     present[7, 0] = False
     read = present[..., None]
     hidden = replace(
         CAMPAIGN,
         present=present,
-        position=np.where(read, CAMPAIGN.position + drift, 0.0),
+        position=np.where(read, CAMPAIGN.position + DRIFT, 0.0),
         deflection=np.where(read, CAMPAIGN.deflection, 0.0),
     )
     (finding,) = only(look(hidden), "drift_in_time")
@@ -321,7 +288,7 @@ def test_a_robot_that_is_not_its_model_raises_no_finding(load, seed):
     document = simulate_campaign(real, load=load, configurations=10 + 3 * seed, seed=seed)
     _, measurements = prepare(document)
     assert look(measurements) == []
-    assert look(unplaced(measurements)) == []
+    assert look(only_deflections(measurements)) == []
     assert look(measurements, sigma=None) == []
 
 
@@ -341,29 +308,3 @@ def test_a_misspelt_target():
     (finding,) = look(typo)
     assert finding.code == "target_name_suspect"
     assert "'P01' is read in only 1 of 15 observations" in finding.message
-
-
-class TestFits:
-    def judged(self, robot, measurements, **options):
-        fit = estimate(robot, measurements, **options)
-        found = fit_reasons(measurements, fit, predict(robot, measurements, fit.compliance))
-        return {finding.code for finding in found}
-
-    @pytest.mark.parametrize("method", METHODS)
-    def test_good_fits_raise_nothing(self, method):
-        assert self.judged(ROBOT, CAMPAIGN, method=method) == set()
-
-    def test_residuals_far_above_sigma(self):
-        assert "residuals_exceed_sigma" in self.judged(ROBOT, replace(CAMPAIGN, sigma=1e-6))
-        assert self.judged(ROBOT, replace(CAMPAIGN, sigma=None)) == set()
-
-    def test_force_in_the_wrong_direction(self):
-        turned = replace(CAMPAIGN, force=CAMPAIGN.force[:, [1, 2, 0]])
-        assert {"deflection_unexplained", "residuals_exceed_sigma"} <= self.judged(ROBOT, turned)
-
-    def test_force_in_the_wrong_unit(self):
-        kilo = replace(CAMPAIGN, force=1e6 * CAMPAIGN.force)
-        assert "stiffness_implausible" in self.judged(ROBOT, kilo)
-
-    def test_real_robot(self):
-        assert self.judged(*prepare(shared("fanuc_r2000ic/campaign"))) == {"sigma_implausible"}

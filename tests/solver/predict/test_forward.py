@@ -1,7 +1,4 @@
-"""Prediction, compliance and compensated commands against springs that balance loads exactly.
-
-The simulator's balance shares no code with the solver's.
-"""
+"""Prediction, compliance, compensated commands and maps against springs that balance loads exactly."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.calibrated_arms import arm
 from support.campaigns import estimate, prepare
 from support.springs import SIGMA, SpringCampaign, robot_of
 
@@ -20,9 +18,11 @@ from jointstiff.solver.links.choice import Folds, Plan
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
+from jointstiff.solver.predict.maps import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
 from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.configuration import joint_frames
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()
@@ -33,7 +33,7 @@ MODEL = JointModel(ROBOT, ARM.compliances, None, POSITIVE)
 ANY = CorrectionLimits(1.0, 1.0)
 
 
-def cases(count=COUNT, *, force=1500.0, moment=0.0, seed=0) -> LoadCases:
+def cases(count=COUNT, *, force=1500.0, moment=0.0, seed=0):
     generator = np.random.default_rng(seed)
     low, high = ARM.limits.T
     q = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, 6))
@@ -86,7 +86,7 @@ def test_compliance_is_the_difference_of_exact_balances(moment):
     load = replace(load, place=load.load_point)
     found = MODEL.deflect(load).compliance
 
-    def differences(step: float) -> np.ndarray:
+    def differences(step):
         columns = []
         for k in range(6):
             size = step if k < 3 else step / 3
@@ -282,21 +282,6 @@ def test_the_loaded_tool_is_where_it_is_wanted():
         np.testing.assert_allclose(there, goal, rtol=0, atol=1e-12)
     assert np.abs(found.residual).max() < 1e-12
     np.testing.assert_allclose(found.share, 1.0)
-
-
-def test_the_mirror_is_worse_by_orders_of_magnitude():
-    """The mirror x − δ(x) of the literature, with the exact deflection at the wanted posture."""
-    wanted = path()
-    found = compensate(MODEL, wanted, ANY)
-    deflection = equilibrium(ARM, wanted.joints, wanted.force, wanted.moment, wanted.load_point)
-    mirrored = bent(wanted.joints - deflection, wanted)[0] - still_pose(wanted)[0]
-    assert np.linalg.norm(mirrored, axis=1).max() > 1e-6
-    assert np.linalg.norm(found.residual[:, :3], axis=1).max() < 1e-12
-
-
-def test_uncorrected_is_the_exact_deflection():
-    wanted = path()
-    found = compensate(MODEL, wanted)
     moved = bent(wanted.joints, wanted)[0] - still_pose(wanted)[0]
     np.testing.assert_allclose(found.uncorrected[:, :3], moved, atol=1e-12)
 
@@ -321,11 +306,6 @@ def test_ramps_begin_where_the_load_sets_in():
     assert found.share[20] == pytest.approx(1.0)
     assert (np.diff(found.share[5:8]) >= 0).all()
     np.testing.assert_allclose(found.correction[:5], 0.0, atol=1e-15)
-
-
-def test_no_load_is_no_correction():
-    found = compensate(MODEL, path(force=1e-300))
-    assert np.abs(found.correction).max() < 1e-15
 
 
 @pytest.fixture(scope="module")
@@ -359,16 +339,170 @@ def test_as_much_is_compensated_as_is_predicted(links):
     assert compensated == pytest.approx(predicted, abs=1e-3)
 
 
-def test_a_share_is_left(links):
-    wanted = path()
-    whole = compensate(links, wanted, ANY)
-    most = float(np.median(np.linalg.norm(whole.correction[:, :3], axis=1)))
-    found = compensate(links, wanted, CorrectionLimits(most, 1.0))
-    assert found.capped.sum() == POINTS // 2
-    assert np.linalg.norm(found.correction[:, :3], axis=1).max() < most * 1.01
-    assert np.linalg.norm(found.residual[~found.capped, :3], axis=1).max() < 1e-11
-
-
 def test_the_place_follows_from_rows_and_from_blocks_alike(links):
     found = links.deflect(path())
     np.testing.assert_allclose(found.motion, found.rows @ links.entries, atol=1e-15)
+
+
+INVERSE = InverseKinematics(ROBOT)
+TOOL = np.array([0.0, 0.0, 0.25])
+AREA = np.stack(np.meshgrid([1.2, 1.6, 2.0], [-0.6, 0.0, 0.6], [0.4, 0.9], indexing="ij"), axis=-1).reshape(
+    -1, 3
+)
+FREE = np.tile([-np.inf, np.inf], (6, 1))
+
+
+def task(*, directions=((0.0, 0.0, -1.0),), turns=1, force=(0.0, 800.0, 300.0), near=None, limits=FREE):
+    rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), np.array(directions, dtype=float), turns)
+    unit = np.array(force) / np.linalg.norm(force)
+    ones = np.ones((len(rotation), 1))
+    wrench = ones * force, np.zeros((len(rotation), 3)), ones * unit
+    return MapTask(rotation, *wrench, TOOL, np.array([0.0, 0.0, 0.1]), limits, near, 0.95)
+
+
+def tool_pose(joints):
+    posture = ARM.posture(joints)
+    return posture.point_to_base(np.tile(TOOL, (len(joints), 1))), posture.flange_rotation
+
+
+def exact_displacement(asked, joints, force):
+    loads = np.tile(force, (len(joints), 1)), np.zeros((len(joints), 3))
+    turn = equilibrium(ARM, joints, *loads, np.tile(asked.load_point, (len(joints), 1)))
+    return tool_pose(joints + turn)[0] - tool_pose(joints)[0]
+
+
+def test_the_tool_stands_where_it_was_asked_to_and_bends_as_springs_do():
+    asked = task(turns=4)
+    found = map_places(MODEL, None, asked, INVERSE, AREA)
+    assert found.reached.all()
+    place, axes = tool_pose(found.joints)
+    np.testing.assert_allclose(place, AREA, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(axes, asked.rotation[found.orientation], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(axes[:, :, 2], np.tile([0.0, 0.0, -1.0], (len(AREA), 1)), rtol=0, atol=1e-12)
+    exact = exact_displacement(asked, found.joints, [0.0, 800.0, 300.0])
+    np.testing.assert_allclose(found.displacement, exact, rtol=0, atol=1e-13)
+    assert np.isnan(found.readings).all()
+    assert np.isnan(found.with_model_error).all()
+
+
+def test_the_stiffest_posture_is_no_softer_than_any_other():
+    asked = task(turns=3)
+    found = map_places(MODEL, None, asked, INVERSE, AREA[:4])
+    for place, length in zip(AREA, found.length, strict=False):
+        poses = np.tile(np.eye(4), (3, 1, 1))
+        poses[:, :3, :3] = asked.rotation
+        poses[:, :3, 3] = place - asked.rotation @ TOOL
+        joints = INVERSE.solutions(poses)[0].reshape(-1, 6)
+        joints = joints[np.isfinite(joints).all(axis=1)]
+        joints = joints[((joints >= ROBOT.limits[:, 0]) & (joints <= ROBOT.limits[:, 1])).all(axis=1)]
+        others = np.linalg.norm(exact_displacement(asked, joints, [0.0, 800.0, 300.0]), axis=1)
+        assert length <= others.min() * (1 + 5e-3)  # it is chosen to first order
+
+
+def test_the_nearest_posture_and_its_full_turns():
+    home = map_places(MODEL, None, task(), INVERSE, AREA[:1]).joints[0]
+    turned = home + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2 * np.pi])
+    unlimited = replace_limits(ROBOT)
+    model = JointModel(unlimited, ARM.compliances, None, POSITIVE)
+    found = map_places(model, None, task(near=turned), InverseKinematics(unlimited), AREA[:1])
+    np.testing.assert_allclose(found.joints[0], turned, rtol=0, atol=1e-9)
+
+
+def replace_limits(robot):
+    joints = tuple(replace(joint, limits=None) for joint in robot.chain.joints)
+    return type(robot)(replace(robot.chain, joints=joints), robot.joint_map)
+
+
+def test_why_a_place_has_no_numbers():
+    far = np.array([[9.0, 0.0, 0.0], [1.6, 0.0, 0.9]])
+    found = map_places(MODEL, None, task(), INVERSE, far)
+    assert [STATUSES[s] for s in found.status] == ["out_of_reach", "reached"]
+    narrow = np.where(np.arange(6)[:, None] == 1, [2.0, 2.1], FREE)
+    assert named(map_places(MODEL, None, task(limits=narrow), INVERSE, far[1:])) == ["joint_limits"]
+    heavy = map_places(MODEL, None, task(force=(0.0, 9e6, 0.0)), INVERSE, far[1:])
+    assert named(heavy) == ["overloaded"]
+    assert np.isnan(heavy.displacement).all()
+    assert np.isfinite(heavy.joints).all()
+    blind = measured_model(load="dead_weight")
+    assert named(map_places(blind, None, task(), INVERSE, far[1:])) == ["unseen_joint"]
+    down = map_places(blind, None, task(force=(0.0, 0.0, -900.0)), INVERSE, far[1:])
+    assert named(down) == ["reached"]
+    assert np.isfinite(down.along).all()
+    assert np.isnan(down.across).all()  # a force to the side would twist joint 1
+
+
+def named(found):
+    return [STATUSES[s] for s in found.status]
+
+
+def measured_model(load="pull"):
+    campaign = SpringCampaign.of(ARM, configurations=15)
+    measurements = next(campaign.measured(1, seed=4))
+    if load == "dead_weight":
+        down = np.zeros_like(measurements.force)
+        down[:, 2] = -1500.0
+        measurements = replace(measurements, force=down)
+    return JointModel.of(ROBOT, estimate(ROBOT, measurements), POSITIVE)
+
+
+def test_compliance_and_intervals_are_those_of_a_prediction():
+    model, asked = measured_model(), task(directions=((0.0, 0.0, -1.0), (0.5, 0.0, -(0.75**0.5))), turns=2)
+    found = map_places(model, None, asked, INVERSE, AREA)
+    every = np.ones((len(AREA), 1))
+    force = asked.force[found.orientation]
+    cases = LoadCases(found.joints, force, 0.0 * force, every * asked.load_point, every * TOOL)
+    predicted = model.deflect(cases)
+    np.testing.assert_allclose(found.displacement, predicted.displacement, rtol=1e-9)
+    direction = asked.direction[found.orientation]
+    np.testing.assert_allclose(found.along, predicted.compliance.along(direction), rtol=1e-9)
+    worst = [
+        max(v @ C @ v for v in circle(u))
+        for u, C in zip(direction, predicted.compliance.translation, strict=True)
+    ]
+    np.testing.assert_allclose(found.across, worst, rtol=1e-3)
+    unit = found.displacement / found.length[:, None]
+    deviation = predicted.deviation_along(unit)
+    np.testing.assert_allclose(np.ptp(found.readings, axis=1), 2 * 1.959964 * deviation, rtol=0.02)
+    assert (found.readings[:, 0] < found.length).all()
+    assert (found.length < found.readings[:, 1]).all()
+
+
+def circle(u):
+    """Unit vectors across u."""
+    first = np.linalg.svd(u[None])[2][1]
+    second = np.cross(u, first)
+    return [np.cos(a) * first + np.sin(a) * second for a in np.linspace(0, np.pi, 200)]
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
+def test_orientations_point_the_tool_along_its_direction(direction):
+    axis = np.array([0.0, -0.6, 0.8])
+    rotations = tool_rotations(axis, np.array([direction]), 4)
+    np.testing.assert_allclose(rotations @ axis, np.tile(direction, (4, 1)), atol=1e-15)
+    np.testing.assert_allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.tile(np.eye(3), (4, 1, 1)), atol=1e-15
+    )
+    step = rotations[1] @ rotations[0].T
+    assert np.trace(step) == pytest.approx(1.0)  # a quarter turn
+    np.testing.assert_allclose(step @ direction, direction, atol=1e-15)
+
+
+def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
+    """Near its wrist's singularity the closed form of an identified arm loses branches."""
+    robot, draw = arm("r2000ic", 1e-3), np.random.default_rng(2)
+    inverse = InverseKinematics(robot)
+    model = JointModel(robot, ARM.compliances, None, POSITIVE)
+    statuses = []
+    for _ in range(60):
+        joints = draw.uniform([-2.5, -0.5, -0.5, -2.5, -0.02, -2.5], [2.5, 0.8, 0.8, 2.5, 0.02, 2.5])
+        near = robot.joint_map.controller_angles((joints + 0.02 * draw.choice([-1.0, 1.0], 6))[None])[0]
+        pose = flange_poses(robot, joints[None])[0]
+        wrench = np.tile([0.0, 0.0, -1.0], (3, 1, 1))
+        asked = MapTask(pose[None, :3, :3], *wrench, np.zeros(3), np.zeros(3), FREE, near, 0.95)
+        found = map_places(model, None, asked, inverse, pose[None, :3, 3])
+        statuses.append(STATUSES[found.status[0]])
+        if found.reached[0]:
+            apart = robot.joint_map.model_angles(found.joints)[0] - joints
+            assert np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max() < 1e-6
+    assert set(statuses) == {"reached", "not_followed"}
+    assert statuses.count("reached") >= 20

@@ -1,4 +1,3 @@
-# ruff: noqa: E501
 """Inverse kinematics: what forward kinematics maps back, on arms of published dimensions.
 
 Branches of identified arms near singularities are continued, or refused; never lost without a word.
@@ -8,33 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.calibrated_arms import ARMS, arm
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures, flange_poses
 from jointstiff.solver.robot.model import Robot
 
-HALF = np.pi / 2
-ARMS = {
-    "ur5": (  # the standard DH table that Universal Robots publishes
-        "standard",
-        [(0, HALF, 0.089159, 0), (-0.425, 0, 0, 0), (-0.39225, 0, 0, 0), (0, HALF, 0.10915, 0), (0, -HALF, 0.09465, 0), (0, 0, 0.0823, 0)],
-    ),
-    "r2000ic": (
-        "modified",
-        [(0, 0, 0.67, 0), (0.312, -HALF, 0, -HALF), (1.075, 0, 0, 0), (0.225, -HALF, 1.28, 0), (0, HALF, 0, 0), (0, -HALF, 0.215, 0)],
-    ),
-}  # fmt: skip
 LEAST = {0.005: 4_600, 0.02: 3_700, 0.1: 590}
 """Postures of 5,000 of which Newton's method is sure to find the branch, by how far it begins [rad]."""
-
-
-def arm(name, crookedness=0.0):
-    """An arm whose numbers are off by so much [m, rad], as calibration finds them."""
-    convention, rows = ARMS[name]
-    draw = np.random.default_rng(3)
-    crooked = [DhRow(*(value + crookedness * draw.standard_normal() for value in row)) for row in rows]
-    return Robot(dh_chain(crooked, convention, name))
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -64,13 +45,6 @@ def test_the_nearest_solution_has_full_turns_added():
     joints, unreached = chosen(robot, flange_poses(robot, q), q[0] + 0.1)
     assert unreached.tolist() == [Unreached.NO]
     np.testing.assert_allclose(joints, q, atol=1e-9)
-
-
-def test_what_is_out_of_reach_is_said():
-    robot = arm("ur5")
-    pose = np.eye(4)[None].copy()
-    pose[0, 0, 3] = 5.0
-    assert chosen(robot, pose, np.zeros(6))[1].tolist() == [Unreached.OUT_OF_REACH]
 
 
 def test_a_pose_half_a_turn_away_is_not_reached_where_the_flange_stands():

@@ -1,4 +1,4 @@
-"""The data type of a robot's kinematics, its URDF, Pinocchio's model of it, and the joint map."""
+"""Kinematic chains, both DH conventions, Pinocchio's model, URDF and the joint map."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
-from support.urdf_documents import changed
+from reference.kinematics import flange_by_textbook, product_of_exponentials
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import (
@@ -25,6 +24,7 @@ from jointstiff.solver.robot.chain import (
     dh_chain,
 )
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.inverse import flange_poses
 from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
@@ -32,36 +32,27 @@ Z = np.array([0.0, 0.0, 1.0])
 ANGLES = st.floats(-10.0, 10.0)
 
 
-def joint(name: str, child: str, **changes: object) -> ChainJoint:
+def joint(name, child, **changes):
     fields = {"kind": "revolute", "rotation": np.eye(3), "translation": np.zeros(3), "axis": Z}
     return ChainJoint(name=name, child=child, **(fields | {"limits": (-1.0, 1.0)} | changes))
 
 
-def turned(name: str, child: str, **changes: object) -> ChainJoint:
+def turned(name, child, **changes):
     """A joint that stands askew, without limits."""
     fields = {"rotation": pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), "translation": np.array([0.1, 0.2, 0.3])}
     return joint(name, child, **(fields | {"axis": np.array([0.6, 0.0, 0.8]), "limits": None} | changes))
 
 
-def chain_of(count: int, kind: str = "revolute") -> KinematicChain:
+def chain_of(count, kind="revolute"):
     joints = tuple(joint(f"j{i}", f"l{i}", kind=kind) for i in range(1, count + 1))
     return KinematicChain("robot", "base", f"l{count}", joints)
 
 
-def fixed_joints(count: int) -> list[ChainJoint]:
+def fixed_joints(count):
     return [joint(f"f{i}", f"m{i}", kind="fixed") for i in range(count)]
 
 
-def test_names_and_moving_joints() -> None:
-    joints = (joint("a", "l1"), joint("b", "l2", kind="fixed"), joint("c", "l3"))
-    chain = KinematicChain("robot", "base", "l3", joints)
-
-    assert chain.joint_names == ("a", "c")
-    assert chain.revolute == (joints[0], joints[2])
-    assert [each.is_moving for each in chain.joints] == [True, False, True]
-
-
-def test_arrays_are_copied_and_read_only() -> None:
+def test_arrays_are_copied_and_read_only():
     translation = np.array([1.0, 2.0, 3.0])
     made = joint("a", "b", translation=translation)
     translation[0] = 9.0
@@ -72,7 +63,7 @@ def test_arrays_are_copied_and_read_only() -> None:
             array[0] = 0.0
 
 
-def test_the_largest_chains_are_accepted() -> None:
+def test_the_largest_chains_are_accepted():
     assert len(chain_of(MAX_MOVING_JOINTS).revolute) == 32
     KinematicChain("robot", "base", "l", (*fixed_joints(MAX_CHAIN_JOINTS - 1), joint("j", "l")))
 
@@ -104,23 +95,17 @@ def test_the_largest_chains_are_accepted() -> None:
         (lambda: joint("a", "l", limits=(1.0, -1.0)), "no range"),
         (lambda: joint("a", "l", limits=(-math.inf, 1.0)), "no range"),
         (lambda: joint("a", "l", limits=(2e6, 3e6)), "no range"),
+        (lambda: joint("universe", "l"), "reserved"),  # by Pinocchio
+        (lambda: Robot(chain_of(3), JointMap.identity(2)), "^joint_map.matrix"),
+        (lambda: JointMap.identity(33), "at most 32"),
     ],
 )
-def test_refusals(make: object, reason: str) -> None:
+def test_refusals(make, reason):
     with pytest.raises(RobotError, match=reason) as refusal:
         make()
     assert refusal.value.remedy
     assert refusal.value.where
     str(refusal.value).encode("utf-8")
-
-
-@given(ANGLES, ANGLES, ANGLES)
-def test_rotation_follows_the_urdf_convention(roll: float, pitch: float, yaw: float) -> None:
-    document = changed('rpy="0 0 0"', f'rpy="{roll:.17f} {pitch:.17f} {yaw:.17f}"')
-    rotation = read_urdf(document, "a", "b").joints[0].rotation
-    # The elementary rotations, in the order that URDF states.
-    expected = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
-    np.testing.assert_allclose(rotation, expected, atol=1e-14)
 
 
 @given(
@@ -129,7 +114,7 @@ def test_rotation_follows_the_urdf_convention(roll: float, pitch: float, yaw: fl
     ANGLES,
     st.sampled_from([0.0, 1e-16, 1e-12, 1e-9, 1e-8, 1e-5]),
 )
-def test_roll_pitch_yaw_are_exact_even_at_the_pole(roll: float, pitch: float, yaw: float, off: float) -> None:
+def test_roll_pitch_yaw_are_exact_even_at_the_pole(roll, pitch, yaw, off):
     rotation = pin.rpy.rpyToMatrix(roll, pitch + off, yaw)
     chain = KinematicChain("r", "b", "l", (joint("a", "l", rotation=rotation),))
     again = read_urdf(write_urdf(chain), "b", "l").joints[0].rotation
@@ -145,7 +130,7 @@ NUMBERS = st.floats(-100.0, 100.0)
 
 
 @st.composite
-def chains(draw: st.DrawFn) -> KinematicChain:
+def chains(draw):
     names = draw(st.lists(NAMES, min_size=3, max_size=7, unique=True))
     joints = []
     for index, child in enumerate(names[1:]):
@@ -166,7 +151,7 @@ def chains(draw: st.DrawFn) -> KinematicChain:
 
 
 @given(chains())
-def test_urdf_reads_back_the_same(chain: KinematicChain) -> None:
+def test_urdf_reads_back_the_same(chain):
     again = read_urdf(write_urdf(chain), chain.base, chain.flange)
 
     assert (again.name, again.base, again.flange) == (chain.name, chain.base, chain.flange)
@@ -180,13 +165,13 @@ def test_urdf_reads_back_the_same(chain: KinematicChain) -> None:
             np.testing.assert_allclose(ours.axis, theirs.axis, atol=1e-15)
 
 
-def test_a_joint_without_limits_is_written_as_revolute() -> None:
+def test_a_joint_without_limits_is_written_as_revolute():
     chain = KinematicChain("r", "b", "l", (joint("a", "l", limits=None),))
     assert 'type="revolute"' in write_urdf(chain)
     assert f'lower="{-UNLIMITED_ANGLE!r}" upper="{UNLIMITED_ANGLE!r}"' in write_urdf(chain)
 
 
-def test_model_follows_the_chain() -> None:
+def test_model_follows_the_chain():
     joints = (
         turned("mount", "pedestal", kind="fixed"),
         turned("zeta", "l1", limits=(-1.0, 2.0)),
@@ -210,13 +195,13 @@ def test_model_follows_the_chain() -> None:
     np.testing.assert_array_equal(robot.limits, [[-1.0, 2.0], [-np.inf, np.inf]])
 
 
-def test_flange_joint_is_the_last_even_without_a_fixed_joint_behind_it() -> None:
+def test_flange_joint_is_the_last_even_without_a_fixed_joint_behind_it():
     robot = Robot(KinematicChain("arm", "b", "f", (joint("a", "l"), joint("c", "f"))))
     assert robot.n == 2
     np.testing.assert_array_equal(robot.flange_placement.homogeneous, np.eye(4))
 
 
-def test_a_one_sided_limit() -> None:
+def test_a_one_sided_limit():
     robot = Robot(dh_chain([DhRow(0.0, 0.0, 1.0, 0.0, lower=-2.0)], "standard", "arm"))
     np.testing.assert_array_equal(robot.limits, [[-2.0, np.inf]])
 
@@ -225,39 +210,13 @@ def test_a_one_sided_limit() -> None:
     ("joint_name", "flange"),
     [("same", "same"), ("a & <b> \"c\" 'd'", "x  y"), ("Gelenk é 軸 😀", "µ"), ("root_joint", "universe")],
 )
-def test_names_that_could_be_misunderstood(joint_name: str, flange: str) -> None:
+def test_names_that_could_be_misunderstood(joint_name, flange):
     robot = Robot(KinematicChain("<&>", "b", flange, (joint(joint_name, flange),)))
     assert tuple(robot.model.names)[1:] == (joint_name,)
-    assert robot.n == 1
+    assert joint("universe", flange, kind="fixed").name == "universe"
 
 
-def test_pinocchios_own_name_is_refused() -> None:
-    with pytest.raises(RobotError, match="reserved") as refusal:
-        joint("universe", "f")
-    assert refusal.value.where == "joint 'universe'"
-    assert joint("universe", "f", kind="fixed").name == "universe"
-
-
-def product_of_exponentials(chain: KinematicChain, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flange's pose (4, 4) and the spatial Jacobian (6, n), in extended precision."""
-    angles, pose, columns = iter(q.astype(np.longdouble)), np.eye(4, dtype=np.longdouble), []
-    for each in chain.joints:
-        step = np.eye(4, dtype=np.longdouble)
-        step[:3, :3], step[:3, 3] = each.rotation, each.translation
-        pose = pose @ step
-        if not each.is_moving:
-            continue
-        axis = pose[:3, :3] @ each.axis
-        columns.append(np.concatenate([np.cross(pose[:3, 3], axis), axis]))
-        angle, (x, y, z) = next(angles), each.axis.astype(np.longdouble)
-        K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        turn = np.eye(4, dtype=np.longdouble)
-        turn[:3, :3] += np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-        pose = pose @ turn
-    return pose, np.stack(columns, axis=1)
-
-
-def random_chain(rng: np.random.Generator, count: int) -> KinematicChain:
+def random_chain(rng, count):
     joints = []
     for i in range(count):
         rotation, axis = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
@@ -274,59 +233,31 @@ def random_chain(rng: np.random.Generator, count: int) -> KinematicChain:
     return KinematicChain("arm", "base", f"l{count - 1}", tuple(joints))
 
 
-def test_kinematics_are_a_product_of_exponentials() -> None:
-    rng = np.random.default_rng(11)
-    for count in range(1, 9):
-        chain = random_chain(rng, count)
-        robot = Robot(chain)
-        angles = rng.uniform(-3.0, 3.0, (20, robot.n))
-        found = Configurations(robot, angles)
-        for i, q in enumerate(angles):
-            pose, jacobian = product_of_exponentials(chain, q)
-            np.testing.assert_allclose(found.jacobian[i], jacobian, rtol=0.0, atol=2e-15)
-            np.testing.assert_allclose(found.flange_rotation[i], pose[:3, :3], rtol=0.0, atol=2e-15)
-            np.testing.assert_allclose(found.flange_translation[i], pose[:3, 3], rtol=0.0, atol=2e-15)
-
-
-@pytest.mark.parametrize("count", [1, 19, 1030])  # the last takes more than a block
-def test_kinematics_are_pinocchios(count: int) -> None:
-    rng = np.random.default_rng(count)
-    robot = Robot(random_chain(rng, 8))
+@pytest.mark.parametrize(("joints", "count"), [*((n, 20) for n in range(1, 9)), (8, 1030)])
+def test_kinematics_are_a_product_of_exponentials(joints, count):
+    """1030 postures take more than a block."""
+    rng = np.random.default_rng([joints, count])
+    chain = random_chain(rng, joints)
+    robot = Robot(chain)
     angles = rng.uniform(-7.0, 7.0, (count, robot.n))
     found, (rotation, origin) = Configurations(robot, angles), joint_frames(robot, angles)
-    model, data = robot.model, robot.model.createData()
-    jacobian = np.array([pin.computeJointJacobians(model, data, q) for q in angles])
-    np.testing.assert_allclose(found.jacobian, jacobian, rtol=0.0, atol=1e-14)
-    for i in (0, count - 1):
-        pin.forwardKinematics(model, data, angles[i])
-        flange = data.oMi[robot.n] * robot.flange_placement
-        np.testing.assert_allclose(found.flange_rotation[i], flange.rotation, rtol=0.0, atol=1e-14)
-        np.testing.assert_allclose(found.flange_translation[i], flange.translation, rtol=0.0, atol=1e-14)
-        for j in range(robot.n):
-            np.testing.assert_allclose(rotation[i, j], data.oMi[j + 1].rotation, rtol=0.0, atol=1e-14)
-            np.testing.assert_allclose(origin[i, j], data.oMi[j + 1].translation, rtol=0.0, atol=1e-14)
+    for i, q in enumerate(angles):
+        pose, frames, jacobian = product_of_exponentials(chain, q)
+        for ours, exact in (
+            (found.jacobian[i], jacobian),
+            (found.flange_rotation[i], pose[:3, :3]),
+            (found.flange_translation[i], pose[:3, 3]),
+            (rotation[i], frames[:, :3, :3]),
+            (origin[i], frames[:, :3, 3]),
+        ):
+            np.testing.assert_allclose(ours, exact.astype(float), rtol=0.0, atol=2e-15)
 
 
-def test_joint_map_of_another_size_is_refused() -> None:
-    chain = dh_chain([DhRow(0.1, 0.0, 0.0, 0.0)] * 3, "standard", "arm")
-    with pytest.raises(RobotError) as refusal:
-        Robot(chain, JointMap.identity(2))
-    assert refusal.value.where == "joint_map.matrix"
-    assert Robot(chain).joint_map.n == 3
-
-
-def test_model_angles_of_coupled_axes() -> None:
+def test_model_angles_of_coupled_axes():
     # FANUC: q3 = -(theta2 + theta3); the offset is added after the matrix.
     coupled = JointMap.from_rows([[1, 0, 0], [0, 1, 0], [0, -1, -1]], [0.0, 0.5, 0.0])
     angles = coupled.model_angles(np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]]))
     np.testing.assert_allclose(angles, [[0.1, 0.7, -0.5], [1.0, 2.5, -5.0]], atol=1e-15)
-
-
-def test_identity_leaves_angles_as_they_are_and_is_read_only() -> None:
-    angles = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 6))
-    np.testing.assert_array_equal(JointMap.identity(6).model_angles(angles), angles)
-    with pytest.raises(ValueError, match="read-only"):
-        JointMap.identity(2).matrix[0, 0] = 2.0
 
 
 @pytest.mark.parametrize(
@@ -346,14 +277,60 @@ def test_identity_leaves_angles_as_they_are_and_is_read_only() -> None:
         ([[0.0]], [0.0], "joint_map.matrix", "singular"),
     ],
 )
-def test_joint_maps_that_are_refused(
-    matrix: list[list[float]], offset: list[float], where: str, reason: str
-) -> None:
+def test_joint_maps_that_are_refused(matrix, offset, where, reason):
     with pytest.raises(RobotError, match=reason) as refusal:
         JointMap.from_rows(matrix, offset)
     assert refusal.value.where == where
 
 
-def test_joint_map_of_too_many_joints_is_refused() -> None:
-    with pytest.raises(RobotError, match="at most 32"):
-        JointMap.identity(33)
+LENGTHS = st.floats(-2.0, 2.0)
+TURNS = st.floats(-6.0, 6.0) | st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0]).map(lambda half: half * math.pi)
+ROWS = st.lists(st.builds(DhRow, a=LENGTHS, alpha=TURNS, d=LENGTHS, theta=TURNS), min_size=1, max_size=8)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@settings(deadline=None)
+@given(rows=ROWS, seed=st.integers(0, 2**32 - 1))
+def test_flange_is_the_last_frame_of_the_table(convention, rows, seed):
+    robot = Robot(dh_chain(rows, convention, "any"))
+    q = np.random.default_rng(seed).uniform(-4.0, 4.0, len(rows))
+
+    expected = flange_by_textbook(rows, convention, q)
+
+    np.testing.assert_allclose(flange_poses(robot, q[None])[0], expected, atol=1e-13)
+
+
+def test_links_and_limits():
+    rows = [DhRow(0, 0, 1, 0), DhRow(0, 0, 1, 0, -1.0, 2.0), DhRow(0, 0, 1, 0, upper=3.0)]
+    chain = dh_chain(rows, "standard", "any")
+
+    assert (chain.base, chain.flange) == ("base", "flange")
+    assert [joint.child for joint in chain.joints] == ["link_1", "link_2", "link_3", "flange"]
+    limits = [joint.limits for joint in chain.revolute]
+    assert limits == [None, (-1.0, 2.0), (-UNLIMITED_ANGLE, 3.0)]
+
+
+def row(**changes):
+    return DhRow(**({"a": 0.1, "alpha": 0.0, "d": 0.2, "theta": 0.0} | changes))
+
+
+@pytest.mark.parametrize(
+    ("rows", "where"),
+    [
+        ([], "model.rows"),
+        ([row()] * 33, "model.rows"),
+        ([row(), row(a=math.nan)], "model.rows[1].a"),
+        ([row(a=101.0)], "model.rows[0].a"),
+        ([row(d=-math.inf)], "model.rows[0].d"),
+        ([row(alpha=1001.0)], "model.rows[0].alpha"),
+        ([row(theta=-90_000.0)], "model.rows[0].theta"),
+        ([row(lower=math.nan)], "model.rows[0].lower"),
+        ([row(upper=1e300)], "model.rows[0].upper"),
+        ([row(lower=1.0, upper=-1.0)], "joint 'joint_1' limits"),
+    ],
+)
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_refusals_name_the_place(rows, where, convention):
+    with pytest.raises(RobotError) as refusal:
+        dh_chain(rows, convention, "any")
+    assert refusal.value.where == where

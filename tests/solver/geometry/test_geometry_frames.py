@@ -1,4 +1,4 @@
-"""Trilateration against the paper, and the ways to the wrist centre against each other."""
+"""Wrist centre, by trilateration as the paper has it and by other ways; drift of the base."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.examples import examples
-from support.geometry_truth import HOME, SIGMA, Cell, axes_of_noisy_sweeps, chi_square, imperfect_arm
+from support.figures import length_in
+from support.geometry_truth import HOME, SIGMA, Cell, axes_of_noisy_sweeps, chi_square, rodrigues
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.findings import wrist_findings
-from jointstiff.solver.geometry.frames import find_wrist_centre, trilaterate
+from jointstiff.solver.geometry.findings import drift_findings, wrist_findings
+from jointstiff.solver.geometry.frames import BaseTargets, find_wrist_centre, trilaterate
 from jointstiff.solver.geometry.sweeps import identify_axes
 
 coordinates = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
-def true_centre(cell: Cell) -> np.ndarray:
+def true_centre(cell):
     posture = cell.arm.posture(cell.matrix @ HOME)
     return cell.rotation @ posture.axis_points[4] + cell.translation
 
 
 @examples(100)
 @given(coordinates, coordinates, coordinates, coordinates)
-def test_trilateration_finds_the_point_and_its_mirror_image(
-    p: tuple[float, ...], q: tuple[float, ...], r: tuple[float, ...], c: tuple[float, ...]
-) -> None:
+def test_trilateration_finds_the_point_and_its_mirror_image(p, q, r, c):
     targets, centre = np.array([p, q, r]), np.array(c)
     normal = np.cross(targets[1] - targets[0], targets[2] - targets[0])
     longest = max(np.linalg.norm(targets - np.roll(targets, 1, axis=0), axis=1))
@@ -42,7 +41,7 @@ def test_trilateration_finds_the_point_and_its_mirror_image(
     assert trilaterate(targets, distances, mirrored)[0] == pytest.approx(mirrored, abs=1e-9)
 
 
-def test_trilateration_derivatives_are_those_of_the_formula() -> None:
+def test_trilateration_derivatives_are_those_of_the_formula():
     targets = np.array([[0.3, 0.1, 0.0], [0.0, 0.35, 0.05], [-0.2, -0.2, 0.1]])
     centre = np.array([0.05, 0.02, -0.4])
     distances = np.linalg.norm(targets - centre, axis=1)
@@ -63,12 +62,12 @@ def test_trilateration_derivatives_are_those_of_the_formula() -> None:
         ([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [0.1, 0.1, 0.1]),
     ],
 )
-def test_impossible_trilaterations_are_refused(targets: list[list[float]], distances: list[float]) -> None:
+def test_impossible_trilaterations_are_refused(targets, distances):
     with pytest.raises(MeasurementError):
         trilaterate(np.array(targets), distances, [0.0, 0.0, 1.0])
 
 
-def test_each_way_states_its_uncertainty_and_the_combination_is_not_worse() -> None:
+def test_each_way_states_its_uncertainty_and_the_combination_is_not_worse():
     truth = true_centre(Cell())
     squares: dict[str, list[float]] = {}
     errors: dict[str, list[float]] = {}
@@ -84,7 +83,7 @@ def test_each_way_states_its_uncertainty_and_the_combination_is_not_worse() -> N
     assert np.mean(errors["combined"]) < 1.05 * min(np.mean(errors[way]) for way in errors)
 
 
-def test_an_ill_conditioned_way_counts_little() -> None:
+def test_an_ill_conditioned_way_counts_little():
     """Targets in the plane of the wrist centre: trilateration then says nothing across that plane."""
     arm = default_arm()
     posture = arm.posture(np.zeros(6))
@@ -99,7 +98,7 @@ def test_an_ill_conditioned_way_counts_little() -> None:
     assert np.linalg.norm(error) < 20e-6
 
 
-def test_wrist_axes_that_do_not_meet_are_measured() -> None:
+def test_wrist_axes_that_do_not_meet_are_measured():
     for offset in (0.1e-3, 1e-3):
         cell = Cell(default_arm(wrist_offset=offset))
         found = identify_axes(cell.sweeps(np.random.default_rng(2)))
@@ -111,7 +110,18 @@ def test_wrist_axes_that_do_not_meet_are_measured() -> None:
     assert list(wrist_findings(wrist))
 
 
-def test_a_single_wrist_sweep_leaves_the_axes_alone() -> None:
+def test_an_arm_of_five_joints_has_its_wrist_at_its_end():
+    arm = default_arm()
+    others = {
+        name: getattr(arm, name)[1:] for name in ("axis_points", "axis_directions", "stiffnesses", "limits")
+    }
+    cell = Cell(replace(arm, **others), matrix=np.eye(5))
+    wrist = find_wrist_centre(identify_axes(cell.sweeps(home=HOME[1:])))
+    meeting = cell.rotation @ cell.arm.posture(HOME[1:]).axis_points[3] + cell.translation
+    assert wrist.combined.centre == pytest.approx(meeting, abs=1e-8)
+
+
+def test_a_single_wrist_sweep_leaves_the_axes_alone():
     """Sweeps of the wrist with the arm elsewhere share no sphere."""
     cell = Cell()
     sweeps = cell.sweeps()
@@ -122,10 +132,59 @@ def test_a_single_wrist_sweep_leaves_the_axes_alone() -> None:
     assert wrist.combined.centre == pytest.approx(true_centre(cell), abs=1e-8)
 
 
-def test_miss_of_an_imperfect_wrist_is_the_distance_of_its_axes() -> None:
-    cell = Cell(imperfect_arm(4))
-    wrist = find_wrist_centre(identify_axes(cell.sweeps()))
-    axes = [cell.axis_at(joint, np.where(np.arange(6) < 3, HOME, 0.0)) for joint in (3, 4, 5)]
-    gaps = [np.linalg.norm(axis.nearest(wrist.combined.centre) - wrist.combined.centre) for axis in axes]
-    assert wrist.miss_distance > SIGMA
-    assert max(gaps) > 0.3 * wrist.miss_distance
+BASE = np.array([[0.6, 0.4, 0.1], [-0.5, 0.5, 0.05], [-0.4, -0.6, 0.2], [0.5, -0.5, 0.12], [0.0, 0.7, 0.6]])
+AT = np.array([1.2, 0.3, 1.5])
+TURN = rodrigues(np.array([0.3, -0.5, 0.8]), 60e-6)
+SHIFT = np.array([40e-6, -30e-6, 80e-6])
+
+
+def drift(seed, *, moved, off=0.0, along=2, count=5):
+    rng = np.random.default_rng(seed)
+    after = BASE[:count] @ TURN.T + SHIFT if moved else BASE[:count].copy()
+    after[1, along] += off
+    before, after = (points + rng.normal(0.0, SIGMA, points.shape) for points in (BASE[:count], after))
+    names = tuple(str(number + 1) for number in range(count))
+    return BaseTargets(before, after, np.eye(3), names).drift(SIGMA, AT)
+
+
+def test_a_drift_is_found_with_its_figure_and_can_be_removed():
+    squares = []
+    for seed in range(200):
+        found = drift(seed, moved=True)
+        assert found.significant
+        error = found.displacement - (TURN @ AT + SHIFT - AT)
+        squares.append(chi_square(error, found.displacement_covariance))
+        back = found.transform_after_to_before
+        point = back.apply(TURN @ AT + SHIFT)
+        S = back.sensitivity(point)
+        assert chi_square(point - AT, S @ back.covariance @ S.T) < 30.0
+    assert np.mean(squares) == pytest.approx(3.0, rel=0.25)
+    (finding,) = drift_findings(found)
+    assert finding.code == "base_drifted"
+    assert length_in(finding.message) == pytest.approx(np.linalg.norm(TURN @ AT + SHIFT - AT), abs=60e-6)
+
+
+def test_without_drift_nothing_is_said():
+    probabilities = [drift(seed, moved=False).probability for seed in range(300)]
+    assert min(probabilities) > 1e-4
+    assert np.mean(np.array(probabilities) < 0.1) == pytest.approx(0.1, abs=0.06)
+    assert not any(list(drift_findings(drift(seed, moved=False))) for seed in range(50))
+
+
+def test_one_base_target_that_moved_is_named_and_the_rest_is_no_drift_of_its_own():
+    found = drift(3, moved=False, off=4e-4)
+    assert found.moved_targets == ("2",)
+    assert "base_target_moved" in {finding.code for finding in drift_findings(found)}
+    assert found.deformation_probability < 1e-6
+
+
+def test_three_targets_tell_that_one_moved_in_their_plane_but_not_which():
+    found = drift(3, moved=False, off=4e-4, along=0, count=3)
+    assert found.deformation_probability < 1e-6
+    assert found.moved_targets == ()
+
+
+def test_targets_on_a_line_show_no_motion():
+    line = np.linspace(0.0, 1.0, 4)[:, None] * np.ones(3)
+    with pytest.raises(MeasurementError, match="line"):
+        BaseTargets(line, line, np.eye(3), ("1", "2", "3", "4")).drift(SIGMA, AT)

@@ -1,0 +1,89 @@
+"""Optima as others find them: by cone programs, bounded least squares, enumeration."""
+
+from __future__ import annotations
+
+import warnings
+from itertools import product
+from math import sqrt
+
+import cvxpy as cp
+import numpy as np
+from scipy.optimize import lsq_linear
+from support.campaigns import SIGMA
+
+
+def by_cvxpy(A, b, bounds, B=None, d=None):
+    """The optimum as anyone would state it, and its value; None for the value if it is inaccurate."""
+    x = cp.Variable(A.shape[1])
+    below, above = np.isfinite(bounds.lower), np.isfinite(bounds.upper)
+    constraints = [x[below] >= bounds.lower[below], x[above] <= bounds.upper[above]]
+    constraints += [] if B is None else [B @ x >= d]
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - b)), constraints)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the status says the same
+        problem.solve(solver=cp.CLARABEL)
+    return x.value, problem.value if problem.status == cp.OPTIMAL else None
+
+
+def by_enumeration(A, b, rows, least):
+    """The optimum under ``rows @ x ≥ least`` by trying every set of tight rows: slow, and surely right."""
+    best, value = None, np.inf
+    n = A.shape[1]
+    for tight in product([False, True], repeat=len(rows)):
+        active = rows[list(tight)]
+        if len(active) > n or np.linalg.matrix_rank(active) < len(active):
+            continue
+        t = len(active)
+        system = np.block([[A.T @ A, active.T], [active, np.zeros((t, t))]])
+        x = np.linalg.solve(system, np.r_[A.T @ b, least[list(tight)]])[:n]
+        cost = float(np.sum((A @ x - b) ** 2))
+        if (rows @ x >= least - 1e-9).all() and cost < value:
+            best, value = x, cost
+    return best
+
+
+def huber_by_clarabel(A, d, threshold, limits=lambda _: [], extra=lambda _: 0.0):
+    """The Huber problem as a cone program, in sigma; limits and extra loss see them in 1e-6 rad/(N.m)."""
+    unit = SIGMA / np.linalg.norm(A, axis=(0, 1))
+    x = cp.Variable(A.shape[2])
+    c = cp.multiply(unit * 1e6, x)
+    rows = zip(A * unit / SIGMA, d / SIGMA, strict=True)
+    losses = [cp.huber(cp.norm(b - M @ x), threshold) / 2 for M, b in rows]
+    problem = cp.Problem(cp.Minimize(cp.sum(losses) + extra(c)), [c >= 0, *limits(c)])
+    problem.solve(cp.CLARABEL, tol_gap_abs=1e-9, tol_gap_rel=1e-9, tol_feas=1e-9)
+    assert problem.status == cp.OPTIMAL
+    return unit * x.value, problem.value
+
+
+def huber_objective(A, d, c, threshold):
+    norm = np.linalg.norm(d - A @ c, axis=1) / SIGMA
+    return np.where(norm <= threshold, norm**2 / 2, threshold * (norm - threshold / 2)).sum()
+
+
+def least_within(R, z, lower, upper):
+    return 2 * lsq_linear(R, z, bounds=(lower, upper), method="bvls", tol=1e-14).cost
+
+
+def profile(R, centre, bounds, unit, j, t):
+    others = np.arange(len(centre)) != j
+    rhs = R @ centre - R[:, j] * t
+    if not others.any():
+        return float(rhs @ rhs)
+    scaled = bounds.lower[others] / unit[others], bounds.upper[others] / unit[others]
+    return least_within(R[:, others] * unit[others], rhs, *scaled)
+
+
+def end_by_cone_program(R, centre, unit, order, j, side, quantile):
+    """One end of the profile interval of parameter j, whose radius has this quantile."""
+    x = cp.Variable(len(centre))
+    A = R * unit
+    constraints = [x >= 0]
+    for i, k in order:
+        larger = max(unit[i], unit[k])
+        constraints.append(unit[i] / larger * x[i] <= unit[k] / larger * x[k])
+    nearest = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - R @ centre)), constraints)
+    nearest.solve(solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11)
+    radius = sqrt(nearest.value + quantile**2)
+    ball = cp.norm((A / radius) @ x - R @ centre / radius) <= 1.0
+    objective = cp.Minimize(x[j]) if side == 0 else cp.Maximize(x[j])
+    return float(cp.Problem(objective, [*constraints, ball]).solve(solver=cp.CLARABEL))

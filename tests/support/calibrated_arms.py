@@ -1,0 +1,29 @@
+# ruff: noqa: E501
+"""Arms of published dimensions as calibration finds them: every number a little off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointstiff.solver.robot.chain import DhRow, dh_chain
+from jointstiff.solver.robot.model import Robot
+
+HALF = np.pi / 2
+ARMS = {
+    "ur5": (  # the standard DH table that Universal Robots publishes
+        "standard",
+        [(0, HALF, 0.089159, 0), (-0.425, 0, 0, 0), (-0.39225, 0, 0, 0), (0, HALF, 0.10915, 0), (0, -HALF, 0.09465, 0), (0, 0, 0.0823, 0)],
+    ),
+    "r2000ic": (
+        "modified",
+        [(0, 0, 0.67, 0), (0.312, -HALF, 0, -HALF), (1.075, 0, 0, 0), (0.225, -HALF, 1.28, 0), (0, HALF, 0, 0), (0, -HALF, 0.215, 0)],
+    ),
+}  # fmt: skip
+
+
+def arm(name: str, crookedness: float = 0.0) -> Robot:
+    """An arm whose numbers are off by so much [m, rad], as calibration finds them."""
+    convention, rows = ARMS[name]
+    draw = np.random.default_rng(3)
+    crooked = [DhRow(*(value + crookedness * draw.standard_normal() for value in row)) for row in rows]
+    return Robot(dh_chain(crooked, convention, name))
