@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -32,6 +32,11 @@ from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.problem import Bounds, Constraints, Order
 from jointstiff.solver.convex.solution import greatest_violations
 from jointstiff.solver.design.advice import advise
+from jointstiff.solver.design.results import (
+    resampling_result,
+    run_result,
+    to_assessment,
+)
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
@@ -42,7 +47,6 @@ from jointstiff.solver.evidence.prediction import predict, predict_encoders
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.fitting.settings import Prior, Settings
-from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.links.choice import (
     WEIGHTS,
     FoldFit,
@@ -77,15 +81,12 @@ from jointstiff.solver.resampling import (
     resample,
     summarise,
 )
-from jointstiff.solver.results import (
-    resampling_result,
-    run_result,
-    to_assessment,
-)
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
-from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
-from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
+
+if TYPE_CHECKING:
+    from jointstiff.solver.weight.bodies import WeightReadings
+    from jointstiff.solver.weight.identification import WeightEstimate
 
 
 def to_settings(options: RunOptions, robot: Robot) -> Settings:
@@ -715,6 +716,8 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         RequestError: the robot has no bodies, or the set no positions.
         JointstiffError: as `identify_weight` does.
     """
+    from jointstiff.solver.weight.identification import identify_weight
+
     readings, observation = _readings(prepared, weight)
     m = prepared.measurements
     by_loads = m.present & m.in_flange
@@ -779,6 +782,9 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
 
 def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
+    from jointstiff.solver.geometry.poses import Poses
+    from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
+
     m, robot = prepared.measurements, prepared.robot
     if not robot.bodies:
         raise RequestError(

@@ -25,13 +25,13 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import PlanRequest
 from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, targets_in_flange
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
+from jointstiff.solver.design.results import to_assessment
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.messages import finite, point
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.readings.tracker_noise import Instrument
-from jointstiff.solver.results import to_assessment
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Burden, planned_rows
 

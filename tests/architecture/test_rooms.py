@@ -23,7 +23,7 @@ def test_few_modules_lie_in_a_room(room):
 def test_packages_say_what_they_are_for(room):
     inits = sorted((ROOT / room).rglob("__init__.py"))
     silent = [path for path in inits if not path.read_text(encoding="utf-8").startswith('"""')]
-    assert len(inits) > 2
+    assert inits
     assert not silent
 
 

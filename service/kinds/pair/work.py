@@ -24,13 +24,13 @@ from jointstiff.solver.compare.pair import (
     models_differ,
     refuse_other_joints,
 )
+from jointstiff.solver.design.results import to_assessment, to_joint_budgets
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.messages import message, messages_of
-from jointstiff.solver.results import to_assessment, to_joint_budgets
 
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",

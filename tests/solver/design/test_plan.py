@@ -25,10 +25,10 @@ from jointstiff.solver.design.candidates import PlanRequest, Pool
 from jointstiff.solver.design.criteria import uncertainty_of
 from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, feasible, segment_distance
 from jointstiff.solver.design.plan import ordered, plan_campaign
+from jointstiff.solver.design.results import to_identifiability
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.readings.tracker_noise import Instrument
-from jointstiff.solver.results import to_identifiability
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 

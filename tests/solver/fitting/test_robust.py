@@ -28,10 +28,10 @@ from support.examples import examples
 from support.springs import readings_of
 
 from jointstiff.simulator.equilibrium import torques
+from jointstiff.solver.design.results import to_robust_loss
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting import robust
 from jointstiff.solver.readings.measurements import EncoderReadings
-from jointstiff.solver.results import to_robust_loss
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import JointMap, Robot
 
