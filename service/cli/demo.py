@@ -116,7 +116,7 @@ def _tour(address: str, *, once: bool) -> int:
     """
     from jointstiff.service.kinds.comparison import COMPARISON
     from jointstiff.service.kinds.run import RUN
-    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.client import Client, content_key
     from jointstiff.service.library.errors import RefusedError
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.tables.table import Line
@@ -127,12 +127,13 @@ def _tour(address: str, *, once: bool) -> int:
         with Client(address) as client:
             client.ping()
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
-            robot, stored = client.post_campaign(campaign)
+            run = client.runs.wait(client.post(campaign, once=True))
+            stored = client.measurement_sets.get(run.request.measurement_set_id)
             counted = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
-            typer.echo(f"robot {robot.id}\nmeasurement set {stored.id} ({counted})\n")
+            typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counted})\n")
             request = {"measurement_set_id": stored.id}
-            run, comparison = client.runs.once(request), client.comparisons.once(request)
-            run, comparison = client.runs.wait(run), client.comparisons.wait(comparison)
+            comparison = client.comparisons.create(request, key=content_key(request))
+            comparison = client.comparisons.wait(comparison)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1

@@ -153,39 +153,42 @@ def post(
     from jointstiff.service.reports.job import job_report
     from jointstiff.service.tables.terminal import console
 
-    if file.is_dir():
-        with Client(server, warn=warn) as client:
-            raise typer.Exit(_post_all(client, file))
-    campaign = campaign_of(file).model_dump(mode="json", exclude_unset=True)
+    server = server.rstrip("/")
     with Client(server, warn=warn) as client:
         client.ping()
-        robot, stored = client.post_campaign(campaign)
-        run = client.runs.create(campaign.get("run", {}) | {"measurement_set_id": stored.id})
-        posted = (("robots", robot.id), ("measurement-sets", stored.id), ("runs", run.id))
-        addresses = [f"{server.rstrip('/')}/v1/{kind}/{identifier}" for kind, identifier in posted]
-        for address in addresses:
-            console().print(address, markup=False, soft_wrap=True)
-        run = _ended(client, run, server.rstrip("/"))
+        if file.is_dir():
+            raise typer.Exit(_post_all(client, file))
+        run = client.post(campaign_of(file))
+        set_id = run.request.measurement_set_id
+        robot_id = client.measurement_sets.get(set_id).robot_id
+        for address in (f"robots/{robot_id}", f"measurement-sets/{set_id}", f"runs/{run.id}"):
+            typer.echo(f"{server}/v1/{address}")
+        run = _ended(client, run, server)
     console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
 
 
 def _post_all(client: Client, folder: Path) -> int:
-    """Post the files of a folder; return the exit status."""
+    """Post the campaigns and robots of a folder, each once; return the exit status."""
+    from jointstiff.service.library.client import content_key
     from jointstiff.service.library.errors import ProblemError
-    from jointstiff.service.tables.terminal import console
+    from jointstiff.service.library.files import read_object
 
-    client.ping()
     refused = 0
     for path in sorted(folder.glob("*.json")):
         try:
-            client.post_file(path)
+            document = read_object(path)
+            if "measurement_set" in document:
+                client.post(document, once=True)
+            else:
+                robot = document.get("robot", document)
+                client.robots.create(robot, key=content_key(robot))
         except ProblemError as error:
             refused += 1
             warn(f"{path.name}: {error}")
         else:
-            console().print(path.name, markup=False, soft_wrap=True)
+            typer.echo(path.name)
     return 1 if refused else 0
 
 

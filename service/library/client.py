@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
 from urllib.parse import quote
 from uuid import uuid4
@@ -18,7 +19,7 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.job import Job, Progress
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
@@ -28,9 +29,9 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.library import results
 from jointstiff.service.library.errors import AwayError, RefusedError
-from jointstiff.service.library.files import as_campaign_error, campaign_of, read_object
-from jointstiff.service.library.results import TabledRun, shown
-from jointstiff.service.library.verbs import OnProgress, Verb, load_cases, verb_of
+from jointstiff.service.library.files import AnyCampaign, as_campaign_error, campaign_of
+from jointstiff.service.library.results import OnProgress, TabledRun, shown
+from jointstiff.service.library.verbs import Verb, load_cases, verb_of
 from jointstiff.service.problems.table import http_problem
 from jointstiff.solver.errors import RequestError
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison, ComparisonSummary
     from jointstiff.schemas.geometry import Geometry, GeometrySummary
     from jointstiff.schemas.map import Map, MapSummary
+    from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.pair import Pair, PairSummary
     from jointstiff.schemas.plan import Plan, PlanSummary
     from jointstiff.schemas.program import Program, ProgramSummary
@@ -47,7 +49,7 @@ PATIENCE_SECONDS: Final = 60.0
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
 _LOOK_SECONDS: Final = 0.2
-_GONE: Final = frozenset({404, 410})
+_WAIT: Final = MappingProxyType({"wait": "1"})
 
 Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
@@ -59,6 +61,11 @@ def plain(document: Document) -> dict[str, Any]:
     if isinstance(document, Message):
         return document.model_dump(mode="json", exclude_unset=True)
     return dict(document)
+
+
+def content_key(document: Document) -> str:
+    """Return an idempotency key by which the same content is stored once."""
+    return hashlib.sha256(json.dumps(plain(document), sort_keys=True).encode()).hexdigest()
 
 
 class Client:
@@ -73,7 +80,7 @@ class Client:
     """
 
     # a kind of work has its verb and its collection without a line here, which is for editors and mypy
-    identify: Verb[TabledRun]
+    campaign = None  # the service keeps them
     compare: Verb[Comparison]
     pair: Verb[Pair]
     geometry: Verb[Geometry]
@@ -127,7 +134,8 @@ class Client:
         self.measurement_sets = Collection(self, "measurement-sets", MeasurementSet, MeasurementSetSummary)
         for kind in KINDS:
             setattr(self, kind.collection, Jobs(self, kind))
-            setattr(self, ROOMS[kind.name].command, verb_of(kind, lambda: self))
+            if not hasattr(self, ROOMS[kind.name].command):
+                setattr(self, ROOMS[kind.name].command, verb_of(kind, lambda: self))
 
     def __enter__(self) -> Client:
         return self
@@ -159,32 +167,38 @@ class Client:
             request["cases"] = [plain(case) for case in postures]
         return resource_in(self.send("POST", "/v1/deflections", None, request), DeflectionResult)
 
-    def post_campaign(self, campaign: Document) -> tuple[Robot, MeasurementSet]:
-        """Post the robot and the readings of a campaign, each once; return both as they were stored."""
-        document = plain(campaign)
-        robot = self.robots.once(document["robot"])
-        return robot, self.measurement_sets.once(document["measurement_set"] | {"robot_id": robot.id})
+    def identify(
+        self,
+        campaign: AnyCampaign,
+        options: RunOptions | None = None,
+        *,
+        on_progress: OnProgress | None = None,
+        **fields: Any,  # noqa: ANN401 - fields of RunOptions
+    ) -> TabledRun:
+        """Post a campaign; return its run once it has ended; arguments as of `jointstiff.identify`."""
+        read = campaign_of(campaign)
+        run = {"leave_out": read.run.leave_out, **plain(read.run if options is None else options), **fields}
+        return self.runs.wait(self.post(plain(read) | {"run": run}), on_progress)
 
-    def post_file(self, path: Path) -> None:
-        """Post a robot from a file, and its readings and their run if the file has them, each once.
+    def post(self, campaign: AnyCampaign, *, once: bool = False) -> TabledRun:
+        """Post a campaign, whose robot and readings are stored once; return its run after a second at most.
 
-        Raises:
-            CampaignError: the file holds no JSON object.
-            RefusedError: the service refuses it.
+        Args:
+            campaign: a file, a document that was read from JSON, or a `Campaign`.
+            once: whether it gets no other run if it was posted so before.
         """
-        document = read_object(path)
-        if "measurement_set" in document:
-            _, stored = self.post_campaign(document)
-            self.runs.once(document.get("run", {}) | {"measurement_set_id": stored.id})
-        else:
-            self.robots.once(document.get("robot", {}))
+        document = plain(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
+        if once:  # the same content in the same order
+            document = json.loads(json.dumps(document, sort_keys=True))
+        key = content_key(document) if once else None
+        return self.runs.found_in(self.send("POST", "/v1/campaigns", _WAIT, document, key))
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
         """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
         if isinstance(source, Run):
             return source.request.measurement_set_id, None
         campaign = campaign_of(source)
-        return self.post_campaign(campaign)[1].id, campaign.run
+        return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
     def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
         """Return the id of a stored run, or of a campaign, which is posted once and identified."""
@@ -193,7 +207,7 @@ class Client:
 
     def described(self, robot: RobotDocument) -> str:
         """Return the id of a stored robot, or of a robot, which is posted once."""
-        return robot.id if isinstance(robot, Robot) else self.robots.once(robot).id
+        return robot.id if isinstance(robot, Robot) else self.robots.create(robot, key=content_key(robot)).id
 
     def done(
         self,
@@ -205,6 +219,30 @@ class Client:
         """Post a request; return the job once it has ended."""
         jobs: Jobs[AnyJob, Any] = getattr(self, kind.collection)
         return jobs.wait(jobs.create(request, files=files), on_progress)
+
+    def file(
+        self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
+    ) -> bytes:
+        """Return a file of a job, such as `model.urdf`, `report.pdf` or `map.npz`, by the query of the API.
+
+        Raises:
+            RequestError: a laboratory is given: the service has its own.
+        """
+        if laboratory is not None:
+            remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
+            raise RequestError("a service reports for its own laboratory", where="laboratory", remedy=remedy)
+        address = f"/v1/jobs/{quote(job.id, safe='')}/files/{quote(name, safe='')}"
+        content: bytes = self.send("GET", address, query).content
+        return content
+
+    def apply(self, run: TabledRun, action: str) -> TabledRun:
+        """Apply an action that a reason of a run advises; return the ended run of what it changes."""
+        from jointstiff.service.kinds.mending import advised
+
+        with as_campaign_error(""):
+            chosen = advised(cast("Any", run.result).assessment, action)
+        address = f"/v1/runs/{quote(run.id, safe='')}/apply"
+        return self.runs.wait(self.runs.found_in(self.send("POST", address, _WAIT, chosen)))
 
     def send(
         self,
@@ -276,36 +314,11 @@ class Collection(Generic[Resource, Summary]):
             key: idempotency key; one of its own if absent.
             files: contents by name, for the kinds of work that take files.
         """
-        return self._in(self._client.send("POST", self._path, None, document, key, files))
-
-    def once(self, document: Document) -> Resource:
-        """Post a document unless it was posted before and is still there: its content is the key."""
-        content = json.dumps(plain(document), sort_keys=True)
-        posted, mark = json.loads(content), content
-        while True:
-            resource: Any = self.create(posted, key=hashlib.sha256(mark.encode()).hexdigest())
-            if self._is_there(resource.id):
-                return cast("Resource", resource)
-            mark += resource.id  # the key belongs to the deleted one for ever
-
-    def _is_there(self, identifier: str) -> bool:
-        """Return whether a resource was not deleted; HEAD does not say why it is refused, so GET does."""
-        try:
-            self._client.send("HEAD", self._address(identifier))
-        except AwayError:
-            raise
-        except RefusedError:
-            try:
-                self._client.send("GET", self._address(identifier))
-            except RefusedError as refused:
-                if refused.problem.status not in _GONE:
-                    raise
-                return False
-        return True
+        return self.found_in(self._client.send("POST", self._path, None, document, key, files))
 
     def get(self, identifier: str) -> Resource:
         """Return a resource."""
-        return self._in(self._client.send("GET", self._address(identifier)))
+        return self.found_in(self._client.send("GET", self._address(identifier)))
 
     def list(self, **filters: str) -> Iterator[Summary]:
         """Yield summaries of the resources, newest first; filters are those of the API."""
@@ -333,14 +346,13 @@ class Collection(Generic[Resource, Summary]):
     def _changed_at(self, identifier: str) -> str:
         return self._address(identifier)
 
-    def _in(self, answer: httpx2.Response) -> Resource:
+    def found_in(self, answer: httpx2.Response) -> Resource:
+        """Return the resource that an answer holds."""
         return resource_in(answer, self._kind)
 
 
 class Jobs(Collection[AnyJob, AnySummary]):
     """Jobs of one kind, which may take long; what they apply, export and report goes over the service."""
-
-    campaign = None  # which the service keeps
 
     def __init__(self, client: Client, kind: Kind[AnyJob, Any, AnySummary]) -> None:
         """Reach the jobs of a kind over a client."""
@@ -350,13 +362,13 @@ class Jobs(Collection[AnyJob, AnySummary]):
         self, document: Document, *, key: str | None = None, files: Mapping[str, bytes] | None = None
     ) -> AnyJob:
         """Post a request; return the job after a second at most; arguments as of other collections."""
-        return self._in(self._client.send("POST", self._path, {"wait": "1"}, document, key, files))
+        return self.found_in(self._client.send("POST", self._path, _WAIT, document, key, files))
 
-    def done(self, document: Document, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
+    def done(self, document: Document, on_progress: OnProgress | None = None) -> AnyJob:
         """Post a request, and return the job once it has ended."""
         return self.wait(self.create(document), on_progress)
 
-    def wait(self, job: AnyJob, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
+    def wait(self, job: AnyJob, on_progress: OnProgress | None = None) -> AnyJob:
         """Wait for the end of a job; return it as it is then."""
         while job.state in {"queued", "running"}:
             if on_progress is not None and job.progress is not None:
@@ -365,41 +377,18 @@ class Jobs(Collection[AnyJob, AnySummary]):
             job = self.get(job.id)
         return job
 
-    def file(
-        self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
-    ) -> bytes:
-        """Return a file of a job, such as `model.urdf`, `report.pdf` or `map.npz`, by the query of the API.
-
-        Raises:
-            RequestError: a laboratory is given: the service has its own.
-        """
-        if laboratory is not None:
-            remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
-            raise RequestError("a service reports for its own laboratory", where="laboratory", remedy=remedy)
-        address = f"{self._changed_at(job.id)}/files/{name}"
-        content: bytes = self._client.send("GET", address, query).content
-        return content
-
     def files(self, program: Program) -> dict[str, bytes]:
         """Return the corrected files of a program by name."""
         names = [] if program.result is None else [file.name for file in program.result.files]
-        return {name: self.file(program, "program", {"file": name}) for name in names}
-
-    def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; return the ended run of what it changes."""
-        from jointstiff.service.kinds.mending import advised
-
-        with as_campaign_error(""):
-            chosen = advised(cast("Any", run.result).assessment, action)
-        answer = self._client.send("POST", f"{self._address(run.id)}/apply", {"wait": "1"}, chosen)
-        return cast("TabledRun", self.wait(self._in(answer)))
+        return {name: self._client.file(program, "program", {"file": name}) for name in names}
 
     def _changed_at(self, identifier: str) -> str:
         """Return the address that jobs of all kinds share."""
         return f"/v1/jobs/{quote(identifier, safe='')}"
 
-    def _in(self, answer: httpx2.Response) -> AnyJob:
-        return results.of(super()._in(answer), self)
+    def found_in(self, answer: httpx2.Response) -> AnyJob:
+        """Return the job that an answer holds, which goes on over the client."""
+        return results.of(super().found_in(answer), self._client)
 
 
 def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:

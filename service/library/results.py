@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from io import StringIO
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from pydantic import PrivateAttr, create_model
 from rich.console import Console
 
-from jointstiff.schemas.job import Job
+from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.rooms import kind_of
@@ -22,17 +22,38 @@ from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.campaign import Campaign
+    from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.schemas.run import CampaignRun
 
+OnProgress = Callable[[Progress], object]
 _WIDTH = 100
 _MODELS = {"csv", "xlsx", "urdf", "sdf", "mjcf", "xml"}
 
 
-class Origin(Protocol):
-    """This process or a service, where a job was done: it makes the job's files, and goes on from it."""
+class Door(Protocol):
+    """This process or a service: it knows what requests are made of by ids, and does the work."""
 
     @property
     def campaign(self) -> Campaign | None:
-        """Campaign that was identified; None if the origin does not keep it."""
+        """Campaign that was identified; None if it is not kept."""
+
+    def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
+        """Return the id of a campaign's measurement set, and the options of its run if they are known."""
+
+    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
+        """Return the id of a run, which is identified now from a campaign."""
+
+    def described(self, robot: RobotDocument) -> str:
+        """Return the id of a robot."""
+
+    def done(
+        self,
+        kind: Kind[AnyJob, Any, Any],
+        request: dict[str, Any],
+        files: Mapping[str, bytes],
+        on_progress: OnProgress | None = None,
+    ) -> AnyJob:
+        """Do the work of a request, and of files where it takes some; return the job once it has ended."""
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
@@ -71,7 +92,7 @@ class Shown:
         if file is None:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
-        if file.made_of == "work":
+        if self._origin is not None or file.made_of == "work":
             return self._known_origin().file(job, file.name)
         return written(job_sheet(file, job, lambda: cast("Any", None)), suffix)
 
@@ -104,10 +125,10 @@ class Shown:
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )
 
-    def _known_origin(self) -> Origin:
+    def _known_origin(self) -> Door:
         if self._origin is None:
             raise ValueError(f"it is not known where the {self._job.kind} was done: use what a verb returned")
-        return cast("Origin", self._origin)
+        return cast("Door", self._origin)
 
 
 class TabledRun(Shown, Run):
@@ -210,7 +231,7 @@ def shown(kind: Kind[AnyJob, Any, Any]) -> type[AnyJob]:
     return cast("type[AnyJob]", made)
 
 
-def of(job: AnyJob, origin: Origin) -> AnyJob:
+def of(job: AnyJob, origin: Door) -> AnyJob:
     """Return a job that was done there, and shows itself."""
     known = shown(kind_of(job.kind)).model_validate(dict(job))
     cast("Any", known)._origin = origin

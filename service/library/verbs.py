@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, cast
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.job import Job, Progress
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun, Run
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
@@ -32,7 +32,7 @@ from jointstiff.service.library.files import (
     read_planned,
     read_robot,
 )
-from jointstiff.service.library.results import TabledRun, shown
+from jointstiff.service.library.results import Door, OnProgress, TabledRun, shown
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.tables.files import written
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.exporting.model import ExportedModel
 
-OnProgress = Callable[[Progress], object]
 AJob = TypeVar("AJob", bound=Job, covariant=True)
 
 
@@ -58,28 +57,6 @@ class Verb(Protocol[AJob]):
         **fields: Any,  # noqa: ANN401 - fields of the options
     ) -> AJob:
         """Do the work; return the job once it has ended."""
-
-
-class Door(Protocol):
-    """This process, or a service: it knows what requests are made of by ids, and does the work."""
-
-    def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
-        """Return the id of a campaign's measurement set, and the options of its run if they are known."""
-
-    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
-        """Return the id of a run, which is identified now from a campaign."""
-
-    def described(self, robot: RobotDocument) -> str:
-        """Return the id of a robot."""
-
-    def done(
-        self,
-        kind: Kind[AnyJob, Any, Any],
-        request: dict[str, Any],
-        files: Mapping[str, bytes],
-        on_progress: OnProgress | None,
-    ) -> AnyJob:
-        """Do the work of a request, and of files where it takes some; return the job once it has ended."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ def test_a_long_program_is_corrected_in_steps_by_workers(services):
     seen = []
     with Client(services("sqlite").url) as client:
         campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
-        _, stored = client.post_campaign(campaign)
-        run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
+        run = client.identify(campaign)
+        stored = client.measurement_sets.get(run.request.measurement_set_id)
         stated = options("csv") | {"run_id": run.id}
         found = client.programs.wait(client.programs.create(stated, files={"path.csv": text}), seen.append)
         assert found.state == "succeeded", found.error
@@ -34,5 +34,5 @@ def test_a_long_program_is_corrected_in_steps_by_workers(services):
         old = read_program([("path.csv", text)])
         moved = program.targets.values[:, :3] - old.targets.values[:, :3]
         assert 0.1 < np.linalg.norm(moved, axis=1).max() < 5.0  # mm
-        assert client.programs.file(found, "points.csv").count(b"\n") == POINTS + 1
+        assert client.file(found, "points.csv").count(b"\n") == POINTS + 1
         assert found.id in {listed.id for listed in client.programs.list(robot_id=stored.robot_id)}

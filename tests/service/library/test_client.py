@@ -52,19 +52,19 @@ def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, c
     warnings = []
     with Client(service.url, warn=warnings.append, transport=LossyTransport()) as client:
         client.ping()
-        robot, stored = client.post_campaign(campaign)
-        run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
-        request = {"measurement_set_id": stored.id, "constraints": ["positive"]}
-        comparison = client.comparisons.wait(client.comparisons.create(request))
+        run = client.runs.wait(client.post(campaign))
+        set_id = run.request.measurement_set_id
+        comparison = client.compare(run, constraints=["positive"])
+        robot_id = client.measurement_sets.get(set_id).robot_id
     assert run.state == comparison.state == "succeeded"
-    assert len(warnings) == 6  # robot and set are looked at, too
+    assert len(warnings) == 3
     assert all("the connection was lost; trying again" in warning for warning in warnings)
     with httpx2.Client(base_url=service.url) as plain:
         for collection, query, identifier in [
-            ("robots", {"name": campaign["robot"]["name"]}, robot.id),
-            ("measurement-sets", {"robot_id": robot.id}, stored.id),
-            ("runs", {"robot_id": robot.id}, run.id),
-            ("comparisons", {"robot_id": robot.id}, comparison.id),
+            ("robots", {"name": campaign["robot"]["name"]}, robot_id),
+            ("measurement-sets", {"robot_id": robot_id}, set_id),
+            ("runs", {"robot_id": robot_id}, run.id),
+            ("comparisons", {"robot_id": robot_id}, comparison.id),
         ]:
             items = plain.get(f"/v1/{collection}", params=query).json()["items"]
             assert [item["id"] for item in items] == [identifier]
@@ -172,7 +172,8 @@ def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, camp
         port = int(address.rpartition(":")[2])
         with Client(address, warn=warnings.append) as client:
             client.ping()
-            _, stored = client.post_campaign(campaign)
+            robot = client.robots.create(campaign["robot"])
+            stored = client.measurement_sets.create(campaign["measurement_set"] | {"robot_id": robot.id})
             process.kill()
             process.wait()
             starting = threading.Timer(0.3, lambda: started.append(serve(database, port)))
@@ -221,45 +222,29 @@ def test_collections_are_read_page_by_page_and_deleted(service, campaign):
 
 def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service, campaign):
     with Client(service.url) as client:
-        robot, stored = client.post_campaign(campaign)
-        again = client.post_campaign(json.loads(json.dumps(campaign, sort_keys=True)))
-        assert (robot.id, stored.id) == tuple(each.id for each in again)
+        first = client.post(campaign, once=True)
+        assert client.post(json.loads(json.dumps(campaign, sort_keys=True)), once=True).id == first.id
+        other = client.post(Campaign.model_validate(campaign))
+        assert other.id != first.id
+        assert other.request.measurement_set_id == first.request.measurement_set_id
+        stored = client.measurement_sets.get(first.request.measurement_set_id)
+        for run in (first, other):
+            client.runs.delete(run.id)
         client.measurement_sets.delete(stored.id)
-        _, anew = client.post_campaign(campaign)
-        assert anew.robot_id == robot.id
+        anew = client.measurement_sets.get(client.post(campaign).request.measurement_set_id)
+        assert anew.robot_id == stored.robot_id
         assert anew.id != stored.id
-        client.measurement_sets.delete(anew.id)
-        _, third = client.post_campaign(campaign)
-        for _ in range(2):
-            assert client.post_campaign(campaign)[1].id == third.id
-        assert [each.id for each in client.measurement_sets.list(robot_id=robot.id)] == [third.id]
+        assert [each.id for each in client.measurement_sets.list(robot_id=stored.robot_id)] == [anew.id]
 
 
-@pytest.mark.parametrize("status", [403, 429, 500])
-def test_a_refused_look_is_no_deletion(service, campaign, status):
-    """The campaign was posted; whoever may not look at it does not post it anew."""
+@pytest.mark.parametrize("verb", ["plan", "compare"])
+def test_a_verb_takes_the_same_campaign_as_in_process(service, campaign, verb):
+    options = {"readings": 2} if verb == "plan" else {"constraints": ["positive"]}
     with Client(service.url) as client:
-        robot = client.robots.once(campaign["robot"])
-    problem = Problem(type="urn:x", title="refused", status=status, detail="not now").model_dump_json()
-
-    class Refusing(httpx2.HTTPTransport):
-        def handle_request(self, request):
-            if request.method == "POST" or request.url.path == "/health":
-                return super().handle_request(request)
-            return httpx2.Response(status, content=None if request.method == "HEAD" else problem)
-
-    with Client(service.url, transport=Refusing()) as client, pytest.raises(RefusedError) as refused:
-        client.robots.once(campaign["robot"])
-    assert refused.value.problem.status == status
-    with Client(service.url) as client:
-        listed = client.robots.list(name=campaign["robot"]["name"])
-        assert [each.id for each in listed] == [robot.id]
-
-
-def test_campaigns_may_be_messages(service, campaign):
-    with Client(service.url) as client:
-        robot, stored = client.post_campaign(Campaign.model_validate(campaign))
-    assert (robot.name, stored.robot_id) == (campaign["robot"]["name"], robot.id)
+        there = getattr(client, verb)(campaign, **options)
+    here = getattr(jointstiff, verb)(campaign, **options)
+    assert there.state == here.state == "succeeded"
+    assert there.result == here.result
 
 
 @pytest.mark.parametrize(("key", "sent"), [("k-1", "Bearer k-1"), (None, None)])

@@ -69,10 +69,8 @@ def test_a_worker_without_memory_ends(tmp_path):
             )
             resource.prlimit(worker.pid, resource.RLIMIT_AS, (used, used))
             many = {"size": 10, "repetitions": 5_000, "seed": 1}
-            _, stored = client.post_campaign(
-                simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
-            )
-            client.runs.create({"measurement_set_id": stored.id, "resampling": many})
+            campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
+            client.post(campaign | {"run": {"resampling": many}})
             assert worker.wait(120) == 70
     finally:
         service.stop()
