@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy import stats
 from support.campaigns import (
     ARM,
     POINTS,
@@ -28,6 +29,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import judge
+from jointstiff.solver.fitting.fit import sigma_test
 from jointstiff.solver.fitting.observability import (
     Observability,
     Spectrum,
@@ -324,3 +326,14 @@ def test_the_inverse_of_a_spectrum_is_the_pseudo_inverse():
     lost = np.hstack([R, R[:, :1]])
     twice = Spectrum(lost).inverse
     assert lost @ twice @ lost == pytest.approx(lost, abs=1e-12)
+    wide = Spectrum(R[:2])
+    assert wide.null_space.shape == (1, 3)
+    assert R[:2] / wide.scale @ wide.null_space.T == pytest.approx(np.zeros((2, 1)), abs=1e-12)
+
+
+def test_a_stated_sigma_is_tested_on_both_sides():
+    tails = {0.3: "consistent", 0.004: "residuals_too_large", 0.996: "residuals_too_small"}
+    for tail, verdict in tails.items():
+        found = sigma_test(float(stats.chi2.isf(tail, 100)), 100.0)
+        assert (found.verdict, found.p_value) == (verdict, pytest.approx(2.0 * min(tail, 1.0 - tail)))
+    assert sigma_test(0.0, 0.0) is None

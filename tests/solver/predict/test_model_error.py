@@ -137,6 +137,7 @@ def test_extrapolation_widens_and_is_named():
     assert (bound.radius > 1.5 * inside.radius).any()
     turned = replace(cases, moment=np.full(cases.moment.shape, 10.0))
     unknown = error.bound(turned, model.deflect(turned).leverage, 0.9)
+    assert unknown.unmeasured == "moment"
     assert np.isinf(unknown.radius).all()
 
 

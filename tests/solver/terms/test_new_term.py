@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support.campaigns import estimate, prepare
 
-from jointstiff.schemas.run import BudgetComponent
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import PlanRequest, whitened_rows
@@ -16,6 +15,7 @@ from jointstiff.solver.design.feasibility import Equipment, Loads
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.readings.measurements import CommonUncertainty
+from jointstiff.solver.results import to_budget
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.terms.registry import TERMS
 from jointstiff.solver.terms.term import Term, by_torque
@@ -59,17 +59,18 @@ def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, load_zero_t
     robot, measurements = campaign
     stated = replace(measurements, common_uncertainty=CommonUncertainty())
     budget = UncertaintyBudget.of(estimate(robot, stated), 0.95)
-    (part,) = (part for part in budget.components if part.source == "load_zero")
-    message = BudgetComponent(
-        source=part.source,
-        evaluation=part.evaluation,
-        included=part.included,
-        degrees_of_freedom=None,
-        contributions=part.spread.uncertainty.tolist(),
-        correlation=part.spread.correlation.tolist(),
-    )
-    assert message.source == "load_zero"
-    assert all(0.0 < u < 0.1 / k for u, k in zip(message.contributions, ARM.stiffnesses, strict=True))
+    message = to_budget(budget, robot.joint_names, ())
+    (part,) = (part for part in message.components if part.source == "load_zero")
+    assert all(0.0 < u < 0.1 / k for u, k in zip(part.contributions, ARM.stiffnesses, strict=True))
+    # Neglecting K_c is a part of the whole budget alone.
+    parts, included = [part.contributions for part in message.components], [True, True, False]
+    assert [part.included for part in message.components] == included
+    for expanded, shown in (
+        (message.expanded_uncertainty, parts[:2]),
+        (message.expanded_with_model_error, parts),
+    ):
+        together = np.linalg.norm(shown, axis=0)
+        np.testing.assert_allclose(expanded, message.coverage_factor * together, rtol=1e-9)
 
 
 def test_it_is_a_nuisance_of_plans(campaign, load_zero_term):
