@@ -12,10 +12,10 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import PlanRequest, whitened_rows
 from jointstiff.solver.design.feasibility import Equipment, Loads
+from jointstiff.solver.design.results import to_budget
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.readings.measurements import CommonUncertainty
-from jointstiff.solver.results import to_budget
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.terms.registry import TERMS
 from jointstiff.solver.terms.term import Term, by_torque
