@@ -57,12 +57,12 @@ class ResultSummary(VerdictSummary):
     compensation: Dimensionless[float | None] = Field(
         default=None,
         description="Share of the mean deflection that the model predicts; the greatest of a comparison, "
-        "the smaller of a pair.",
+        "the smaller of its two sides.",
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints of status `identified`; the largest of a comparison's fits, those on "
-        "both sides of a pair; null for geometries.",
+        description="Number of joints of status `identified`; the largest of a comparison's runs, the "
+        "smaller of its two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(

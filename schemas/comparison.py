@@ -1,4 +1,4 @@
-"""A comparison: several methods on one measurement set, free and constrained (the paper's Table II)."""
+"""A comparison of stored runs: methods side by side (the paper's Table II), and two measurement sets."""
 
 from __future__ import annotations
 
@@ -7,19 +7,28 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.assessment import Assessment, ResultSummary
-from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Timestamp
+from jointstiff.schemas.fields import (
+    Compliance,
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Stiffness,
+    Timestamp,
+)
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.options import Method, Resampling, Weighting
+from jointstiff.schemas.options import Method, Resampling, RunOptions, Weighting
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run import MAX_LEFT_OUT, JointResult, ResamplingResult, identified_in
+from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, identified_in
 from jointstiff.schemas.terminal import Terminal, draws_of
 
 MAX_METHODS = 8
-MAX_FITS = 400_000
-"""Maximum total of repetitions of one comparison: their numbers are kept in memory until it ends."""
+MAX_COMPARED = 48
 
 Constraint = Literal["unconstrained", "positive"]
+Side = Literal["first", "second"]
 
 
 class ComparedMethod(Message):
@@ -53,9 +62,39 @@ PAPER_METHODS = (
 
 
 class ComparisonOptions(Message):
-    """Options of a comparison. The default is the paper's Table II."""
+    """Options of a comparison."""
 
-    methods: Annotated[list[ComparedMethod], Field(min_length=1, max_length=MAX_METHODS)] = Field(
+    ordered: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="Also identify two sets in one problem in which no joint is softer in the second one, "
+        "as with secondary encoders switched on.",
+    )
+    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] | None = Field(
+        default=None, description="Confidence level of ratios; default: that of the first run."
+    )
+
+
+class ComparisonRequest(ComparisonOptions):
+    """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
+
+    run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
+        description="Runs to compare. The first run of each of two sets is that by which the sets are "
+        "compared; where a constraint holds a joint of it, list the same run with `positive` false, too: "
+        "ratios are those of estimates without constraints."
+    )
+
+    @field_validator("run_ids", mode="after")
+    @classmethod
+    def _each_once(cls, run_ids: list[str]) -> list[str]:
+        if len(set(run_ids)) < len(run_ids):
+            raise ValueError("must not contain duplicates")
+        return run_ids
+
+
+class CampaignComparison(ComparisonOptions):
+    """Runs that are made of one or two campaigns to be compared; the default is the paper's Table II."""
+
+    methods: Annotated[list[ComparedMethod], Field(max_length=MAX_METHODS)] = Field(
         default=list(PAPER_METHODS), description="Methods, each at most once."
     )
     constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
@@ -69,18 +108,18 @@ class ComparisonOptions(Message):
         description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
         "The comparison may then take long.",
     )
-    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Confidence level of the intervals."
+    run: RunOptions | None = Field(
+        default=None,
+        description="Options of the runs by which two campaigns are compared, without priors and resampling; "
+        "default: those of the first campaign.",
     )
 
-    @field_validator("resampling", mode="after")
+    @field_validator("run", mode="after")
     @classmethod
-    def _not_too_many_fits(cls, resampling: Resampling | None, info: ValidationInfo) -> Resampling | None:
-        entries = len(info.data.get("methods", ())) * len(info.data.get("constraints", ()))
-        if resampling is not None and entries * resampling.repetitions > MAX_FITS:
-            most = MAX_FITS // entries
-            raise ValueError(f"{entries} fits of each draw: at most {most:,} repetitions")
-        return resampling
+    def _of_independent_readings(cls, options: RunOptions | None) -> RunOptions | None:
+        if options is not None and (options.priors or options.resampling is not None):
+            raise ValueError("must have neither `priors` nor `resampling` here")
+        return options
 
     @field_validator("methods", "constraints", mode="after")
     @classmethod
@@ -90,18 +129,11 @@ class ComparisonOptions(Message):
         return items
 
 
-class ComparisonRequest(ComparisonOptions):
-    """A comparison as it is posted."""
+class ComparedRun(Message):
+    """One run of the comparison; it has no numbers if it has failed."""
 
-    measurement_set_id: Identifier
-    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
-        default_factory=list, description="Labels of observations to omit, as in a run."
-    )
-
-
-class ComparedFit(Message):
-    """One method with one constraint; it has no numbers if the readings cannot support it."""
-
+    run_id: Identifier
+    side: Side = Field(description="Side of its measurement set.")
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
@@ -122,35 +154,157 @@ class ComparedFit(Message):
     )
     condition_number: float | None = Field(
         description="Condition number of the weighted regressor with columns of unit norm, the "
-        "largest of all "
-        "stages; null if rank-deficient. Dimensionless."
+        "largest of all stages; null if rank-deficient. Dimensionless."
     )
-    resampling: ResamplingResult | None = Field(description="Results of the resampling, if it was requested.")
+    draws: Resampling | None = Field(description="Draws of the resampling, if there was one.")
+    resampling: ResamplingResult | None = Field(description="Results of the resampling, if there was one.")
+    left: Metres[list[float | None]] = Field(
+        description="Mean length of what the model leaves of the deflection in each configuration of the "
+        "side, over its targets; null where the run leaves it out."
+    )
+
+
+class ComparedSide(Message):
+    """A measurement set of the comparison."""
+
+    side: Side
+    measurement_set_id: Identifier
+    run_id: Identifier = Field(description="Run by which the side is compared with the other one.")
+    configurations: list[Name] = Field(description="Labels of its observations.")
+    deflection: Metres[list[float | None]] = Field(
+        description="Mean length of the measured deflection in each configuration, over its targets; null "
+        "where all runs leave it out."
+    )
+
+
+class JointRatio(Message):
+    """One joint on both sides."""
+
+    name: Name
+    ratio: float | None = Field(
+        default=None,
+        description="Ratio of the stiffnesses, second side to first, of the estimates without constraints; "
+        "null if one is not positive. Dimensionless.",
+    )
+    ratio_interval: tuple[float | None, float | None] | None = Field(
+        default=None,
+        description="Fieller's interval of the ratio, cut at zero if compliances are constrained to be "
+        "positive. A null end means no limit; null means unknown. Dimensionless.",
+    )
+    ratio_excluded: tuple[float, float] | None = Field(
+        default=None,
+        description="Excluded ratios, if the readings exclude only those between two values. Dimensionless.",
+    )
+    p_value: float | None = Field(
+        default=None,
+        description="p-value of the hypothesis that the compliance has not changed (two-sided). Small: it "
+        "has changed.",
+    )
+    reason: str | None = Field(default=None, description="Reason why there is no ratio.")
+
+
+class DeflectionShare(Message):
+    """1 - mean deflection on the second side / mean deflection on the first. Dimensionless."""
+
+    value: float | None = Field(description="Value; null if unknown.")
+    standard_uncertainty: float | None = Field(
+        default=None, description="Standard uncertainty from sigma; null if sigma is unknown."
+    )
+
+
+class ConfigurationShare(Message):
+    """The share of the deflection avoided in one observation, over its targets."""
+
+    observation: Name
+    side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
+    measured: DeflectionShare | None = Field(
+        description="Measured share; only if both sides have the observation."
+    )
+    predicted: float | None = Field(
+        description="Predicted share from both sides' compliances; null if a joint that deflects here is not "
+        "observable on one side. Dimensionless."
+    )
+
+
+class AvoidedDeflection(Message):
+    """Share of the deflection that the second side avoids."""
+
+    matching: int = Field(
+        description="Number of observations with the same label, posture (1 mrad) and load (0.5 %, 1 mm) on "
+        "both sides."
+    )
+    measured: DeflectionShare | None = Field(
+        description="Measured share of the mean deflection of the matching observations; null if there are "
+        "none."
+    )
+    predicted: float | None = Field(
+        description="Predicted share of the mean deflection of all observations, matching ones counted once."
+    )
+    configurations: list[ConfigurationShare]
+
+
+class OrderedJoint(Message):
+    """One joint in the problem of both sides; null for a side that does not determine the joint."""
+
+    name: Name
+    compliance_first: Compliance[float | None]
+    compliance_second: Compliance[float | None] = Field(
+        description="Compliance on the second side, never larger than `compliance_first`."
+    )
+    stiffness_first: Stiffness[float | None] = Field(
+        description="1 / compliance; null if the compliance is zero."
+    )
+    stiffness_second: Stiffness[float | None]
+    compliance_interval_first: Compliance[tuple[float, float] | None] = Field(
+        description="Profile-likelihood interval under all constraints."
+    )
+    compliance_interval_second: Compliance[tuple[float, float] | None]
+    equal: bool = Field(description="True if the order makes both equal: separate fits would violate it.")
+
+
+class OrderedResult(Message):
+    """Both sides in one convex problem: no joint is softer on the second side."""
+
+    joints: list[OrderedJoint]
+    chi_square_increase: float = Field(
+        description="Increase of both sides' χ² due to the order. If far larger than the number of "
+        "joints held equal, the readings contradict the order. Dimensionless."
+    )
+    certificate: Certificate = Field(description="Proof of optimality.")
 
 
 class ComparisonResult(Result):
-    """The methods side by side."""
+    """Runs side by side; of two measurement sets also the ratios of the stiffnesses."""
 
     assessment: Assessment = Field(
-        description="Worst verdict of the fits with their reasons; equal kinds and places once"
+        description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which two "
+        "sets are compared; equal kinds and places once."
     )
-    entries: list[ComparedFit] = Field(
-        description="Fits, one per method and constraint, in the requested order."
+    confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
+    sides: list[ComparedSide] = Field(description="One or two measurement sets.")
+    entries: list[ComparedRun] = Field(description="Runs in the requested order.")
+    joints: list[JointRatio] = Field(description="Ratios of two sides; empty for one.")
+    avoided: AvoidedDeflection | None = Field(
+        description="Deflection that the second side avoids; null for one side."
     )
+    ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")
     warnings: list[Finding] = Field(
-        description="Warnings of the measurement set, then of the fits; duplicates are omitted."
+        description="Warnings of the measurement sets and of the fits, then of the comparison; of two sides "
+        "`where` begins with the side. Duplicates are omitted."
     )
 
     @property
     def summary(self) -> ResultSummary:
         """Excerpt for listings."""
-        fits = [entry for entry in self.entries if entry.joints]
+        by = {side.run_id for side in self.sides}
+        fits = [each for each in self.entries if each.joints and (not self.joints or each.run_id in by)]
+        shares = [fit.compensation for fit in fits if fit.compensation is not None]
+        counts = [identified_in(fit.joints) for fit in fits]
+        of_all = min if self.joints else max
         return ResultSummary(
             verdict=self.assessment.verdict,
-            compensation=max(
-                (fit.compensation for fit in fits if fit.compensation is not None), default=None
-            ),
-            joints_identified=max((identified_in(fit.joints) for fit in fits), default=0),
+            compensation=of_all(shares, default=None),
+            joints_identified=of_all(counts, default=0),
             joint_count=max((len(fit.joints) for fit in fits), default=None),
             warning_count=len(self.warnings),
         )
@@ -160,17 +314,20 @@ class ComparisonSummary(ResultSummary):
     """A comparison in a listing."""
 
     id: Identifier
-    measurement_set_id: Identifier
-    robot_id: Identifier
+    first_set_id: Identifier
+    second_set_id: Identifier | None = Field(description="Second measurement set; null for one alone.")
+    robot_id: Identifier = Field(description="Robot of the first side.")
     state: JobState
     created_at: Timestamp
 
 
 class Comparison(Job):
-    """A stored comparison. It never changes once ended."""
+    """A stored comparison. It never changes."""
 
     kind: ClassVar[str] = "comparison"
     collection: ClassVar[str] = "comparisons"
 
+    first_set_id: Identifier = Field(description="Measurement set of the first side.")
+    second_set_id: Identifier | None = Field(description="Measurement set of the second side; null for none.")
     request: ComparisonRequest
     result: ComparisonResult | None = Field(description="Result; present if the comparison has succeeded.")

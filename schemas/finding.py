@@ -163,8 +163,8 @@ class Finding(Message):
     )
     where: str | None = Field(
         default=None,
-        description="Observation, reading, sweep or joint; null for the whole. In a pair it begins with the "
-        "side.",
+        description="Observation, reading, sweep or joint; null for the whole. Of two sides it begins with "
+        "the side.",
     )
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."

@@ -12,7 +12,6 @@ import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { CompareView } from "./views/compare";
 import { MapView } from "./views/map";
-import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
 import { ProgramView } from "./views/program";
 import { RobotsView } from "./views/robots";
@@ -135,8 +134,7 @@ function View({ route }: { route: Route }) {
 
 function Compared({ kind, id, query }: { kind: string | undefined; id: string | undefined; query: URLSearchParams }) {
   if (kind === "runs") return <SideBySideView ids={(query.get("ids") ?? "").split(",").filter(Boolean)} />;
-  if (kind === "methods" && id) return <ComparisonView id={id} />;
-  if (kind === "pairs" && id) return <PairView id={id} />;
+  if ((kind === "methods" || kind === "pairs") && id) return <ComparisonView id={id} />;
   if (kind === "trend")
     return id ? <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} /> : <FleetView />;
   return <CompareView kind={kind ?? "methods"} />;

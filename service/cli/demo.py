@@ -116,7 +116,7 @@ def _tour(address: str, *, once: bool) -> int:
     """
     from jointstiff.service.kinds.comparison import COMPARISON
     from jointstiff.service.kinds.run import RUN
-    from jointstiff.service.library.client import Client, content_key
+    from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import RefusedError
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.tables.table import Line
@@ -131,9 +131,7 @@ def _tour(address: str, *, once: bool) -> int:
             stored = client.measurement_sets.get(run.request.measurement_set_id)
             counted = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
             typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counted})\n")
-            request = {"measurement_set_id": stored.id}
-            comparison = client.comparisons.create(request, key=content_key(request))
-            comparison = client.comparisons.wait(comparison)
+            comparison = client.compare(run)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1

@@ -45,17 +45,12 @@ _Values = Mapping[str, Any]
 _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "measurement_set": {"file": CampaignFile},
     "run": {"file": CampaignFile},
-    "pair": {
-        "first": Annotated[
-            Path,
-            file_argument(
-                "FIRST", "Campaign with the position loop on the motors' encoders, or before a change."
-            ),
-        ],
+    "campaigns": {
+        "file": CampaignFile,
         "second": Annotated[
-            Path,
+            Path | None,
             file_argument(
-                "SECOND", "Campaign with the position loop on secondary encoders, or after a change."
+                "[SECOND]", "Campaign to compare with: on secondary encoders, after a change, a twin."
             ),
         ],
     },
@@ -103,13 +98,18 @@ class _Extra:
 def command_of(name: str) -> Callable[..., None]:
     """Return the command of a kind of work, with a signature that Typer reads."""
     kind, extra = kind_of(name), _EXTRAS.get(name, _Extra())
-    sources = {key: (one, ...) for source in kind.sources for key, one in _ARGUMENTS[source].items()}
+    sources: dict[str, tuple[Any, Any]] = {
+        key: (one, None if key == "second" else ...)
+        for source in kind.sources
+        for key, one in _ARGUMENTS[source].items()
+    }
     fields = {key: (one, None) for key, one in field_options(kind.options)}
     endings = [f".{file.suffix}" for file in kind.files]
     tabled = "output" not in extra.options and ".csv" in endings
 
     def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
-        given, output = [values[key] for key in sources], values.get("output")
+        given = [values[key] for key in sources if values[key] is not None]
+        output = values.get("output")
         if tabled and output is not None and output.suffix not in endings:
             raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
         for path in filter(None, [output, *extra.written(values, given)]):
@@ -163,8 +163,9 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do = function_of(ROOMS[kind.name].command)
     try:
-        with progress_bar(shown=kind.stepped) as tell:
-            job: Job = do(*given, on_progress=tell if kind.stepped else None, **stated)
+        stepped = kind.stepped or "campaigns" in kind.sources
+        with progress_bar(shown=stepped) as tell:
+            job: Job = do(*given, on_progress=tell if stepped else None, **stated)
     except CampaignError as error:
         raise CampaignError(in_options(kind.options, error.problem)) from error
     return job

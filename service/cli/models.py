@@ -120,7 +120,7 @@ def report(
         Path,
         file_argument(
             "FILE",
-            "Campaign; or comparison, pair, plan, map or program, as its command prints it with --json.",
+            "Campaign; or comparison, plan, map or program, as its command prints it with --json.",
         ),
     ],
     *,

@@ -220,17 +220,13 @@ class ResamplingWork:
         size = max(1, int(STEP_SECONDS / seconds))
         return spans(self.repetitions, size)
 
-    def compute(self, span: Span, bounds: Bounds | None = None) -> Resamples:
+    def compute(self, span: Span) -> Resamples:
         """Fit some of the draws; their numbers do not depend on worker or division.
-
-        Args:
-            span: first repetition, and one past the last.
-            bounds: on the compliances, instead of those of the options.
 
         Raises:
             JointstiffError: as the identification of the whole set does.
         """
-        return resample(self._blocks, self._plan, self._settings.bounds if bounds is None else bounds, *span)
+        return resample(self._blocks, self._plan, self._settings.bounds, *span)
 
     def statistics(self, parts: Sequence[Arrays], estimate: Estimate) -> ResamplingResult:
         """Return what the draws come to, of the joints that the whole set shows."""

@@ -25,8 +25,8 @@ OPTIONS_BYTES: Final = 64 * 1024
 READINGS_BYTES: Final = 4 * 1024 * 1024
 """Size of a request that holds readings."""
 
-Source = Literal["measurement_set", "run", "pair", "robot_or_set", "readings", "files"]
-"""What a request is made of: a campaign, a run of one, two campaigns, a robot or a campaign, files."""
+Source = Literal["measurement_set", "run", "campaigns", "robot_or_set", "readings", "files"]
+"""What a request is made of: a campaign, a run of one, one campaign or two, a robot or a campaign, files."""
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)

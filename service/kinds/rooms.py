@@ -23,15 +23,15 @@ class Room:
 ROOMS: Final[Mapping[str, Room]] = MappingProxyType(
     {
         "run": Room("identify", "Identify the joint stiffnesses of a campaign."),
-        "comparison": Room("compare", "Compare methods and constraints on one campaign."),
-        "pair": Room("pair", "Compare two campaigns of one robot."),
+        "comparison": Room("compare", "Compare methods on a campaign, or two campaigns of one robot."),
         "geometry": Room("geometry", "Identify the geometry of a robot from sweeps or poses."),
         "plan": Room("plan", "Plan which postures and loads to measure."),
         "map": Room("map", "Map deflection and compliance over a work area."),
         "program": Room("compensate", "Compensate a program for the deflection under load."),
     }
 )
-"""By the name of the kind: each is a package of this one, whose declaration has that name in capitals."""
+"""By the name of the kind: each is a module or package of this one, whose declaration has that name in
+capitals."""
 
 
 def kind_of(name: str) -> AnyKind:

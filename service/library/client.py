@@ -23,7 +23,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
-from jointstiff.schemas.run import CampaignRun, Run, RunSummary
+from jointstiff.schemas.run import CampaignRun, Run, RunRequest, RunSummary
 from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.geometry import Geometry, GeometrySummary
     from jointstiff.schemas.map import Map, MapSummary
     from jointstiff.schemas.options import RunOptions
-    from jointstiff.schemas.pair import Pair, PairSummary
     from jointstiff.schemas.plan import Plan, PlanSummary
     from jointstiff.schemas.program import Program, ProgramSummary
 
@@ -82,14 +81,12 @@ class Client:
     # a kind of work has its verb and its collection without a line here, which is for editors and mypy
     campaign = None  # the service keeps them
     compare: Verb[Comparison]
-    pair: Verb[Pair]
     geometry: Verb[Geometry]
     plan: Verb[Plan]
     map: Verb[Map]
     compensate: Verb[Program]
     runs: Jobs[TabledRun, RunSummary]
     comparisons: Jobs[Comparison, ComparisonSummary]
-    pairs: Jobs[Pair, PairSummary]
     geometries: Jobs[Geometry, GeometrySummary]
     plans: Jobs[Plan, PlanSummary]
     maps: Jobs[Map, MapSummary]
@@ -204,6 +201,20 @@ class Client:
         """Return the id of a stored run, or of a campaign, which is posted once and identified."""
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
+
+    def run(
+        self,
+        request: RunRequest,
+        on_progress: OnProgress | None,
+        dispensable: bool,
+    ) -> Run | None:
+        """Post a run once; return it once it has ended, None if it is dispensable and not supported."""
+        try:
+            return self.runs.wait(self.runs.create(request, key=content_key(request)), on_progress)
+        except RefusedError as refused:
+            if dispensable and refused.problem.type.endswith(":unsupported-method"):
+                return None
+            raise
 
     def described(self, robot: RobotDocument) -> str:
         """Return the id of a stored robot, or of a robot, which is posted once."""

@@ -21,17 +21,15 @@ if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.map import Map
-    from jointstiff.schemas.pair import Pair
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.program import Program
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
     from jointstiff.service.library.results import TabledRun
-    from jointstiff.service.library.verbs import Verb, import_files, predict
+    from jointstiff.service.library.verbs import Verb, import_files, pair, predict
 
     identify: Verb[TabledRun]
     compare: Verb[Comparison]
-    pair: Verb[Pair]
     geometry: Verb[Geometry]
     plan: Verb[Plan]
     map: Verb[Map]  # noqa: A001 - the kind's name
@@ -59,6 +57,7 @@ _HOMES = {
     "RefusedError": "errors",
     "TabledRun": "results",
     "import_files": "verbs",
+    "pair": "verbs",
     "predict": "verbs",
 }
 """Modules of the names that are no kinds of work."""

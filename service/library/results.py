@@ -13,7 +13,7 @@ from pydantic import PrivateAttr, create_model
 from rich.console import Console
 
 from jointstiff.schemas.job import Job, Progress
-from jointstiff.schemas.run import JointResult, Run, RunResult
+from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
 from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.reports.job import job_report, job_sheet
@@ -45,6 +45,9 @@ class Door(Protocol):
 
     def described(self, robot: RobotDocument) -> str:
         """Return the id of a robot."""
+
+    def run(self, request: RunRequest, on_progress: OnProgress | None, dispensable: bool) -> Run | None:
+        """Identify a measurement set; a dispensable run may fail or be none if it is not supported."""
 
     def done(
         self,

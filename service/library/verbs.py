@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, cast
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import CampaignRun, Run
+from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
 from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
-from jointstiff.service.kinds.work import carry_out, new_job
+from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.files import (
@@ -39,6 +40,7 @@ from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.comparison import CampaignComparison, Comparison, ComparisonRequest
     from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.exporting.model import ExportedModel
@@ -59,7 +61,7 @@ class Verb(Protocol[AJob]):
         """Do the work; return the job once it has ended."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Call:
     """Arguments of a verb while its request is made of them."""
 
@@ -68,6 +70,7 @@ class _Call:
     waiting: list[Any]  # sources that are not taken yet
     options: Message | None
     fields: dict[str, Any]
+    on_progress: OnProgress | None
 
 
 def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
@@ -85,11 +88,9 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
         **fields: Any,  # noqa: ANN401 - of the options
     ) -> Job:
         waiting = list(sources)
-        if isinstance(options, Mapping):  # a field of its own in a pair
-            fields, options = {**fields, "options": options}, None
         if options is None and waiting and isinstance(waiting[-1], kind.options):
             options = waiting.pop()
-        call = _Call(kind, door(), waiting, options, fields)
+        call = _Call(kind, door(), waiting, options, fields, on_progress)
         parts: dict[str, Any] = {}
         for source in kind.sources:
             parts |= _TAKE[source](call)
@@ -98,8 +99,8 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
         files = parts.pop("files", {})
         if "readings" not in kind.sources:
             parts = {name: value for name, value in parts.items() if name in kind.request.model_fields}
-        if options is not None:
-            parts |= options.model_dump(mode="json", exclude_unset=True)
+        if call.options is not None:
+            parts |= call.options.model_dump(mode="json", exclude_unset=True)
         job: Job = call.door.done(kind, parts | fields, files, on_progress)
         return job
 
@@ -107,6 +108,19 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
     verb.__doc__ = _explained(kind)
     verb.__signature__ = _signature(kind)  # type: ignore[attr-defined]
     return verb
+
+
+def pair(
+    first: Any,  # noqa: ANN401 - a campaign, or a run
+    second: Any,  # noqa: ANN401 - a campaign, or a run
+    /,
+    options: RunOptions | Mapping[str, Any] | None = None,
+    **fields: Any,  # noqa: ANN401 - fields of CampaignComparison
+) -> Comparison:
+    """Compare two campaigns by one run of each, as `compare` does, without the table of methods."""
+    run = options.model_dump(mode="json", exclude_unset=True) if isinstance(options, RunOptions) else options
+    comparison: Comparison = function_of("compare")(first, second, **{"methods": [], "run": run, **fields})
+    return comparison
 
 
 @cache
@@ -157,9 +171,10 @@ def _explained(kind: AnyKind) -> str:
 _SOURCES: Final[Mapping[str, Mapping[str, str]]] = {
     "measurement_set": {"campaign": "a file, a document that was read from JSON, a `Campaign`, or a run."},
     "run": {"run": "what `identify` returned, or a campaign, which is identified now."},
-    "pair": {
-        "first": "campaign such as with the motors' encoders in the loop, or before a change.",
-        "second": "campaign such as with secondary encoders in the loop, or after a change.",
+    "campaigns": {
+        "first": "campaign or run; of two such as with the motors' encoders in the loop, or before a change.",
+        "second": "campaign or run such as with secondary encoders in the loop, or after a change; if "
+        "absent, the methods are compared on the first.",
     },
     "robot_or_set": {
         "source": "the campaign to go on with; or, to begin one, a robot: a document, the name of a file, or "
@@ -187,18 +202,80 @@ def _take_run(call: _Call) -> dict[str, Any]:
     return {"run_id": call.door.identified(call.waiting.pop(0))}
 
 
-def _take_pair(call: _Call) -> dict[str, Any]:
-    parts: dict[str, Any] = {}
-    for side in ("first", "second"):
-        source = call.waiting.pop(0)
-        if isinstance(source, Run):
-            parts[side] = {"run_id": call.door.identified(source)}
-            continue
-        set_id, run = call.door.measured(source, f"{side}.")
-        parts[side] = {"measurement_set_id": set_id, "leave_out": [] if run is None else run.leave_out}
-        if side == "first" and run is not None and call.options is None:
-            parts["options"] = run.model_dump(mode="json", exclude_unset=True, exclude={"leave_out"})
+def _take_campaigns(call: _Call) -> dict[str, Any]:
+    """Make the runs of one campaign or two, by each method and constraint, and compare them."""
+    from jointstiff.schemas.comparison import CampaignComparison
+
+    stated = {} if call.options is None else call.options.model_dump(mode="json", exclude_unset=True)
+    chosen = parse_document({**stated, **call.fields}, CampaignComparison)
+    call.options = None
+    call.fields.clear()
+    given = call.waiting[:2]
+    sets: list[_ComparedSet] = []
+    for source, place in zip(given, ("first.", "second."), strict=False):
+        set_id, own = call.door.measured(source, place if len(given) > 1 else "")
+        own = _options_of(source) if isinstance(source, Run) else own or CampaignRun()
+        shared = own if isinstance(source, Run) or not sets else sets[0].options
+        sets.append(_ComparedSet(set_id, own.leave_out, chosen.run or shared))
+    del call.waiting[:2]
+    request = _comparison_of(
+        sets, chosen, lambda asked, dispensable: call.door.run(asked, call.on_progress, dispensable)
+    )
+    parts: dict[str, Any] = request.model_dump(mode="json", exclude_unset=True)
     return parts
+
+
+@dataclass(frozen=True)
+class _ComparedSet:
+    """A measurement set to be compared."""
+
+    set_id: str
+    leave_out: Sequence[str]  # labels of observations that its runs omit
+    options: RunOptions  # options of the run by which it is compared with another set
+
+
+def _comparison_of(
+    sets: Sequence[_ComparedSet], chosen: CampaignComparison, make: Callable[[RunRequest, bool], Run | None]
+) -> ComparisonRequest:
+    """Make the runs of one set or two, and return the request that compares them.
+
+    Args:
+        sets: one for methods side by side, or two.
+        chosen: methods, constraints, draws.
+        make: identifies; the flag says whether the others do without the run.
+    """
+    from jointstiff.schemas.comparison import ComparisonRequest
+    from jointstiff.schemas.options import RunOptions
+    from jointstiff.service.kinds.comparing import UNCONSTRAINED, is_held
+
+    confidence = chosen.confidence or sets[0].options.confidence
+    common = {"elasticity": "joints", "confidence": confidence, "resampling": chosen.resampling}
+    table = [
+        RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
+        for method in chosen.methods
+        for constraint in chosen.constraints
+    ]
+    runs: list[Run] = []
+    for each in sets:
+        stated = each.options.model_dump(exclude={"leave_out"})
+        named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
+        own = RunOptions.model_validate({**stated, **common, **named})
+        listed = [own, *(other for other in table if other != own)] if len(sets) > 1 else table
+
+        def made(options: RunOptions, each: _ComparedSet = each, own: RunOptions = own) -> Run | None:
+            asked = RunRequest(
+                **options.model_dump(), measurement_set_id=each.set_id, leave_out=list(each.leave_out)
+            )
+            return make(asked, options != own)
+
+        by_options = [(options, made(options)) for options in listed]
+        free = own.model_copy(update=UNCONSTRAINED)
+        if free not in listed and any(options == own and run and is_held(run) for options, run in by_options):
+            by_options.append((free, made(free)))
+        runs += [run for _, run in by_options if run is not None]
+    return ComparisonRequest(
+        run_ids=[run.id for run in runs], ordered=chosen.ordered, confidence=chosen.confidence
+    )
 
 
 def _take_robot_or_campaign(call: _Call) -> dict[str, Any]:
@@ -234,7 +311,7 @@ def _take_files(call: _Call) -> dict[str, Any]:
 _TAKE: Final[Mapping[str, Callable[[_Call], dict[str, Any]]]] = {
     "measurement_set": _take_campaign,
     "run": _take_run,
-    "pair": _take_pair,
+    "campaigns": _take_campaigns,
     "robot_or_set": _take_robot_or_campaign,
     "readings": _take_readings,
     "files": _take_files,
@@ -288,6 +365,23 @@ class Here:
                     "now",
                 )
         return self.inputs.add_run(run, set_id)
+
+    def run(self, request: RunRequest, on_progress: OnProgress | None, dispensable: bool) -> Run:
+        """Identify a measurement set that was prepared; what cannot support the method is a failed run.
+
+        Raises:
+            CampaignError: the request cannot be used, or the run is not dispensable.
+        """
+        try:
+            run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, on_progress)
+        except CampaignError as refused:
+            if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
+                raise
+            nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
+            failed = {"state": "failed", "error": refused.problem}
+            run = new_job(Run, request, nothing).model_copy(update=failed)
+        self.inputs.add_run(run, request.measurement_set_id)
+        return run
 
     def described(self, robot: RobotDocument) -> str:
         """Prepare a robot; return its id."""

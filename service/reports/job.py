@@ -26,6 +26,7 @@ from jointstiff.service.reports.document import (
     versions_of,
 )
 from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.pictures import bars
 from jointstiff.service.tables.report import (
     View,
     judged,
@@ -37,7 +38,7 @@ from jointstiff.service.tables.report import (
     warning_lines,
 )
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import Line, Part, Sheet, Table, text_table
+from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, text_table
 from jointstiff.service.tables.terminal import printed
 
 _DEFAULT: Final = View()
@@ -122,6 +123,7 @@ def job_document(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],
                 notes=[note for note in notes if note],
+                pictures=[bars(part) for part in parts if isinstance(part, Chart)],
             ),
             Section(STATED, paragraphs=[NOT_ISO_9283]),
             Section(

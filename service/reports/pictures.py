@@ -11,6 +11,7 @@ import numpy as np
 from jointstiff.schemas.run import JointResult, RunResult
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.reports.document import Picture
+from jointstiff.service.tables.table import Chart
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.model import Robot
 
@@ -75,6 +76,7 @@ _WIDTH = 480.0
 _ROW = 17.0
 _NAMES = 90.0
 _MOST_BARS = 60
+_SERIES = (PALE, MARK, "#d08a2e", "#5a8f5a", "#8a5a8f", "#a04545", "#4a4a4a", "#c9b458")
 _APART = 12.0
 """Distance of joints in the picture below which their numbers would overlap."""
 
@@ -121,6 +123,41 @@ def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | Non
     )
 
 
+def bars(chart: Chart) -> Picture:
+    """Draw a chart: a group of bars at each place, one for each series; of many places the first."""
+    count = min(len(chart.names), _MOST_BARS)
+    rows = {
+        name: [chart.factor * (each or 0.0) for each in list(values)[:count]]
+        for name, values in chart.series.items()
+    }
+    height, base, left_edge, legend = 166.0, 128.0, 40.0, 154.0
+    drawing = Drawing(_WIDTH, height, chart.title)
+    top = _axis_end(max((value for values in rows.values() for value in values), default=0.0) or 1.0)
+    for tick in (0.0, 0.5, 1.0):
+        y = base - tick * (base - 12)
+        drawing.line(left_edge, y, _WIDTH - 6, y)
+        drawing.text(left_edge - 4, y + 3, f"{tick * top:g}", anchor="end")
+    step = (_WIDTH - left_edge - 6) / max(count, 1)
+    width = 0.8 * step / max(len(rows), 1)
+    for which, (name, values) in enumerate(rows.items()):
+        colour = _SERIES[which % len(_SERIES)]
+        for place, value in enumerate(values):
+            size = value / top * (base - 12)
+            drawing.bar(left_edge + step * (place + 0.1) + width * which, base - size, width, size, colour)
+        x = left_edge + (_WIDTH - left_edge - 6) * which / len(rows)
+        drawing.bar(x, legend, 7, 7, colour)
+        drawing.text(x + 10, legend + 7, _short(name))
+    drawing.text(0, 8, chart.unit)
+    drawing.text(_WIDTH - 6, base + 12, f"configurations 1 to {count} of {len(chart.names)}", anchor="end")
+    return Picture(str(drawing), f"{chart.title}: mean length over the targets.", 0.8)
+
+
+def _axis_end(greatest: float) -> float:
+    """Return the round number that an axis up to a value ends at."""
+    power = 10.0 ** floor(log10(greatest))
+    return next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
+
+
 def before_and_after(result: RunResult) -> Picture | None:
     """Draw the mean deflection of each observation, and what the model leaves of it."""
     measured: dict[str, list[float]] = {}
@@ -134,9 +171,7 @@ def before_and_after(result: RunResult) -> Picture | None:
         return None
     height, base, left_edge = 150.0, 128.0, 40.0
     drawing = Drawing(_WIDTH, height, "Deflection before and after compensation by the model")
-    greatest = max([*before, *after])
-    power = 10.0 ** floor(log10(greatest))
-    top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
+    top = _axis_end(max([*before, *after]))
     step = (_WIDTH - left_edge - 6) / len(before)
     for tick in (0.0, 0.5, 1.0):
         y = base - tick * (base - 12)

@@ -129,7 +129,18 @@ class Table:
         return {**texts, "head": self.head(), "rows": rows, "texts": self.text_columns()}
 
 
-Part = Table | Line
+@dataclass(frozen=True)
+class Chart:
+    """Numbers by name for a picture: bars of several series side by side. The terminal leaves it out."""
+
+    title: str
+    names: Sequence[str]  # names of the places along the axis
+    series: Mapping[str, Sequence[float | None]]  # one number for each place, in SI units; None for none
+    factor: float  # factor from SI to the unit
+    unit: str  # as shown
+
+
+Part = Table | Line | Chart
 """A part of what people read of a job: the terminal prints the parts in order, a report sorts them."""
 
 

@@ -20,7 +20,7 @@ from rich.text import Text
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.tables.report import problem_line
-from jointstiff.service.tables.table import Line, Part, Table
+from jointstiff.service.tables.table import Chart, Line, Part, Table
 
 _NARROWEST = 80
 _NARROW: Final = 16
@@ -67,7 +67,8 @@ def problem_text(problem: Problem) -> Text:
 
 def printed(parts: Sequence[Part]) -> RenderableType:
     """Lay out parts for the terminal; text is never taken for markup."""
-    return Group(*(_text(part) if isinstance(part, Line) else _FittedTable(part) for part in parts))
+    shown = (part for part in parts if not isinstance(part, Chart))
+    return Group(*(_text(part) if isinstance(part, Line) else _FittedTable(part) for part in shown))
 
 
 def _text(line: Line) -> RenderableType:

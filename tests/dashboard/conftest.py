@@ -136,14 +136,11 @@ def stored(api: httpx2.Client) -> Stored:
 
     first, second = add("motor", 3), add("secondary", 4)
     run = post(api, "/v1/runs", {"measurement_set_id": first})["id"]
-    post(api, "/v1/runs", {"measurement_set_id": second})
-    post(api, "/v1/runs", {"measurement_set_id": first, "method": "decoupled_partial_pose"})
-    comparison = post(api, "/v1/comparisons", {"measurement_set_id": first})["id"]
-    pair = post(
-        api,
-        "/v1/pairs",
-        {"first": {"measurement_set_id": first}, "second": {"measurement_set_id": second}, "ordered": True},
-    )["id"]
+    other = post(api, "/v1/runs", {"measurement_set_id": second})["id"]
+    decoupled = {"measurement_set_id": first, "method": "decoupled_partial_pose"}
+    runs = [run, post(api, "/v1/runs", decoupled)["id"]]
+    comparison = post(api, "/v1/comparisons", {"run_ids": runs})["id"]
+    pair = post(api, "/v1/comparisons", {"run_ids": [run, other], "ordered": True})["id"]
     joints = [f"joint_{j}" for j in range(2, 7)]  # a weight never twists the first
     plan = post(api, "/v1/plans", {"measurement_set_id": first, "readings": 6, "joints": joints})["id"]
     work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}

@@ -357,15 +357,9 @@ def test_a_deleted_run_is_found_and_restored(visit, api, stored):
 
 
 @pytest.mark.parametrize("kind", ["methods", "pairs"])
-def test_deleted_comparisons_and_pairs_are_found_and_restored(visit, api, stored, kind):
-    sides = {
-        name: {"measurement_set_id": of} for name, of in (("first", stored.set), ("second", stored.other_set))
-    }
-    path, request = {
-        "methods": ("/v1/comparisons", {"measurement_set_id": stored.other_set}),
-        "pairs": ("/v1/pairs", sides),
-    }[kind]
-    made = post(api, path, request)["id"]
+def test_deleted_comparisons_are_found_and_restored(visit, api, stored, kind):
+    body = {"run_ids": api.get(f"/v1/comparisons/{stored.pair}").json()["request"]["run_ids"]}
+    path, made = "/v1/comparisons", post(api, "/v1/comparisons", body)["id"]
     api.delete(f"/v1/jobs/{made}")
     visited = visit("phone")
     visited.go(f"#/compare/{kind}")

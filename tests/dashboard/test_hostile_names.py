@@ -74,8 +74,11 @@ def test_forty_hostile_names_are_shown_as_text(visit, api):
         post(api, "/v1/measurement-sets", {**small, "robot_id": robot["id"]})
     whole = {**document["measurement_set"], "name": NAMES[1], "robot_id": robot["id"]}
     set_id = post(api, "/v1/measurement-sets", whole)["id"]
-    run = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
-    comparison = post(api, "/v1/comparisons", {"measurement_set_id": set_id})["id"]
+    run, other = (
+        post(api, "/v1/runs", {"measurement_set_id": set_id, "positive": each})["id"]
+        for each in (True, False)
+    )
+    comparison = post(api, "/v1/comparisons", {"run_ids": [run, other]})["id"]
 
     visited = visit("tablet")
     page = visited.page

@@ -59,7 +59,7 @@ def test_carried_verdicts_stand_on_their_pages(visit, stored, api):
         f"#/maps/{stored.map}",
         f"#/plans/{stored.plan}",
         f"#/programs/{program}",
-        f"#/compare/pairs/{stored.pair}",
+        f"#/compare/methods/{stored.pair}",
         f"#/compare/methods/{stored.comparison}",
     ):
         visited.go(address)

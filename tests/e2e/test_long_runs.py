@@ -19,12 +19,11 @@ import httpx2
 import psycopg
 import pytest
 from sqlalchemy import func, select
-from support.api import CANCEL, file_at, job_at
+from support.api import CANCEL, job_at
 from support.processes import free_port, ready, serving, until, workers_of, working
 
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.options import MAX_REPETITIONS
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import job_steps, jobs
@@ -151,41 +150,6 @@ def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
     assert client.get(address).json() == cancelled
     assert client.patch(job_at(address), json=CANCEL).json() == cancelled
     assert [data["state"] for _, data in followed(client, address)] == ["cancelled"]
-
-
-def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
-    client: httpx2.Client, set_id: str, campaign: dict[str, Any]
-) -> None:
-    options = {"resampling": RESAMPLING | {"repetitions": 5_000}}
-    answer = client.post("/v1/comparisons?wait=0", json=options | {"measurement_set_id": set_id})
-    assert answer.status_code == 202
-    address = answer.headers["location"]
-    assert address == f"/v1/comparisons/{answer.json()['id']}"
-    assert client.get(file_at(address, "table.csv")).status_code == 409
-
-    told = list(followed(client, address))
-
-    assert [name for name, _ in told] == ["progress"] * (len(told) - 1) + ["end"]
-    assert told[-1][1]["progress"]["done"] == 8 * 5_000
-    found = client.get(address).json()
-    document = Campaign.model_validate_json(json.dumps(campaign))
-    here = jointstiff.compare(document, ComparisonOptions.model_validate(options))
-    assert numbers(found) == numbers(json.loads(here.model_dump_json()))
-    table = client.get(file_at(address, "table.csv"))
-    assert table.headers["content-type"].startswith("text/csv")
-    assert table.text.count("\r\n") == 8 * 6 + 1
-
-
-def test_a_cancelled_comparison_stays_as_it_is(client: httpx2.Client, set_id: str) -> None:
-    resampling = LONGEST | {"repetitions": 50_000}
-    body = {"measurement_set_id": set_id, "resampling": resampling}
-    address = client.post("/v1/comparisons?wait=0", json=body).headers["location"]
-    until(lambda: client.get(address).json()["progress"]["done"] > 0)
-    cancelled = client.patch(job_at(address), json=CANCEL).json()
-    assert (cancelled["state"], cancelled["result"]) == ("cancelled", None)
-    assert 0 < cancelled["progress"]["done"] < 8 * 50_000
-    assert client.get(address).json() == cancelled
-    assert client.get(file_at(address, "table.csv")).status_code == 409
 
 
 def test_a_key_belongs_to_one_long_run(client: httpx2.Client, set_id: str) -> None:

@@ -135,7 +135,7 @@ VIEWS = (
     "#/compare/methods",
     "#/compare/pairs",
     "#/compare/methods/{comparison}",
-    "#/compare/pairs/{pair}",
+    "#/compare/methods/{pair}",
     "#/compare/trend/{robot}",
     "#/fleet",
     "#/runs/nothing-of-this-name",

@@ -8,7 +8,7 @@ export interface Standing {
 }
 
 /** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "pairs" | "geometries" | "plans" | "maps" | "programs";
+export type Collection = "runs" | "comparisons" | "geometries" | "plans" | "maps" | "programs";
 
 /**
  * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be

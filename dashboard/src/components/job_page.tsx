@@ -15,7 +15,7 @@ import { save } from "./download";
 import { Cancelled, Going } from "./going";
 
 /** Kinds with a report: that of a run is signed, the others are for information. */
-const REPORTED: readonly Collection[] = ["runs", "comparisons", "pairs", "plans", "maps", "programs"];
+const REPORTED: readonly Collection[] = ["runs", "comparisons", "plans", "maps", "programs"];
 
 /** Made from a run, whose verdict they carry. */
 const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];

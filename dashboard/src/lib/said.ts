@@ -35,7 +35,7 @@ export const inShownUnits = (words: string): string =>
     .replace(/\bin metres\b/g, "in mm")
     .replace(/\bin radians\b/g, "in degrees");
 
-/** The label of an observation, of a place in what was posted; in a pair with its side. */
+/** The label of an observation, of a place in what was posted; of two sides with its side. */
 export function placeName(where: string): string {
   const [, side, label] = /^(?:(first|second)\.)?observations\[\d+\] '(.+)'$/.exec(where) ?? [];
   return label === undefined ? where : side === undefined ? label : `${label} (${side})`;

@@ -1,11 +1,11 @@
-/** Where comparisons start: methods on one set, or two sets. */
+/** Where comparisons start: methods on one set, or two sets; their runs are made first. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RunSummary } from "../api/types";
 import { ActionButton, Empty, LinkButton, Show, Tabs, timeText, Title, Toggle } from "../components/basics";
 import { Select } from "../components/fields";
-import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
+import { compareMethods, compareSides, type SideOf } from "../state/comparing";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { go, link, parse } from "../state/router";
@@ -33,10 +33,18 @@ export function CompareView({ kind }: { kind: string }) {
                 {text.app.measure}
               </LinkButton>
             </Empty>
-          ) : kind === "pairs" ? (
-            <StartPair names={known} />
           ) : (
-            <StartMethods names={known} />
+            <>
+              {kind === "pairs" ? <StartPair names={known} /> : <StartMethods names={known} />}
+              <JobList
+                collection="comparisons"
+                title={text.earlier.comparisons}
+                names={known}
+                row={({ first_set_id: first, second_set_id: second }) => ({
+                  name: second ? text.pair.title(known.set(first), known.set(second)) : known.set(first),
+                })}
+              />
+            </>
           )
         }
       </Show>
@@ -53,33 +61,25 @@ function StartMethods({ names }: { names: Names }) {
   const start = useAction(async () => {
     const size = Math.max(1, Math.round((names.sets.find((s) => s.id === set)?.observation_count ?? 20) / 2));
     const resampling = resample ? { size, repetitions: 200, seed: 1 } : null;
-    const comparison = await api.comparisons.add({ measurement_set_id: set, resampling }, freshKey("comparison"));
+    const comparison = await compareMethods(set, resampling);
     go(link(["compare", "methods", comparison.id]));
   });
   return (
-    <>
-      <section class="card form">
-        <p>{words.methodsIntro}</p>
-        <Select label={text.sets.kind} value={set} change={setSet} options={setOptions(names)} />
-        <Toggle label={words.resample} checked={resample} change={setResample} />
-        <ActionButton look="primary" action={start} disabled={!set} going={words.going}>
-          {words.go}
-        </ActionButton>
-      </section>
-      <JobList
-        collection="comparisons"
-        title={text.earlier.comparisons}
-        names={names}
-        row={(item) => ({ name: names.set(item.measurement_set_id) })}
-      />
-    </>
+    <section class="card form">
+      <p>{words.methodsIntro}</p>
+      <Select label={text.sets.kind} value={set} change={setSet} options={setOptions(names)} />
+      <Toggle label={words.resample} checked={resample} change={setResample} />
+      <ActionButton look="primary" action={start} disabled={!set} going={words.going}>
+        {words.go}
+      </ActionButton>
+    </section>
   );
 }
 
-/** One side of a pair as the select box holds it: `set:…` or `run:…`. */
-function side(chosen: string): { measurement_set_id: string } | { run_id: string } {
+/** A side as the select box holds it: `set:…` or `run:…`. */
+async function side(chosen: string): Promise<SideOf> {
   const [kind, id = ""] = chosen.split(":", 2);
-  return kind === "run" ? { run_id: id } : { measurement_set_id: id };
+  return kind === "run" ? { run: await api.runs.one(id) } : { set: id };
 }
 
 /** Method, constraint and weights of a run, short. */
@@ -112,47 +112,36 @@ function StartPair({ names }: { names: Names }) {
   const [first, setFirst] = useState(query.get("first") ?? `set:${begin?.id ?? ""}`);
   const [second, setSecond] = useState(query.get("second") ?? `set:${end?.id ?? ""}`);
   const [ordered, setOrdered] = useState(unlike !== undefined && !query.has("first") && !query.has("second"));
+  const [methods, setMethods] = useState(false);
   const choose = (set: (side: string) => void) => (chosen: string) => {
     set(chosen);
     setOrdered(false);
   };
   const start = useAction(async () => {
-    const pair = await api.pairs.add({ first: side(first), second: side(second), ordered }, freshKey("pair"));
-    go(link(["compare", "pairs", pair.id]));
+    const sides = await Promise.all([side(first), side(second)]);
+    const pair = await compareSides(sides, ordered, methods);
+    go(link(["compare", "methods", pair.id]));
   }, "pair");
   const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;
   return (
-    <>
-      <section class="card form">
-        <p>{words.pairsIntro}</p>
-        <div class="row">
-          <Select
-            label={words.first}
-            help={words.firstHint}
-            value={first}
-            change={choose(setFirst)}
-            options={options}
-          />
-          <Select
-            label={words.second}
-            help={words.secondHint}
-            value={second}
-            change={choose(setSecond)}
-            options={options}
-          />
-        </div>
-        <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
-        {!possible && <p class="soft">{words.twoSets}</p>}
-        <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>
-          {words.go}
-        </ActionButton>
-      </section>
-      <JobList
-        collection="pairs"
-        title={text.earlier.pairs}
-        names={names}
-        row={(item) => ({ name: text.pair.title(names.set(item.first_set_id), names.set(item.second_set_id)) })}
-      />
-    </>
+    <section class="card form">
+      <p>{words.pairsIntro}</p>
+      <div class="row">
+        <Select label={words.first} help={words.firstHint} value={first} change={choose(setFirst)} options={options} />
+        <Select
+          label={words.second}
+          help={words.secondHint}
+          value={second}
+          change={choose(setSecond)}
+          options={options}
+        />
+      </div>
+      <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
+      <Toggle label={words.allMethods} checked={methods} change={setMethods} />
+      {!possible && <p class="soft">{words.twoSets}</p>}
+      <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>
+        {words.go}
+      </ActionButton>
+    </section>
   );
 }

@@ -1,64 +1,230 @@
-/** Methods side by side on one set: the layout of the paper's Table II, and the same as a chart. */
+/** Runs side by side: methods on one set, and two sets with the ratios of their stiffnesses; the paper's figures. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { ComparedFit } from "../api/types";
+import type { ComparedRun, Comparison } from "../api/types";
+import { Bars } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { StiffnessIntervals, markOf } from "../charts/intervals";
-import { Download, Choice, Prose } from "../components/basics";
+import { Intervals, StiffnessIntervals, markOf } from "../charts/intervals";
+import { Choice, Download, LinkButton, Name, NameLink, Prose } from "../components/basics";
+import { Further } from "../components/findings";
 import { JobPage } from "../components/job_page";
 import { JobTables } from "../components/job_tables";
 import { alike, type Table } from "../components/table";
-import { percent, significant } from "../lib/format";
+import { pValue, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { STIFFNESS_UNITS, type StiffnessUnit, intervalIn, maybeInUnit } from "../lib/units";
-import { storedSet } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
+import { storedSet } from "../state/stored";
 import { text } from "../i18n";
-import { Further } from "../components/findings";
 import { VerdictCard } from "./verdict_card";
 
 const words = text.compare;
+const two = text.pair;
+type Result = NonNullable<Comparison["result"]>;
+type Avoided = NonNullable<Result["avoided"]>;
+/** Names of the sides: one set, or two. */
+type Sides = readonly string[];
 
 export function ComparisonView({ id }: { id: string }) {
   return (
     <JobPage
       collection="comparisons"
       id={id}
-      kind={words.methods}
+      kind={words.title}
       load={async (signal) => {
-        const comparison = await api.comparisons.one(id, signal);
-        return { job: comparison, set: await storedSet(comparison.request.measurement_set_id) };
+        const job = await api.comparisons.one(id, signal);
+        const ids = [job.first_set_id, ...(job.second_set_id ? [job.second_set_id] : [])];
+        const sets = await Promise.all(ids.map(storedSet));
+        const names = sets.map((set) => set.name);
+        const same = new Set(names).size < names.length;
+        const sides = names.map((name, i) => (same ? `${name} (${i ? two.second : two.first})` : name));
+        return { job, ids, sides };
       }}
-      head={({ job, set }) => ({
-        name: set.name,
-        list: "#/compare/methods",
-        about: <a href={link(["sets", set.id])}>{text.sets.kind}</a>,
-        actions: job.result && <Download href={api.jobs.file(id, "table.csv")}>{text.figure.csv}</Download>,
+      head={({ job, ids, sides }) => ({
+        name: sides.join(" → "),
+        title: sides.map((name, i) => (
+          <>
+            {i > 0 && " → "}
+            <Name>{name}</Name>
+          </>
+        )),
+        list: `#/compare/${sides.length > 1 ? "pairs" : "methods"}`,
+        about: sides.map((name, i) => <NameLink to={["sets", ids[i] ?? ""]}>{name}</NameLink>),
+        actions: job.result && (
+          <>
+            <Download href={api.jobs.file(id, "table.csv")}>{text.figure.csv}</Download>
+            {job.result.sides.length > 1 && <Swap sides={job.result.sides.map((side) => `run:${side.run_id}`)} />}
+          </>
+        ),
       })}
     >
-      {({ assessment, warnings, entries }, { job }) => (
-        <>
-          <VerdictCard assessment={assessment} context={null} />
-          <Further warnings={unsaid(warnings, assessment.reasons)} />
-          <JobTables collection="comparisons" id={job.id} />
-          {entries.map(
-            (fit) =>
-              fit.error && (
-                <p class="note">
-                  {entryName(fit)}: {words.notPossible}: <Prose text={fit.error.detail} />
-                </p>
-              ),
-          )}
-          <Methods entries={entries} level={percent(job.request.confidence ?? 0.95)} />
-        </>
-      )}
+      {(result, { job, sides }) => <ComparisonPage id={job.id} {...{ result, sides }} />}
     </JobPage>
   );
 }
 
+const Swap = ({ sides: [first = "", second = ""] }: { sides: string[] }) => (
+  <LinkButton href={link(["compare", "pairs"], { first: second, second: first })}>{two.swap}</LinkButton>
+);
+
+function ComparisonPage({ id, result, sides }: { id: string; result: Result; sides: Sides }) {
+  const level = percent(result.confidence);
+  const { assessment, warnings, entries, avoided } = result;
+  const paired = avoided !== null;
+  return (
+    <>
+      <VerdictCard assessment={assessment} context={null} />
+      <Further warnings={unsaid(warnings, assessment.reasons)} />
+      {avoided && <AvoidedShare avoided={avoided} />}
+      {paired && <Ratios {...{ result, sides, level }} />}
+      {paired && <Both {...{ result, sides, level }} />}
+      <JobTables collection="comparisons" id={id} from={paired ? 1 : 0} />
+      {entries.map(
+        (fit) =>
+          fit.error && (
+            <p class="note">
+              {entryName(fit)}: {words.notPossible}: <Prose text={fit.error.detail} />
+            </p>
+          ),
+      )}
+      {sides.map((side, i) => {
+        const own = entries.filter((fit) => fit.side === (i ? "second" : "first") && !fit.error);
+        return own.length > 2 || !paired ? <Methods entries={own} level={level} side={paired ? side : null} /> : null;
+      })}
+      {paired && <Deflections result={result} sides={sides} />}
+      {sides.map((side, i) => (
+        <Left result={result} at={i} side={paired ? side : null} />
+      ))}
+      {avoided && <ByConfiguration avoided={avoided} />}
+    </>
+  );
+}
+
+function AvoidedShare({ avoided }: { avoided: Avoided }) {
+  const share = (value: number | null | undefined) => (value === null || value === undefined ? "–" : percent(value));
+  return (
+    <ul class="summary">
+      <li>
+        <b>{share(avoided.measured?.value)}</b>
+        {two.avoided}, {two.measured}
+        {avoided.matching === 0 && `: ${two.noMatch}`}
+      </li>
+      <li>
+        <b>{share(avoided.predicted)}</b>
+        {two.avoided}, {two.predicted}
+      </li>
+      <li>
+        <b>{avoided.matching}</b>
+        {two.matching(avoided.matching)}
+      </li>
+    </ul>
+  );
+}
+
+function Ratios({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
+  const title = two.ratioOf(sides[0] ?? "", sides[1] ?? "");
+  const show = (v: number) => significant(v, 3);
+  return (
+    <Figure
+      title={title}
+      note={two.ratioNote(level)}
+      table={{
+        columns: [
+          text.run.joint,
+          { title, show },
+          ...alike([text.run.low, text.run.high], undefined, show),
+          { title: text.evidence.pValue, show: pValue },
+          text.run.verdict,
+        ],
+        rows: result.joints.map((joint) => [
+          joint.name,
+          joint.ratio,
+          joint.ratio_interval?.[0],
+          joint.ratio_interval?.[1],
+          joint.p_value,
+          verdict(joint.p_value, joint.reason),
+        ]),
+      }}
+    >
+      {(width) => (
+        <Intervals
+          rows={result.joints.map((joint) => ({
+            name: joint.name,
+            marks: [
+              {
+                mark: changed(joint.p_value) ? "positive" : "free",
+                value: joint.ratio,
+                low: joint.ratio_interval?.[0] ?? null,
+                high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
+                instead: joint.reason === null ? "–" : text.verdicts.unobservable,
+                label: `${joint.name}: ${joint.ratio === null ? "–" : show(joint.ratio)}`,
+              },
+            ],
+          }))}
+          width={width}
+          label={title}
+          unit={two.ratioAxis}
+          format={(v) => String(Number(v.toPrecision(2)))}
+          reference={1}
+        />
+      )}
+    </Figure>
+  );
+}
+
+const changed = (p: number | null): boolean => p !== null && p < 0.05;
+const verdict = (p: number | null, reason: string | null): string =>
+  p === null ? (reason ?? "–") : changed(p) ? two.changed : two.unchanged;
+
+/** The runs by which two sides are compared. */
+function Both({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
+  const { unit } = useSettings();
+  const u = { unit: STIFFNESS_UNITS[unit].column };
+  const runs = result.sides.map(({ run_id }) => result.entries.find((fit) => fit.run_id === run_id)?.joints ?? []);
+  const marks = ["method-1", "method-0"] as const;
+  return (
+    <Figure
+      title={two.stiffness}
+      note={text.run.stiffnessNote(level)}
+      legend={sides.map((label, i) => ({ label, mark: marks[i] ?? "" }))}
+      table={{
+        columns: [
+          text.run.joint,
+          ...sides.flatMap((side) => [
+            { title: side, ...u },
+            { title: `${side} ${text.run.low}`, ...u },
+            { title: `${side} ${text.run.high}`, ...u },
+          ]),
+        ],
+        rows: result.joints.map(({ name }, j) => [
+          name,
+          ...runs.flatMap((joints) => [
+            maybeInUnit(joints[j]?.stiffness ?? null, unit),
+            ...intervalIn(joints[j]?.stiffness_interval ?? null, unit),
+          ]),
+        ]),
+      }}
+    >
+      {(width) => (
+        <StiffnessIntervals
+          rows={result.joints.map(({ name }, j) => ({
+            name,
+            marks: runs.flatMap((joints, i) => {
+              const joint = joints[j];
+              return joint ? [markOf(joint, marks[i] ?? "", unit)] : [];
+            }),
+          }))}
+          {...{ width, unit }}
+          label={two.stiffness}
+        />
+      )}
+    </Figure>
+  );
+}
+
 /** A name that tells an entry from the others. */
-function entryName(fit: ComparedFit): string {
+function entryName(fit: ComparedRun): string {
   const short = text.methods[fit.method];
   if (fit.weighting !== "characteristic_length") return short;
   return fit.characteristic_length
@@ -66,16 +232,20 @@ function entryName(fit: ComparedFit): string {
     : `${short}, ${words.byLength}`;
 }
 
-const jointNames = (entries: ComparedFit[]): string[] => [
-  ...new Set(entries.flatMap((entry) => entry.joints.map((joint) => joint.name))),
-];
+/** Entries of a constraint, one for each method. */
+function byMethod(entries: ComparedRun[], positive: boolean): ComparedRun[] {
+  const fitting = entries.filter((fit) => fit.positive === positive);
+  return [...new Map(fitting.map((fit) => [entryName(fit), fit])).values()];
+}
 
-function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) {
+function Methods({ entries, level, side }: { entries: ComparedRun[]; level: string; side: string | null }) {
   const { unit } = useSettings();
   const [constraint, setConstraint] = useState<"positive" | "unconstrained">("positive");
-  const chosen = entries.filter((fit) => fit.positive === (constraint === "positive") && !fit.error);
-  if (entries.every((fit) => fit.error)) return null;
-  const rows = jointNames(entries).map((name) => ({
+  if (entries.length === 0) return null;
+  const chosen = byMethod(entries, constraint === "positive");
+  const names = [...new Set(entries.flatMap((entry) => entry.joints.map((joint) => joint.name)))];
+  const title = side === null ? words.chartTitle : `${words.chartTitle}: ${side}`;
+  const rows = names.map((name) => ({
     name,
     marks: chosen.flatMap((fit, i) =>
       fit.joints.filter((joint) => joint.name === name).map((joint) => markOf(joint, `method-${i}`, unit)),
@@ -83,9 +253,9 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
   }));
   return (
     <Figure
-      title={words.chartTitle}
+      title={title}
       note={text.run.stiffnessNote(level)}
-      table={table(entries, unit)}
+      table={stiffnesses(entries, unit)}
       legend={chosen.map((fit, i) => ({ label: entryName(fit), mark: `method-${i}` }))}
       tools={
         <Choice
@@ -96,19 +266,18 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
         />
       }
     >
-      {(width) => <StiffnessIntervals {...{ rows, width, unit, label: words.chartTitle }} />}
+      {(width) => <StiffnessIntervals {...{ rows, width, unit, label: title }} />}
     </Figure>
   );
 }
 
-function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
-  const { column } = STIFFNESS_UNITS[unit];
+function stiffnesses(entries: ComparedRun[], unit: StiffnessUnit): Table {
   return {
     columns: [
       text.run.method,
       text.options.constrained,
       text.run.joint,
-      ...alike([text.run.value, text.run.low, text.run.high], column),
+      ...alike([text.run.value, text.run.low, text.run.high], STIFFNESS_UNITS[unit].column),
       words.compensation,
       { title: words.rms, unit: text.units.mm },
     ],
@@ -124,4 +293,107 @@ function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
       ]),
     ),
   };
+}
+
+interface Series {
+  mark: string;
+  label: string;
+  values: (number | null)[];
+}
+
+const inMillimetres = (lengths: (number | null)[]): (number | null)[] =>
+  lengths.map((length) => (length === null ? null : length * 1e3));
+
+/** Bars by configuration, with the table behind them. */
+function Lengths({ title, note, names, series }: { title: string; note: string; names: string[]; series: Series[] }) {
+  if (names.length === 0) return null;
+  return (
+    <Figure
+      title={title}
+      note={note}
+      legend={series}
+      table={{
+        columns: [
+          text.deflection.configuration,
+          ...alike(
+            series.map((one) => one.label),
+            text.units.mm,
+          ),
+        ],
+        rows: names.map((name, i) => [name, ...series.map((one) => one.values[i] ?? null)]),
+      }}
+    >
+      {(width) => <Bars {...{ names, series, width }} label={title} unit={text.units.mm} />}
+    </Figure>
+  );
+}
+
+/** The paper's figure 7: the deflection of each configuration on both sides. */
+function Deflections({ result, sides }: { result: Result; sides: Sides }) {
+  const [first, second] = result.sides;
+  if (!first || !second) return null;
+  const names = [...new Set([...first.configurations, ...second.configurations])];
+  const of = ({ configurations, deflection }: typeof first) => {
+    const lengths = new Map(configurations.map((name, i) => [name, deflection[i] ?? null]));
+    return inMillimetres(names.map((name) => lengths.get(name) ?? null));
+  };
+  const series = [
+    { mark: "measured", label: sides[0] ?? "", values: of(first) },
+    { mark: "method-0", label: sides[1] ?? "", values: of(second) },
+  ];
+  return <Lengths title={words.deflection} note={words.deflectionNote} {...{ names, series }} />;
+}
+
+/** The paper's figure 8: what is left of a side's deflection after compensation by each method. */
+function Left({ result, at, side }: { result: Result; at: number; side: string | null }) {
+  const own = result.sides[at];
+  if (!own) return null;
+  const fits = result.entries.filter((fit) => fit.side === own.side && fit.left.length > 0);
+  const chosen = fits.some((fit) => fit.positive) ? byMethod(fits, true) : byMethod(fits, false);
+  const series = [
+    { mark: "measured", label: two.measured, values: inMillimetres(own.deflection) },
+    ...chosen.map((fit, i) => ({ mark: `method-${i}`, label: entryName(fit), values: inMillimetres(fit.left) })),
+  ];
+  const title = side === null ? words.left : words.leftOf(side);
+  return <Lengths title={title} note={words.leftNote} names={own.configurations} series={series} />;
+}
+
+function ByConfiguration({ avoided }: { avoided: Avoided }) {
+  const names = avoided.configurations.map((one) => one.observation);
+  const series = [
+    {
+      mark: "measured",
+      label: two.measured,
+      values: avoided.configurations.map((one) => (one.measured?.value == null ? null : one.measured.value * 100)),
+    },
+    {
+      mark: "predicted",
+      label: two.predicted,
+      values: avoided.configurations.map((one) => (one.predicted === null ? null : one.predicted * 100)),
+    },
+  ];
+  if (names.length === 0) return null;
+  return (
+    <Figure
+      title={two.byConfiguration}
+      note={two.byConfigurationNote}
+      legend={series}
+      table={{
+        columns: [
+          text.deflection.configuration,
+          ...alike([two.measured, text.run.uncertainty, two.predicted], text.units.share),
+        ],
+        rows: avoided.configurations.map((one, i) => [
+          one.observation,
+          series[0]?.values[i],
+          one.measured?.standard_uncertainty == null ? null : one.measured.standard_uncertainty * 100,
+          series[1]?.values[i],
+        ]),
+      }}
+    >
+      {(width) => (
+        <Bars names={names} series={series} width={width} label={two.byConfiguration} unit={text.units.share} />
+      )}
+    </Figure>
+  );
 }

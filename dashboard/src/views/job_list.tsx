@@ -37,9 +37,7 @@ interface Listed {
 }
 
 const addressOf = (collection: Collection, id: string): string =>
-  collection === "comparisons"
-    ? link(["compare", "methods", id])
-    : link(collection === "pairs" ? ["compare", "pairs", id] : [collection, id]);
+  link(collection === "comparisons" ? ["compare", "methods", id] : [collection, id]);
 
 /** A job as a row; `row` says what it is about. */
 export function jobRow<Of extends Collection>(

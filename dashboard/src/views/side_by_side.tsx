@@ -5,8 +5,8 @@ import { Figure } from "../charts/figure";
 import { StiffnessIntervals, markOf } from "../charts/intervals";
 import { ActionButton, Empty, Show, Title } from "../components/basics";
 import { percent } from "../lib/format";
-import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
+import { compareSides } from "../state/comparing";
 import { useLoad } from "../state/load";
 import { go, link } from "../state/router";
 import { useSettings } from "../state/settings";
@@ -50,11 +50,8 @@ function Page({ columns }: { columns: RunColumn[] }) {
   const [first, second] = columns;
   const pair = useAction(async () => {
     if (!first || !second) return;
-    const made = await api.pairs.add(
-      { first: { run_id: first.run.id }, second: { run_id: second.run.id } },
-      freshKey("pair"),
-    );
-    go(link(["compare", "pairs", made.id]));
+    const made = await compareSides([{ run: first.run }, { run: second.run }], false, false);
+    go(link(["compare", "methods", made.id]));
   });
   const names = jointsOf(columns);
   const title = columns.map((column) => column.name).join(" · ");

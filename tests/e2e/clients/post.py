@@ -15,7 +15,6 @@ from jointstiff_client.api.geometries import create_geometry
 from jointstiff_client.api.jobs import change_job
 from jointstiff_client.api.maps import create_map
 from jointstiff_client.api.measurement_sets import create_import, create_measurement_set
-from jointstiff_client.api.pairs import create_pair
 from jointstiff_client.api.plans import create_plan
 from jointstiff_client.api.robots import compute_kinematics, create_robot
 from jointstiff_client.api.runs import create_run
@@ -35,8 +34,6 @@ from jointstiff_client.models.map_ import Map
 from jointstiff_client.models.map_request import MapRequest
 from jointstiff_client.models.measurement_set import MeasurementSet
 from jointstiff_client.models.measurement_set_request import MeasurementSetRequest
-from jointstiff_client.models.pair import Pair
-from jointstiff_client.models.pair_request import PairRequest
 from jointstiff_client.models.plan import Plan
 from jointstiff_client.models.plan_request import PlanRequest
 from jointstiff_client.models.problem import Problem
@@ -73,8 +70,6 @@ def jobs() -> None:
     """Post a job of each kind."""
     for body in BODIES["/v1/runs"]:
         check(create_run.sync_detailed(client=CLIENT, body=RunRequest.from_dict(body)), Run)
-    for body in BODIES["/v1/pairs"]:
-        check(create_pair.sync_detailed(client=CLIENT, body=PairRequest.from_dict(body)), Pair)
     for body in BODIES["/v1/plans"]:
         check(create_plan.sync_detailed(client=CLIENT, body=PlanRequest.from_dict(body)), Plan)
     for body in BODIES["/v1/maps"]:

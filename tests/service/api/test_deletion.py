@@ -11,7 +11,7 @@ from support.api import CANCEL, DELETE, RESTORE, file_at, job_at, posted_set
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
-from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
@@ -162,14 +162,13 @@ class TestJobs:
         runs.delete(run.id)
         assert runs.create(asked, KEY) == run
 
-    def test_a_deleted_run_is_no_side_of_a_pair(self, store, runs):
-        parts = Parts.of(store)
-        run = runs.create(request(stored_set(store), resampling=None), None)
-        asked = {"first": {"run_id": run.id}, "second": {"run_id": run.id}}
+    def test_a_deleted_run_is_not_compared(self, store, runs):
+        parts, set_id = Parts.of(store), stored_set(store)
+        kept, run = (runs.create(request(set_id, resampling=None), None) for _ in range(2))
         runs.delete(run.id)
         with pytest.raises(Exception, match="was deleted") as caught:
-            parts.jobs["pair"].create(PairRequest.model_validate(asked), None)
-        assert caught.value.where == "first.run_id"
+            parts.jobs["comparison"].create(ComparisonRequest(run_ids=[kept.id, run.id]), None)
+        assert caught.value.where == "run_ids[1]"
         assert "restore" in caught.value.remedy
 
     @pytest.mark.parametrize("odd", ["\x00", "é", "a\x1f", "\ud800"])
@@ -206,8 +205,9 @@ class TestHttp:
     @pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.is_form], ids=lambda kind: kind.name)
     def test_delete_and_restore(self, client, set_id, kind):
         collection, body = kind.collection, {"measurement_set_id": set_id}
-        if collection == "pairs":
-            body = {"first": body, "second": body}
+        if collection == "comparisons":
+            runs = [client.post("/v1/runs", json=body | {"positive": each}).json() for each in (True, False)]
+            body = {"run_ids": [run["id"] for run in runs]}
         if collection == "geometries":
             body = next(iter(GEOMETRY.examples.values()))
         if collection == "plans":

@@ -45,7 +45,8 @@ def jobs(local):
     model = campaign["robot"]["model"]
     escaped = HOSTILE.replace("<", "&lt;").replace('"', "&quot;")
     urdf = model["urdf"].replace('name="joint_1"', f'name="{escaped}"')
-    made = posted(local, campaign | {"robot": campaign["robot"] | {"model": model | {"urdf": urdf}}})
+    hostile = {"robot": campaign["robot"] | {"model": model | {"urdf": urdf}}}
+    made = posted(local, campaign | hostile)
     run, measured = made["id"], made["request"]["measurement_set_id"]
     text = program_text("krl", tool_poses(path(3)), 4).encode("latin-1")
     stated = json.dumps(options("krl") | {"run_id": run})
@@ -53,10 +54,10 @@ def jobs(local):
         "POST", "/v1/programs", files=[("files", ("cell.src", text))], data={"options": stated}
     )
     side = {"measurement_set_id": measured}
+    other = posted(local, simulate_campaign(default_arm(), load="pull", configurations=12, seed=2) | hostile)
     return {
         "run": f"/v1/runs/{run}",
-        "comparison": f"/v1/comparisons/{post('comparisons', side)}",
-        "pair": f"/v1/pairs/{post('pairs', {'first': side, 'second': side})}",
+        "comparison": f"/v1/comparisons/{post('comparisons', {'run_ids': [run, other['id']]})}",
         "plan": f"/v1/plans/{post('plans', PLAN | side)}",
         "map": f"/v1/maps/{post('maps', MAP | {'run_id': run})}",
         "program": program.headers["location"],
@@ -81,7 +82,7 @@ def test_each_kind_has_a_report(local, jobs, kind):
     assert "<script" not in page
 
 
-@pytest.mark.parametrize("kind", ["run", "comparison", "pair", "plan", "map", "program"])
+@pytest.mark.parametrize("kind", ["run", "comparison", "plan", "map", "program"])
 def test_each_kind_has_its_tables_as_json(local, jobs, kind):
     answer = local.get(file_at(jobs[kind], "tables.json?unit=kNm/deg")).json()
     assert answer["assessment"] == local.get(jobs[kind]).json()["result"].get("assessment")
@@ -91,7 +92,7 @@ def test_each_kind_has_its_tables_as_json(local, jobs, kind):
         assert table["rows"]
         assert all(len(row) == len(table["head"]) for row in table["rows"])
         assert set(table["texts"]) <= set(range(len(table["head"])))
-    if kind in {"run", "pair", "comparison"}:
+    if kind in {"run", "comparison"}:
         assert "kN·m/°" in tables[0]["title"] + tables[0]["caption"]
     assert local.get(file_at(jobs[kind], "tables.json?unit=furlong")).status_code == 422
     assert local.get(file_at(jobs[kind][:-3] + "xyz", "tables.json")).status_code == 404
@@ -163,19 +164,22 @@ def test_a_program_names_its_files_with_their_hashes(local, jobs):
     assert f"sha256 {file['sha256']}" in said
 
 
-@pytest.mark.parametrize("kind", ["comparison", "pair", "plan"])
+@pytest.mark.parametrize("kind", ["comparison", "plan"])
 def test_hostile_names_of_joints_are_text(local, jobs, kind):
     page = local.get(file_at(jobs[kind], "report.html")).text
     assert "[bold red]=1+1 #read(&quot;/etc/passwd&quot;) &lt;script&gt;" in page
 
 
-def test_a_pair_is_a_table(local, jobs):
-    rows = list(csv.DictReader(io.StringIO(local.get(file_at(jobs["pair"], "table.csv")).text)))
-    joints = local.get(jobs["pair"]).json()["result"]["joints"]
-    for row, joint in zip(rows, joints, strict=True):
+def test_two_sides_are_tables_and_pictures(local, jobs):
+    def rows(name):
+        return list(csv.DictReader(io.StringIO(local.get(file_at(jobs["comparison"], name)).text)))
+
+    joints = local.get(jobs["comparison"]).json()["result"]["joints"]
+    for row, joint in zip(rows("ratios.csv"), joints, strict=True):
         assert row["joint"] == joint["name"]
-        assert float(row["first stiffness [N.m/rad]"]) == joint["first"]["stiffness"]
         assert float(row["ratio of stiffnesses, second to first [1]"]) == joint["ratio"]
+    assert len(rows("configurations.csv")) == 2 * 12
+    assert local.get(file_at(jobs["comparison"], "report.html")).text.count("<svg") == 3
 
 
 def test_a_plan_is_a_table(local, jobs):

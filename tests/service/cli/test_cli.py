@@ -54,7 +54,7 @@ def test_identify_prints_a_table_with_units_and_reasons(run, campaign):
 
 
 def test_units_and_details_are_options_of_every_table(run, campaign):
-    for command in (("identify", campaign), ("compare", campaign), ("pair", campaign, campaign)):
+    for command in (("identify", campaign), ("compare", campaign), ("compare", campaign, campaign)):
         shown = run(*command, "--unit", "nm/arcmin", "--details")
         assert shown.exit_code == 0, shown.output
         assert "N·m/arcmin" in shown.stdout

@@ -19,7 +19,6 @@ COMMANDS = (
     "geometry",
     "identify",
     "compare",
-    "pair",
     "serve",
     "worker",
     "post",
@@ -77,9 +76,7 @@ def test_help_of_all_commands_together_needs_little():
 def test_identification_needs_no_web_and_no_database(command, campaign):
     found = imported_by(PROGRAM, command, campaign)
     assert "clarabel" in found
-    assert not found & (
-        DATABASE | WEB | {"httpx2", "jointstiff.schemas.geometry", "jointstiff.solver.compare.pair"}
-    )
+    assert not found & (DATABASE | WEB | {"httpx2", "jointstiff.schemas.geometry"})
 
 
 def test_an_import_computes_nothing(tmp_path):

@@ -14,17 +14,14 @@ from support.shared_data import shared
 
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.pair import PairOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.store import Store
@@ -176,7 +173,7 @@ def test_a_penalty_under_which_no_link_bends_is_noted(clean):
 
 def test_a_comparison_has_the_worst_verdict_of_its_fits(clean, exchanged):
     for document, verdict in ((clean, "use"), (exchanged, "do_not_use")):
-        comparison = jointstiff.compare(of(document), ComparisonOptions())
+        comparison = jointstiff.compare(of(document))
         verdicts = [entry.assessment.verdict for entry in comparison.result.entries]
         assert comparison.result.assessment.verdict == max(
             verdicts, key=["use", "use_with_care", "do_not_use"].index
@@ -192,23 +189,24 @@ def test_a_comparison_without_a_fit_is_not_for_use(clean):
     for observation in document["measurement_set"]["observations"]:
         del observation["readings"][1:]
     methods = [{"method": "complete_pose"}, {"method": "decoupled_partial_pose"}]
-    comparison = jointstiff.compare(of(document), ComparisonOptions.model_validate({"methods": methods}))
+    comparison = jointstiff.compare(of(document), methods=methods)
     assert {entry.assessment for entry in comparison.result.entries} == {None}
     assert comparison.result.assessment.verdict == "do_not_use"
     assert comparison.result.summary.joints_identified == 0
 
 
 def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
-    pair = jointstiff.pair(of(clean), of(exchanged), PairOptions(options=INCLUDED))
+    pair = jointstiff.pair(of(clean), of(exchanged), INCLUDED)
     result = pair.result
     assert result.assessment.verdict == "do_not_use"
     places = {reason.code: reason.where for reason in result.assessment.reasons}
     assert places.pop("no_common_configuration") is None
     assert {where.split(".")[0] for where in places.values()} == {"second"}
-    assert {joint.first.verdict for joint in result.joints} == {"use"}
-    assert {joint.second.verdict for joint in result.joints} == {"do_not_use"}
-    assert result.summary.compensation == result.compensation_second < result.compensation_first
-    assert first_line(job_report(PAIR, pair)).startswith("Do not use: ")
+    first, second = result.entries[:2]
+    assert {joint.verdict for joint in first.joints} == {"use"}
+    assert {joint.verdict for joint in second.joints} == {"do_not_use"}
+    assert result.summary.compensation == second.compensation < first.compensation
+    assert first_line(job_report(COMPARISON, pair)).startswith("Do not use: ")
 
 
 def test_a_geometry_is_assessed_by_its_findings():

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
@@ -326,15 +325,6 @@ def test_a_run_is_listed_by_what_bends(store, set_id):
 def test_an_unknown_link_is_refused(store, set_id):
     with pytest.raises(RequestError, match="no joint 'elbow'"):
         carried_out(store, set_id, links=["elbow"])
-
-
-def test_a_pair_compares_joints_alone(store, set_id):
-    side = {"measurement_set_id": set_id}
-    request = PairRequest.model_validate(
-        {"first": side, "second": side, "options": {"elasticity": "joints_and_links"}}
-    )
-    with pytest.raises(RequestError, match="joints only"):
-        Parts.of(store).jobs["pair"].create(request, None)
 
 
 @pytest.mark.parametrize(

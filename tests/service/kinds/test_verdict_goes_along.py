@@ -63,8 +63,10 @@ def posted(client):
 
     document = campaign()
     robot = post("robots", document["robot"])
-    measured = post("measurement-sets", document["measurement_set"] | {"robot_id": robot})
-    return {"robot": robot, "set": measured, "run": post("runs", {"measurement_set_id": measured})}
+    readings = document["measurement_set"] | {"robot_id": robot}
+    measured, again = post("measurement-sets", readings), post("measurement-sets", readings)
+    run, other = (post("runs", {"measurement_set_id": each}) for each in (measured, again))
+    return {"robot": robot, "set": measured, "run": run, "other": other}
 
 
 def post(client, posted, kind, **more):
@@ -76,8 +78,7 @@ def post(client, posted, kind, **more):
         return client.request("POST", "/v1/programs", files=files, data={"options": stated})
     collection, body = {
         "run": ("runs", side),
-        "comparison": ("comparisons", side),
-        "pair": ("pairs", {"first": side, "second": side}),
+        "comparison": ("comparisons", {"run_ids": [posted["run"], posted["other"]]}),
         "plan": ("plans", PLAN | side),
         "map": ("maps", MAP | {"run_id": posted["run"]}),
     }[kind]

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from support.api import file_at
 
+import jointstiff
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.measurement import Reading
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs import FromFile
-from jointstiff.service.kinds.comparison.work import work as comparison_work
 from jointstiff.service.kinds.identification import identification
+from jointstiff.service.library.errors import CampaignError
 from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.solver.errors import RequestError, RobotError
@@ -295,11 +295,8 @@ def test_positions_without_a_load_come_back_as_they_were_sent(document):
 def test_other_work_refuses_a_set_without_loads(document):
     with pytest.raises(RequestError, match="show no deflection"):
         identified(document, weight=None)
-    campaign = Campaign.model_validate(document)
-    inputs = FromFile()
-    set_id = inputs.add_set(campaign.measurement_set, prepare_robot(campaign.robot))
-    with pytest.raises(RequestError, match="show no deflection"):
-        comparison_work(inputs, ComparisonRequest(measurement_set_id=set_id))
+    with pytest.raises(CampaignError, match="show no deflection"):
+        jointstiff.compare(document)
 
 
 def test_masses_are_needed_and_belong_to_joints(document):

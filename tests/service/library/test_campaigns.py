@@ -10,11 +10,10 @@ import pytest
 
 import jointstiff
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.comparison import ComparisonOptions
+from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.pair import PairOptions, PairRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.library.errors import CampaignError
@@ -49,16 +48,19 @@ def test_numbers_and_hashes_are_those_of_a_service():
             robot = parts.robots.create(each.robot, None)
             document = {"robot_id": robot.id, **each.measurement_set.model_dump()}
             sets.append(parts.sets.create(MeasurementSetRequest.model_validate(document), None).id)
-        run, pair = parts.jobs["run"], parts.jobs["pair"]
+        run, comparison = parts.jobs["run"], parts.jobs["comparison"]
         stored = run.current(run.create(RunRequest(measurement_set_id=sets[0]), None).id)
-        sides = {name: {"measurement_set_id": s} for name, s in zip(("first", "second"), sets, strict=True)}
-        paired = pair.current(pair.create(PairRequest.model_validate(sides), None).id)
+        asked = [RunRequest(measurement_set_id=each, elasticity="joints") for each in sets]
+        request = ComparisonRequest(run_ids=[run.create(each, None).id for each in asked])
+        paired = comparison.current(comparison.create(request, None).id)
     here = jointstiff.identify(one, one.run)
     assert (here.state, here.result) == (stored.state, stored.result)
     assert here.provenance.input_hash == stored.provenance.input_hash
-    beside = jointstiff.pair(one, other, PairOptions())
-    assert beside.result == paired.result
-    assert beside.provenance.input_hash == paired.provenance.input_hash
+    beside = jointstiff.pair(one, other)
+    assert (beside.result.joints, beside.result.avoided) == (paired.result.joints, paired.result.avoided)
+    assert beside.result.assessment == paired.result.assessment
+    numbers = [[each.result.entries[i].joints for i in (0, 1)] for each in (beside, paired)]
+    assert numbers[0] == numbers[1]
 
 
 def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_the_file():
@@ -67,9 +69,10 @@ def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_th
     run = whole.run.model_copy(update={"leave_out": held})
     leaving, less = whole.model_copy(update={"run": run}), campaign()
     del less.measurement_set.observations[9:]
-    found, expected = (jointstiff.compare(each, ComparisonOptions()).result for each in (leaving, less))
-    assert found.entries == expected.entries
-    found, expected = (jointstiff.pair(each, campaign(2), PairOptions()) for each in (leaving, less))
+    found, expected = (jointstiff.compare(each).result for each in (leaving, less))
+    for one, other in zip(found.entries, expected.entries, strict=True):
+        assert (one.joints, one.compensation) == (other.joints, other.compensation)
+    found, expected = (jointstiff.pair(each, campaign(2)) for each in (leaving, less))
     assert found.result.joints == expected.result.joints
     given = jointstiff.identify(leaving, RunOptions())
     assert given.request.leave_out == held
@@ -77,9 +80,9 @@ def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_th
 
 
 def test_a_job_is_the_message_of_a_service():
-    found = jointstiff.compare(campaign(), ComparisonOptions())
+    found = jointstiff.compare(campaign())
     assert found.state == "succeeded"
-    assert found.id != found.request.measurement_set_id
+    assert found.id != found.request.run_ids[0]
     assert type(found).model_validate_json(found.model_dump_json()) == found
     assert found.provenance.created_at <= found.provenance.ended_at
 

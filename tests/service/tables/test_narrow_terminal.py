@@ -25,7 +25,7 @@ COMMANDS = (
     "import EXAMPLES/readings.csv",
     "robots 'KUKA KR 210 R2700'",
     "geometry EXAMPLES/sweeps.json",
-    "pair campaign.json secondary.json",
+    "compare campaign.json secondary.json",
     "map campaign.json --options plate.json",
 )
 """Commands of README and the guides that print tables."""

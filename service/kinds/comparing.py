@@ -1,0 +1,334 @@
+"""Stored runs compared: methods side by side, or two sets; nothing is identified again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from math import hypot, inf
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.assessment import Assessment, combined
+from jointstiff.schemas.comparison import ComparedRun, ComparedSide, ComparisonRequest, ComparisonResult
+from jointstiff.schemas.comparison import Side as SideName
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.run import Run, RunResult
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs import Inputs, MeasuredRun
+from jointstiff.service.kinds.work import QuickWork
+from jointstiff.solver.compare.pair import FreeEstimate, Side, compare_sides, models_differ
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.predict.answers import forward_model
+from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.robot.model import Robot
+
+_NO_FIT: Final = Finding(
+    code="no_joint_identified",
+    weight="do_not_use",
+    message="these readings cannot support any of these methods",
+    remedy="read the error of each method",
+)
+_NOTHING_COMMON: Final = Finding(
+    code="no_common_configuration",
+    weight="use_with_care",
+    message="no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+    remedy="measure some of the same postures under the same load on both sides",
+)
+_OTHER_MODEL: Final = Finding(
+    code="robot_models_differ",
+    weight="use",
+    message="the robots differ in their kinematics or joint map",
+    remedy="check that both are of one model; ratios compare joints with the same name",
+)
+UNCONSTRAINED: Final[Mapping[str, Any]] = {"positive": False, "stiffness_bounds": {}, "stiffness_order": []}
+"""Options of a run without constraints."""
+_SIDES: Final[tuple[SideName, SideName]] = ("first", "second")
+
+
+def work(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
+    """Return the work of a comparison.
+
+    Raises:
+        RequestError: a run is not there or has not ended, or there are more than two sets.
+    """
+    runs = [inputs.run(run_id, f"run_ids[{i}]") for i, run_id in enumerate(request.run_ids)]
+    for i, each in enumerate(runs):
+        if each.run.result is None and each.run.error is None:
+            raise RequestError(
+                f"the run '{each.run.id}' is {each.run.state}",
+                where=f"run_ids[{i}]",
+                remedy="give runs that have ended",
+            )
+    sets = list(dict.fromkeys(each.run.request.measurement_set_id for each in runs))
+    if len(sets) > len(_SIDES):
+        raise RequestError(
+            f"the runs are of {len(sets)} measurement sets",
+            where="run_ids",
+            remedy="compare runs of one set or of two; the robot's trend shows all its sets",
+        )
+    asked = request.model_dump_json(exclude={"run_ids"})
+    return QuickWork(
+        result=partial(compute, inputs, request, runs),
+        input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), asked),
+        robot_id=runs[0].prepared.robot_id,
+        details={"first_set_id": sets[0], "second_set_id": (*sets, None)[1]},
+    )
+
+
+def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredRun]) -> ComparisonResult:
+    """Compare runs.
+
+    Raises:
+        RequestError: two sides have other joints, or runs that cannot be compared with each other.
+        SolverError: an optimum could not be certified.
+    """
+    by_set: dict[str, list[MeasuredRun]] = {}
+    for each in runs:
+        by_set.setdefault(each.run.request.measurement_set_id, []).append(each)
+    parts = dict(zip(_SIDES, by_set.values(), strict=False))
+    leading = {name: part[0] for name, part in parts.items()}
+    sides = [_compared_side(name, part, leading[name].run) for name, part in parts.items()]
+    where = {side.measurement_set_id: side for side in sides}
+    result = ComparisonResult(
+        assessment=_worst([each.run.result for each in runs]),
+        confidence=request.confidence or runs[0].run.request.confidence,
+        sides=sides,
+        entries=[_entry(each.run, where[each.run.request.measurement_set_id]) for each in runs],
+        joints=[],
+        avoided=None,
+        ordered=None,
+        warnings=_once(finding for each in runs for finding in _warnings(each.run)),
+    )
+    return result if len(parts) == 1 else _two_sides(inputs, request, parts, leading, result)
+
+
+def _worst(results: Sequence[RunResult | None]) -> Assessment:
+    """Return the worst verdict of the runs; without a result there is nothing to use."""
+    assessments = [each.assessment for each in results if each is not None]
+    return combined(assessments) if assessments else Assessment(verdict="do_not_use", reasons=[_NO_FIT])
+
+
+def _once(findings: Iterator[Finding]) -> list[Finding]:
+    """Return findings, of the same kind and place the first."""
+    known: dict[tuple[str, str | None], Finding] = {}
+    for each in findings:
+        known.setdefault((each.code, each.where), each)
+    return list(known.values())
+
+
+def _warnings(run: Run) -> list[Finding]:
+    return [] if run.result is None else run.result.warnings
+
+
+def _entry(run: Run, side: ComparedSide) -> ComparedRun:
+    result, asked = run.result, run.request
+    left = {} if result is None else _mean_lengths(result, "residual")
+    return ComparedRun(
+        run_id=run.id,
+        side=side.side,
+        method=asked.method,
+        weighting=asked.weighting,
+        characteristic_length=result.characteristic_length if result else None,
+        positive=asked.positive,
+        error=run.error,
+        assessment=result.assessment if result else None,
+        joints=result.joints if result else [],
+        compensation=result.compensation if result else None,
+        rms_residual=result.rms_residual if result else None,
+        condition_number=result.identifiability.condition_number if result else None,
+        draws=asked.resampling,
+        resampling=result.resampling if result else None,
+        left=[left.get(label) for label in side.configurations] if left else [],
+    )
+
+
+def _compared_side(name: SideName, runs: Sequence[MeasuredRun], leading: Run) -> ComparedSide:
+    """Return a set with the deflection of each configuration, as its runs measured it."""
+    results = [each.run.result for each in runs if each.run.result is not None]
+    lengths: dict[str, float] = {}
+    for result in results:
+        if len(lengths) < len(runs[0].prepared.measurements):
+            lengths |= _mean_lengths(result, "deflection")
+    labels = list(runs[0].prepared.measurements.labels)
+    return ComparedSide(
+        side=name,
+        measurement_set_id=leading.request.measurement_set_id,
+        run_id=leading.id,
+        configurations=labels,
+        deflection=[lengths.get(label) for label in labels],
+    )
+
+
+def _mean_lengths(result: RunResult, of: str) -> dict[str, float]:
+    """Return the mean length of a vector of the residuals by observation, over its targets [m]."""
+    lengths: dict[str, list[float]] = {}
+    for each in result.residuals:
+        lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))
+    return {label: sum(values) / len(values) for label, values in lengths.items()}
+
+
+def _two_sides(
+    inputs: Inputs,
+    request: ComparisonRequest,
+    parts: Mapping[SideName, Sequence[MeasuredRun]],
+    leading: Mapping[SideName, MeasuredRun],
+    result: ComparisonResult,
+) -> ComparisonResult:
+    """Return the result with ratios, avoided deflection and order of two sides."""
+    by = [(name, run, run.run.result) for name, run in leading.items()]
+    failed = next((name for name, _, found in by if found is None), None)
+    if failed is not None:
+        raise RequestError(
+            f"the run of the {failed} side has failed", where="run_ids", remedy="read its error"
+        )
+    sides = [_side(inputs, leading[name], parts[name]) for name in _SIDES]
+    pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
+    warnings = [_placed(finding, name) for name, run, _ in by for finding in _warnings(run.run)]
+    if models_differ(sides[0].robot, sides[1].robot):
+        warnings.append(_OTHER_MODEL)
+    if pair.unlike:
+        warnings.append(
+            Finding(
+                code="configurations_differ",
+                weight="use",
+                message=f"{len(pair.unlike)} observations have the same label but different postures or "
+                f"loads, or no common target; first '{pair.unlike[0]}'",
+                remedy="measure the same postures under the same load, or give different labels",
+            )
+        )
+    assessments = [
+        found.assessment.model_copy(
+            update={"reasons": [_placed(each, name) for each in found.assessment.reasons]}
+        )
+        for name, _, found in by
+        if found is not None
+    ]
+    if not pair.avoided.matching:
+        assessments.append(Assessment(verdict=_NOTHING_COMMON.weight, reasons=[_NOTHING_COMMON]))
+    return result.model_copy(
+        update={
+            "assessment": combined(assessments),
+            "joints": pair.joints,
+            "avoided": pair.avoided,
+            "ordered": pair.ordered,
+            "warnings": warnings,
+        }
+    )
+
+
+def _placed(finding: Finding, side: SideName) -> Finding:
+    """Return a finding whose place begins with the side."""
+    where = f"{side}.{finding.where}" if finding.where else side
+    return finding.model_copy(update={"where": where})
+
+
+def _side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
+    """Return a side as the numerical core takes it, by its run and that without constraints.
+
+    Raises:
+        RequestError: more than joints bends in the run, it is by own weight, or a prior is part of it.
+    """
+    run, prepared = leading.run, leading.prepared
+    if run.request.weight is not None or run.request.priors:
+        other = "by own weight" if run.request.weight is not None else "with priors"
+        raise RequestError(
+            f"the run '{run.id}' is {other}: both sets may share its errors, so that they are "
+            "not independent",
+            where="run_ids",
+            remedy="identify its set by loads without `priors`, and give that run",
+        )
+    if run.request.leave_out:
+        set_id = run.request.measurement_set_id
+        prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
+    bent = run.result.complementary_stiffness if run.result else None
+    model = _model(run, prepared.robot)
+    return Side(
+        robot=prepared.robot,
+        measurements=prepared.measurements,
+        compliance=model.compliance,
+        constraints=model.constraints,
+        complementary_stiffness=bent is not None and bent.included,
+        free=_free_estimate(_unconstrained(run, runs), prepared.robot),
+    )
+
+
+def _model(run: Run, robot: Robot) -> JointModel:
+    """Return the model of a run of joints alone.
+
+    Raises:
+        RequestError: something besides joints bends.
+    """
+    stored = None if run.result is None else run.result.model
+    model = None if stored is None else forward_model(robot, stored)[0]
+    if not isinstance(model, JointModel):
+        raise RequestError(
+            f"two sides compare joints only, not the run '{run.id}' with elasticity {run.elasticity}",
+            where="run_ids",
+            remedy="identify its set with elasticity `joints`, and give that run",
+        )
+    return model
+
+
+def _unconstrained(run: Run, runs: Sequence[MeasuredRun]) -> Run:
+    """Return the run by which ratios are computed: where a constraint holds a joint, that without any."""
+    if not is_held(run):
+        return run
+    free = (each.run for each in runs if each.run.result is not None and _is_free(each.run))
+    return next((each for each in free if _alike(each) == _alike(run)), run)
+
+
+def is_held(run: Run) -> bool:
+    """Return whether a constraint holds a joint of a run, so that its estimates are not Gaussian."""
+    return any(joint.status == "at_bound" for joint in (run.result.joints if run.result else ()))
+
+
+def _is_free(run: Run) -> bool:
+    return all(getattr(run.request, name) == value for name, value in UNCONSTRAINED.items())
+
+
+def _alike(run: Run) -> dict[str, Any]:
+    """Return the options of a run that change its estimate without constraints."""
+    others = {
+        "measurement_set_id",
+        "variant_of",
+        "elasticity",
+        "cross_validation",
+        "resampling",
+        "confidence",
+    }
+    return run.request.model_dump(exclude={*others, *UNCONSTRAINED})
+
+
+def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
+    """Return the estimate of a run before any constraint, with its covariance by source."""
+    model, result = _model(run, robot), run.result
+    if result is None:
+        raise ValueError("a run without a result has no model")
+    joints, likelihood, n = result.joints, model.likelihood, robot.n
+    values = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
+    compliance = np.array(values, dtype=np.float64)
+    shown, unseen, covariance = np.isfinite(compliance), np.isnan(compliance), np.zeros((n, n))
+    readings, assumed = None, np.zeros((n, n))
+    if likelihood is not None and result.budget is not None:
+        compliance[likelihood.joints] = likelihood.centre
+        compliance[~shown] = np.nan
+        unseen = ~np.isin(np.arange(n), likelihood.joints)
+        covariance[np.ix_(likelihood.joints, likelihood.joints)] = likelihood.covariance
+        covariance *= np.outer(shown, shown)
+        place = np.ix_(np.flatnonzero(shown), np.flatnonzero(shown))
+        for part in result.budget.components:
+            if part.source in {"readings", "assumed_load_point"}:
+                spread = np.zeros((n, n))
+                spread[place] = np.outer(part.contributions, part.contributions) * np.array(part.correlation)
+                readings, assumed = (spread, assumed) if part.source == "readings" else (readings, spread)
+    return FreeEstimate(
+        compliance=compliance,
+        readings=readings,
+        common=covariance if readings is None else covariance - readings,
+        assumed=assumed,
+        sigma=result.sigma,
+        degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,
+        reasons=[joint.reason for joint in joints],
+        unseen=unseen,
+    )
