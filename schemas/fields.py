@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 from functools import lru_cache
+from hashlib import sha256
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
@@ -23,6 +24,11 @@ class Message(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, json_schema_serialization_defaults_required=True
     )
+
+
+def content_key(text: str) -> str:
+    """Return the idempotency key by which a service stores this JSON once, by whatever address it comes."""
+    return f"content {sha256(text.encode()).hexdigest()}"
 
 
 def _printable(text: str) -> str:

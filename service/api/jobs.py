@@ -151,12 +151,11 @@ def change_job(parts: PartsOf, job_id: JobId, body: Annotated[JobChange, shown(J
     jobs = parts.jobs_of(job_id)
     if body.deleted is False:
         jobs.restore(job_id)
-    if body.cancelled:
+    if body.cancelled and jobs.goes_on(job_id):
         jobs.cancel(job_id)
-    document = jobs.document(job_id)
     if body.deleted:
         jobs.delete(job_id)
-    return json_response(jobs.kind.answered(document))
+    return json_response(jobs.kind.answered(jobs.document(job_id, hidden=body.deleted is True)))
 
 
 @router.delete(

@@ -15,7 +15,7 @@ from fastapi import APIRouter, HTTPException, Request, Response
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
-from jointstiff.schemas.fields import Message
+from jointstiff.schemas.fields import Message, content_key
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.report import Authorisation, AuthorisationRequest
@@ -83,7 +83,7 @@ async def apply_action(
 
     def create() -> JobRecord:
         variant = _variant(parts, cast("Run", jobs.current(run_id)), body)
-        return jobs.create(variant, _key(variant), asked_by)
+        return jobs.create(variant, _key(variant.model_dump_json()), asked_by)
 
     record = await run_sync(create, limiter=work)
     return await answer(jobs, record, query.wait, request.app.state.followers)
@@ -148,20 +148,15 @@ def _once(
     """Store a document unless its content was stored before and is still there; return its id."""
     mark = document.model_dump_json()
     while True:
-        record = create(document, _content_key(mark))
+        record = create(document, _key(mark))
         with suppress(NotFoundError):
             return str(stored.get(record.id).id)
         mark += record.id  # the key belongs to the deleted one
 
 
-def _key(document: Message) -> IdempotencyKey:
-    """Return a key by which the same content is stored once."""
-    return _content_key(document.model_dump_json())
-
-
-def _content_key(content: str) -> IdempotencyKey:
-    digest = hashlib.sha256(content.encode()).hexdigest()
-    return IdempotencyKey(f"content {digest}", digest)
+def _key(content: str) -> IdempotencyKey:
+    """Return the key of a client that posts this content once."""
+    return IdempotencyKey(content_key(content), hashlib.sha256(content.encode()).hexdigest())
 
 
 @router.post(

@@ -171,7 +171,6 @@ def post(
 
 def _post_all(client: Client, folder: Path) -> int:
     """Post the campaigns and robots of a folder, each once; return the exit status."""
-    from jointstiff.service.library.client import content_key
     from jointstiff.service.library.errors import ProblemError
     from jointstiff.service.library.files import read_object
 
@@ -182,8 +181,7 @@ def _post_all(client: Client, folder: Path) -> int:
             if "measurement_set" in document:
                 client.post(document, once=True)
             else:
-                robot = document.get("robot", document)
-                client.robots.create(robot, key=content_key(robot))
+                client.described(document.get("robot", document))
         except ProblemError as error:
             refused += 1
             warn(f"{path.name}: {error}")

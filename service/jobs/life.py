@@ -127,13 +127,13 @@ class Jobs:
         """
         return self._records.get(job_id)
 
-    def document(self, job_id: str) -> str:
-        """Return the same as JSON: that of a job that has ended, as it was stored.
+    def document(self, job_id: str, *, hidden: bool = False) -> str:
+        """Return the same as JSON: that of a job that has ended, as it was stored; a deleted one if asked to.
 
         Raises:
             NotFoundError: there is no such job.
         """
-        record = self._records.get(job_id)
+        record = self._records.get(job_id, hidden=hidden)
         if record.state in OPEN_STATES:
             return self._as_now(record).model_dump_json()
         return record.document

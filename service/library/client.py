@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import time
@@ -18,18 +17,18 @@ import httpx2
 from pydantic import ValidationError
 
 from jointstiff.schemas.deflection import DeflectionResult
-from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.fields import Message, Page, content_key
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
+from jointstiff.schemas.robot import Robot, RobotDocument, RobotRequest, RobotSummary
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest, RunSummary
 from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.service.library import results
 from jointstiff.service.library.errors import AwayError, RefusedError
-from jointstiff.service.library.files import AnyCampaign, as_campaign_error, campaign_of
+from jointstiff.service.library.files import AnyCampaign, as_campaign_error, campaign_of, parse_document
 from jointstiff.service.library.results import OnProgress, TabledRun, shown
 from jointstiff.service.library.verbs import Verb, load_cases, verb_of
 from jointstiff.service.problems.table import http_problem
@@ -60,11 +59,6 @@ def plain(document: Document) -> dict[str, Any]:
     if isinstance(document, Message):
         return document.model_dump(mode="json", exclude_unset=True)
     return dict(document)
-
-
-def content_key(document: Document) -> str:
-    """Return an idempotency key by which the same content is stored once."""
-    return hashlib.sha256(json.dumps(plain(document), sort_keys=True).encode()).hexdigest()
 
 
 class Client:
@@ -185,10 +179,9 @@ class Client:
             once: whether it gets no other run if it was posted so before.
         """
         document = plain(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
-        if once:  # the same content in the same order
-            document = json.loads(json.dumps(document, sort_keys=True))
-        key = content_key(document) if once else None
-        return self.runs.found_in(self.send("POST", "/v1/campaigns", _WAIT, document, key))
+        text = json.dumps(document, sort_keys=True)  # the same content in the same order
+        key = content_key(text) if once else None
+        return self.runs.found_in(self.send("POST", "/v1/campaigns", _WAIT, text, key))
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
         """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
@@ -209,16 +202,20 @@ class Client:
         dispensable: bool,
     ) -> Run | None:
         """Post a run once; return it once it has ended, None if it is dispensable and not supported."""
+        text = request.model_dump_json()
         try:
-            return self.runs.wait(self.runs.create(request, key=content_key(request)), on_progress)
+            return self.runs.wait(self.runs.create(text, key=content_key(text)), on_progress)
         except RefusedError as refused:
             if dispensable and refused.problem.type.endswith(":unsupported-method"):
                 return None
             raise
 
-    def described(self, robot: RobotDocument) -> str:
-        """Return the id of a stored robot, or of a robot, which is posted once."""
-        return robot.id if isinstance(robot, Robot) else self.robots.create(robot, key=content_key(robot)).id
+    def described(self, robot: RobotDocument | Mapping[str, Any]) -> str:
+        """Return the id of a stored robot, or of a robot, which is posted once, as that of a campaign is."""
+        if isinstance(robot, Robot):
+            return robot.id
+        text = parse_document(plain(robot), RobotRequest).model_dump_json()
+        return self.robots.create(text, key=content_key(text)).id
 
     def done(
         self,
@@ -260,20 +257,21 @@ class Client:
         verb: str,
         path: str,
         query: Mapping[str, str] | None = None,
-        document: Document | None = None,
+        document: Document | str | None = None,
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> httpx2.Response:
         """Send a request until it is answered; return the answer.
 
-        A document is posted with the key, or with one of its own; with files, as the `options` of a form.
+        A document, or its text, is posted with the key, or with one of its own; with files, as the `options`
+        of a form.
 
         Raises:
             RefusedError: the service refuses, never answered, or has not for as long as its patience.
         """
         parts: dict[str, Any] = {"params": query}
         if document is not None:
-            content = json.dumps(plain(document))
+            content = document if isinstance(document, str) else json.dumps(plain(document))
             parts["headers"] = {"Idempotency-Key": key or uuid4().hex}
             if files:
                 parts |= {"files": [("files", file) for file in files.items()], "data": {"options": content}}
@@ -316,12 +314,12 @@ class Collection(Generic[Resource, Summary]):
         self._client, self._path, self._kind, self._summary = client, f"/v1/{name}", kind, summary
 
     def create(
-        self, document: Document, *, key: str | None = None, files: Mapping[str, bytes] | None = None
+        self, document: Document | str, *, key: str | None = None, files: Mapping[str, bytes] | None = None
     ) -> Resource:
         """Post a document; return the resource that it became.
 
         Args:
-            document: as the API takes it.
+            document: as the API takes it, or its JSON.
             key: idempotency key; one of its own if absent.
             files: contents by name, for the kinds of work that take files.
         """
@@ -370,7 +368,7 @@ class Jobs(Collection[AnyJob, AnySummary]):
         super().__init__(client, kind.collection, shown(kind), kind.summary)
 
     def create(
-        self, document: Document, *, key: str | None = None, files: Mapping[str, bytes] | None = None
+        self, document: Document | str, *, key: str | None = None, files: Mapping[str, bytes] | None = None
     ) -> AnyJob:
         """Post a request; return the job after a second at most; arguments as of other collections."""
         return self.found_in(self._client.send("POST", self._path, _WAIT, document, key, files))

@@ -107,7 +107,8 @@ class MeasurementSets:
             self._deletions.restore(set_id)
         changes = {name: getattr(change, name) for name in change.model_fields_set}
         kept = {"deleted", *(name for name in ("name", "archived") if changes.get(name) is None)}
-        record = self._store.sets.change(set_id, {n: value for n, value in changes.items() if n not in kept})
+        changes = {name: value for name, value in changes.items() if name not in kept}
+        record = self._store.sets.change(set_id, changes, hidden=change.deleted is True)
         if change.deleted:
             self.delete(set_id)
         return record

@@ -83,7 +83,9 @@ class Robots:
         if change.deleted is False:
             self._deletions.restore(robot_id)
         record = self._store.robots.change(
-            robot_id, change.model_dump(exclude_none=True, exclude={"deleted"})
+            robot_id,
+            change.model_dump(exclude_none=True, exclude={"deleted"}),
+            hidden=change.deleted is True,
         )
         self._stored.cache_clear()
         if change.deleted:

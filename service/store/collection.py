@@ -108,7 +108,8 @@ class Collection(Generic[Record, Entry]):
         columns = [shown[field.name] for field in fields(record)]
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
         self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
-        self._by_id = self._exists.with_only_columns(*columns).where(self._visible)
+        self._by_id_or_hidden = self._exists.with_only_columns(*columns)
+        self._by_id = self._by_id_or_hidden.where(self._visible)
         self._by_key: Select[Any] = (
             select(keys.body_hash, *columns)
             .join_from(idempotency_keys, table, keys.resource_id == shown.id)
@@ -169,34 +170,42 @@ class Collection(Generic[Record, Entry]):
             raise IdempotencyConflictError(self.resource, key.key)
         return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
 
-    def get(self, identifier: str) -> Record:
+    def get(self, identifier: str, *, hidden: bool = False) -> Record:
         """Return the record of that id.
+
+        Args:
+            identifier: its id.
+            hidden: whether it may be deleted.
 
         Raises:
             NotFoundError: there is none.
             DeletedError: it was deleted.
         """
         self._refuse_unindexable(identifier)
-        for row in self._database.rows(self._by_id, {"id": identifier}):
+        by_id = self._by_id_or_hidden if hidden else self._by_id
+        for row in self._database.rows(by_id, {"id": identifier}):
             return self._record(**row._mapping)
         was_deleted = self._finds(self._exists, identifier)
         raise (DeletedError if was_deleted else NotFoundError)(self.resource, identifier)
 
-    def change(self, identifier: str, values: Mapping[str, object]) -> Record:
+    def change(self, identifier: str, values: Mapping[str, object], *, hidden: bool = False) -> Record:
         """Change columns of a record that is no job, and return it as it is then.
 
         Args:
             identifier: its id.
             values: column → value; the others stay. Only columns that nothing was computed from.
+            hidden: whether it may be deleted.
 
         Raises:
             NotFoundError: there is none.
             DeletedError: it was deleted.
         """
         if values and is_indexable(identifier):
-            mine = update(self._table).where(self._table.c.id == identifier, self._visible)
+            mine = update(self._table).where(
+                self._table.c.id == identifier, true() if hidden else self._visible
+            )
             self._database.change(mine.values(**values))
-        return self.get(identifier)
+        return self.get(identifier, hidden=hidden)
 
     def page(
         self,

@@ -6,7 +6,7 @@ import dataclasses
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from support.api import RESTORE, job_at, posted
+from support.api import DELETE, RESTORE, job_at, posted
 from support.in_process import Client
 from support.jobs import QueueEngine, runs_of
 from support.records import RESOURCES, job_record
@@ -130,6 +130,9 @@ class TestApi:
             shown = [client.get(address).json() for address in addresses]
             changed = [job_at(run), *addresses[1:]]
             for address, at in zip(addresses, changed, strict=True):
+                answers = [client.request("PATCH", at, json=DELETE) for _ in range(2)]
+                assert [answer.status_code for answer in answers] == [200, 200]
+                assert answers[0].json() == answers[1].json()
                 assert client.request("DELETE", at).status_code == 204
                 assert client.get(address).json()["type"] == "urn:jointstiff:problem:deleted"
                 listing = address.rpartition("/")[0]

@@ -227,6 +227,7 @@ def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service
         assert other.id != first.id
         assert other.request.measurement_set_id == first.request.measurement_set_id
         stored = client.measurement_sets.get(first.request.measurement_set_id)
+        assert client.described(campaign["robot"]) == stored.robot_id
         for run in (first, other):
             client.runs.delete(run.id)
         client.measurement_sets.delete(stored.id)
