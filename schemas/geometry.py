@@ -302,11 +302,11 @@ class GeometryResult(Result):
 
 
 MAX_GEOMETRY_TARGETS = 8
-MAX_GEOMETRY_POSITIONS = 1_200
-"""Maximum number of positions of all sweeps together."""
+MAX_GEOMETRY_POSITIONS = 1_400
+"""Maximum number of positions of all sweeps together: 1,000 circle points of the wrist beside other axes."""
 MAX_SWEEP_POSITIONS = 600
 """Maximum number of positions of one sweep: its fit takes the cube of their number."""
-MAX_GEOMETRY_READINGS = 4_000
+MAX_GEOMETRY_READINGS = 4_200
 TargetPositions = Annotated[dict[Name, Vector3], Field(min_length=1, max_length=MAX_GEOMETRY_TARGETS)]
 BasePositions = Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)]
 

@@ -19,7 +19,7 @@ from jointstiff.schemas.query import JobQuery
 from jointstiff.service.inputs import Stored
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.trend.trends import Trends
+from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,

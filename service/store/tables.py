@@ -49,7 +49,7 @@ from jointstiff.service.store.records import (
     WebhookRecord,
 )
 
-LAYOUT: Final = "0002_wrong_keys"
+LAYOUT: Final = "0003_comparisons"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.

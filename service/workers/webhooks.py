@@ -11,7 +11,7 @@ from typing import Any, Final
 import httpx2
 
 from jointstiff.schemas.run import Run
-from jointstiff.service.kinds.trend.trends import Trends
+from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.security.receivers import receiver_addresses, signature
 from jointstiff.service.store.records import DeliveryRecord, WebhookRecord

@@ -11,7 +11,7 @@ from support.in_process import Client
 
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest
-from jointstiff.service.kinds.trend.trends import Trends
+from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -767,11 +767,24 @@ def test_targets_that_say_nothing_new_are_no_fault(memory):
     assert "trilateration" not in {estimate.way for estimate in result.wrist.estimates}
 
 
+@pytest.mark.slow
+def test_a_thousand_circle_points_with_sweeps_of_the_first_axes(memory):
+    """As the paper measured: within the limits of a body, of memory and of the time of a request."""
+    arm, rng, counts = TrackedArm(), np.random.default_rng(1), (100, 100, 100, 15, 500, 500)
+    document = sweeps(arm)
+    for j, (sweep, count) in enumerate(zip(document["sweeps"], counts, strict=True)):
+        angles = arm.sweep(j, np.linspace(*SWEEPS[j], count))
+        sweep["observations"] = positions(arm, angles, rng, SIGMA)
+    assert len(json.dumps(document)) < GEOMETRY.max_bytes
+    estimates = made(memory, document).result.wrist.estimates
+    assert {estimate.way for estimate in estimates} == {"sphere", "axes", "trilateration"}
+
+
 def test_limits_are_stated():
-    with pytest.raises(ValueError, match="at most 1200 positions"):
-        GeometryRequest.model_validate(sweeps(TrackedArm(), count=1200 // 6 + 1))
+    with pytest.raises(ValueError, match="at most 1400 positions"):
+        GeometryRequest.model_validate(sweeps(TrackedArm(), count=1400 // 6 + 1))
     many = poses(TrackedArm(), count=MAX_GEOMETRY_READINGS // 3 + 1) | {"robot_id": "a"}
-    with pytest.raises(ValueError, match="at most 4000 readings"):
+    with pytest.raises(ValueError, match="at most 4200 readings"):
         GeometryRequest.model_validate(many)
 
 

@@ -10,8 +10,14 @@ import pytest
 
 from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.trend import TrendSelection
-from jointstiff.service.kinds.trend.comparable_runs import acknowledgements_of, note_of
-from jointstiff.service.kinds.trend.work import Campaign, JointBudget, JointNumbers, TrendInput, trend_of
+from jointstiff.service.kinds.trend import (
+    Campaign,
+    JointBudget,
+    JointNumbers,
+    acknowledgements_of,
+    note_of,
+    trend_of,
+)
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 SELECTION = TrendSelection(
@@ -53,7 +59,7 @@ def limit_of(instruments, **source):
 
 
 def limit_among(measured):
-    (joint,) = trend_of(TrendInput(["joint_1"], measured)).joints
+    (joint,) = trend_of(["joint_1"], measured)["joints"]
     return np.log(joint.points[-1].upper_limit / joint.charts[0].stiffness)
 
 

@@ -66,7 +66,7 @@ def test_other_tables_are_another_layout() -> None:
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
     assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == (
-        "0002_wrong_keys",
+        "0003_comparisons",
         "a6f5c98344b3741b",
     )
 
@@ -92,7 +92,7 @@ def test_documents_of_another_shape_are_another_layout() -> None:
     documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0002_wrong_keys", "c5d56521cc0e49d5")
+    assert (LAYOUT, digest) == ("0003_comparisons", "3369b1ea19f9d471")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

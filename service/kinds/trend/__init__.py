@@ -1,1 +1,0 @@
-"""Stiffness over time."""
