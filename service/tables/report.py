@@ -1,4 +1,4 @@
-"""What people read of a job: the verdict first, what was asked for, the parts of its kind, things to do."""
+"""Reports of jobs for people: the verdict first, what was asked for, the parts of its kind, things to do."""
 
 from __future__ import annotations
 

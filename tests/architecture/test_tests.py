@@ -42,7 +42,6 @@ def test_tests_import_neither_tests_nor_benchmarks():
 
 PATCHED = {
     "service/api/test_progress.py": 1,
-    "service/store/test_store_opening.py": 1,
 }
 """How often private names are still replaced: the numbers may fall and never rise."""
 

@@ -423,7 +423,6 @@ def test_few_senders_use_the_database_at_once_however_many_receivers(store, cloc
 
     for name in ("due", "claim", "settle"):
         monkeypatch.setattr(store.webhooks, name, counting(getattr(store.webhooks, name)))
-    monkeypatch.setattr(Sender, "_post", lambda *_: 204)
     sender_of(store, clock).look()
     assert 1 < most <= 4
 
