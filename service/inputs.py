@@ -17,7 +17,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
 
 if TYPE_CHECKING:
-    from jointstiff.service.resources.composition import Resources
+    from jointstiff.service.resources.measurement_sets import Resources
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ class Stored:
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a stored run with its measurement set."""
-        from jointstiff.service.resources.stored_jobs import stored_job  # needs a database
+        from jointstiff.service.resources.robots import stored_job  # needs a database
 
         with _named_by(where):
             run = stored_job(self._resources.store, Run, run_id)

@@ -34,8 +34,7 @@ from jointstiff.service.reports.document import state_of
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import run_document
-from jointstiff.service.resources.robots import described
-from jointstiff.service.resources.stored_jobs import stored_job
+from jointstiff.service.resources.robots import described, stored_job
 from jointstiff.service.security.access import ADMIN, OPERATOR, asked_of
 from jointstiff.service.store.collection import Collection, NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord, IdempotencyKey, JobRecord

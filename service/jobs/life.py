@@ -31,8 +31,7 @@ from jointstiff.service.kinds.work import (
 )
 from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
-from jointstiff.service.resources.composition import Resources
-from jointstiff.service.resources.measurement_sets import MeasurementSets
+from jointstiff.service.resources.measurement_sets import MeasurementSets, Resources
 from jointstiff.service.resources.robots import Robots
 from jointstiff.service.store.jobs import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import IdempotencyKey, JobRecord

@@ -131,7 +131,8 @@ _WORDING: Final = tuple(
 
 def problem_of(error: JointstiffError | StoreError) -> Problem:
     """Problem details of one of the project's errors."""
-    status, slug, title = _kind(error)
+    internal = (500, "internal", "Internal error")
+    status, slug, title = next((_KINDS[each] for each in type(error).__mro__ if each in _KINDS), internal)
     items = error.items if isinstance(error, ItemsError) else ()
     problem = Problem(
         type=_urn(slug),
@@ -167,7 +168,7 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
     items = [
         ProblemItem(
             where=_short(_path(error["loc"])) or "body",
-            reason=_short(_reason(error)),
+            reason="must be an object" if error["type"] in _NO_OBJECT else _short(reworded(error)),
             remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
@@ -186,10 +187,6 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
     )
 
 
-def _reason(error: Mapping[str, Any]) -> str:
-    return "must be an object" if error["type"] in _NO_OBJECT else reworded(error)
-
-
 def _otherwise(error: Mapping[str, Any]) -> str:
     """The remedy where the kind of fault has none of its own."""
     if error["loc"] and error["loc"][0] in _OUTSIDE:
@@ -201,13 +198,6 @@ def _remedy(error: Mapping[str, Any]) -> str | None:
     if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
         return "give one number per component, with decimal points, not commas"
     return _REMEDIES.get(str(error["type"]))
-
-
-def _kind(error: Exception) -> tuple[int, str, str]:
-    for ancestor in type(error).__mro__:
-        if ancestor in _KINDS:
-            return _KINDS[ancestor]
-    return 500, "internal", "Internal error"
 
 
 def _urn(slug: str) -> str:
@@ -251,16 +241,11 @@ def reworded(error: Mapping[str, Any]) -> str:
         if match := pattern.fullmatch(message):
             message = match.expand(wording)
             break
-    nearest = _nearest(error) if error["type"] == "extra_forbidden" else None
-    return message if nearest is None else f"{message}; did you mean `{nearest}`?"
-
-
-def _nearest(error: Mapping[str, Any]) -> str | None:
-    """Return the field of any message whose name is nearest to an unknown one; None without such."""
-    name = str(error["loc"][-1]) if error["loc"] else ""
+    name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
     if not name or len(name) > _LONGEST_NAME or name in _fields():
-        return None
-    return next(iter(get_close_matches(name, _fields(), n=1, cutoff=0.75)), None)
+        return message
+    nearest = get_close_matches(name, _fields(), n=1, cutoff=0.75)  # of the fields of all messages
+    return f"{message}; did you mean `{nearest[0]}`?" if nearest else message
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Final
@@ -27,11 +28,9 @@ from jointstiff.service.conversion.prepared import (
 from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems.errors import NotFoundError
-from jointstiff.service.resources.robots import Robots, described
-from jointstiff.service.resources.stored_jobs import succeeded_geometry
+from jointstiff.service.resources.robots import Robots, described, succeeded_geometry
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord
 from jointstiff.service.store.store import Store
-from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.findings import drift_findings
@@ -175,6 +174,21 @@ class MeasurementSets:
             raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
 
 
+@dataclass(frozen=True, eq=False)
+class Resources:
+    """The resources of a store."""
+
+    store: Store  # the store
+    robots: Robots  # its robots
+    sets: MeasurementSets  # its measurement sets
+
+    @classmethod
+    def of(cls, store: Store) -> Resources:
+        """Compose the resources on a store."""
+        robots = Robots(store)
+        return cls(store, robots, MeasurementSets(store, robots))
+
+
 def assembled(record: MeasurementSetRecord) -> messages.MeasurementSet:
     """The message of a stored set."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
@@ -227,7 +241,9 @@ def _drift(
             where="frame.base_targets",
             remedy="omit them, or give `base_targets.before` with the geometry",
         )
-    drift = read.drift(result.goodness.sigma, _middle(request, read.after.mean(axis=0)))
+    places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
+    middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
+    drift = read.drift(result.goodness.sigma, middle)
     warnings = [
         finding.model_copy(
             update={
@@ -241,14 +257,6 @@ def _drift(
         for finding in drift_findings(drift)
     ]
     return drift, warnings
-
-
-def _middle(request: MeasurementSetRequest, instead: FloatArray) -> FloatArray:
-    """Return the middle of the unloaded positions [m]; if all readings are deflections, another point."""
-    places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
-    if not places:
-        return instead
-    return np.asarray(LENGTH[request.units.length] * np.mean(places, axis=0))
 
 
 def _flange_targets(

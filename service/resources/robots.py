@@ -1,4 +1,4 @@
-"""Robots, checked as they come in, stored, and built when needed; and the catalogue of nominal arms.
+"""Robots, checked as they come in, stored, and built when needed: described, identified or nominal.
 
 The catalogue is tables of published figures in `arms.json`, in millimetres and degrees.
 """
@@ -12,18 +12,22 @@ from difflib import get_close_matches
 from functools import cache, lru_cache
 from importlib.resources import files
 from math import radians
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
+from jointstiff.schemas.geometry import Geometry, GeometryResult
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
 from jointstiff.service.conversion.prepared import build_robot, prepare_robot
 from jointstiff.service.conversion.robots import describe_joints, describe_wrist
-from jointstiff.service.resources.stored_jobs import succeeded_geometry
+from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.records import IdempotencyKey, RobotRecord
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
+
+AnyJob = TypeVar("AnyJob", bound=Job)
 
 _CACHED = 64
 _SHOWN = 5  # arms that a message names
@@ -151,13 +155,45 @@ def described(record: RobotRecord) -> messages.Robot:
     return stored.model_copy(update={"name": record.name, "archived": record.archived})
 
 
+def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
+    """Return a job, for those who build on it.
+
+    Raises:
+        NotFoundError: there is none, or it was deleted.
+    """
+    record = store.jobs(Resource(message.kind, message.collection)).get(job_id)
+    return message.model_validate_json(record.document)
+
+
+def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
+    """Return a geometry and its result.
+
+    Raises:
+        RequestError: there is none, it was deleted, or it has no result.
+    """
+    try:
+        geometry = stored_job(store, Geometry, geometry_id)
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where=where) from error
+    if geometry.result is None:
+        raise RequestError(
+            f"geometry '{geometry_id}' is {geometry.state} and has no identified robot",
+            remedy="use a geometry that has succeeded",
+            where=where,
+        )
+    return geometry, geometry.result
+
+
 @cache
 def catalogue() -> Catalogue:
     """Return the catalogue."""
     text = files("jointstiff.service.resources").joinpath("arms.json").read_text(encoding="utf-8")
     tables = json.loads(text)
     presets = [
-        JointMapPreset(joint_map=_joint_map(each["matrix"]), **_without(each, "matrix"))
+        JointMapPreset(
+            joint_map=JointMap(matrix=each["matrix"], offset=[0.0] * len(each["matrix"])),
+            **_without(each, "matrix"),
+        )
         for each in tables["joint_maps"]
     ]
     maps = {preset.id: preset.joint_map for preset in presets}
@@ -220,10 +256,6 @@ def _bare(name: str) -> str:
 
 def _without(table: dict[str, Any], *names: str) -> dict[str, Any]:
     return {name: value for name, value in table.items() if name not in names}
-
-
-def _joint_map(matrix: list[list[float]]) -> JointMap:
-    return JointMap(matrix=matrix, offset=[0.0] * len(matrix))
 
 
 def _row(a: float, alpha: float, d: float, theta: float, lower: float | None, upper: float | None) -> DhRow:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
-from sqlalchemy import URL, Connection, Table, create_engine, make_url, select, text
+from sqlalchemy import URL, Connection, create_engine, make_url, select, text
 
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
@@ -104,7 +104,10 @@ def restore(url: str, folder: Path, *, overwrite: bool = False) -> Manifest:
     Raises:
         StoreError: there is no whole backup, or a database in its place that holds something or is in use.
     """
-    manifest = _manifest(folder)
+    try:
+        manifest = Manifest.model_validate_json((folder / MANIFEST).read_bytes())
+    except (OSError, ValidationError) as error:
+        raise StoreError(f"{folder} has no readable {MANIFEST}", "give the folder of a backup") from error
     refuse_other_layout(manifest.revision)
     source = folder / _FILES[manifest.database]
     with _as_store_errors():
@@ -254,13 +257,6 @@ def _run(url: str, program: str, *arguments: str) -> None:
         )
 
 
-def _manifest(folder: Path) -> Manifest:
-    try:
-        return Manifest.model_validate_json((folder / MANIFEST).read_bytes())
-    except (OSError, ValidationError) as error:
-        raise StoreError(f"{folder} has no readable {MANIFEST}", "give the folder of a backup") from error
-
-
 def _sha256(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -294,17 +290,17 @@ def content_of(connection: Connection) -> dict[str, TableContent]:
     Args:
         connection: in a transaction, if others write.
     """
-    kept = [table for table in metadata.sorted_tables if table not in {heartbeats, wrong_keys}]
-    return {table.name: _table_content(connection, table) for table in kept}
-
-
-def _table_content(connection: Connection, table: Table) -> TableContent:
-    hashed, rows = hashlib.sha256(), 0
+    contents = {}
     stream = connection.execution_options(stream_results=True, yield_per=_AT_ONCE)
-    for row in stream.execute(select(table).order_by(*table.primary_key)):
-        rows += 1
-        for value in row:
-            data = value if isinstance(value, bytes) else repr(value).encode("utf-8", "surrogatepass")
-            hashed.update(len(data).to_bytes(8, "big"))
-            hashed.update(data)
-    return TableContent(rows=rows, sha256=hashed.hexdigest())
+    for table in metadata.sorted_tables:
+        if table in {heartbeats, wrong_keys}:
+            continue
+        hashed, rows = hashlib.sha256(), 0
+        for row in stream.execute(select(table).order_by(*table.primary_key)):
+            rows += 1
+            for value in row:
+                data = value if isinstance(value, bytes) else repr(value).encode("utf-8", "surrogatepass")
+                hashed.update(len(data).to_bytes(8, "big"))
+                hashed.update(data)
+        contents[table.name] = TableContent(rows=rows, sha256=hashed.hexdigest())
+    return contents

@@ -269,7 +269,9 @@ class Collection(Generic[Record, Entry]):
         with self._database.writing() as connection:
             if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
                 self._refuse_referenced(connection, identifier)  # none comes from now on
-                self._refuse_authorised(connection, identifier)
+                own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
+                if self._table is jobs and connection.execute(own).one_or_none() is not None:
+                    raise AuthorisedError(identifier)
                 return
             hidden = select(self._hidden).where(*self._is(identifier))
             record = connection.execute(hidden).scalar_one_or_none()
@@ -373,11 +375,6 @@ class Collection(Generic[Record, Entry]):
         if users:
             named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
             raise ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
-
-    def _refuse_authorised(self, connection: Connection, identifier: str) -> None:
-        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
-        if self._table is jobs and connection.execute(own).one_or_none() is not None:
-            raise AuthorisedError(identifier)
 
     def _is(self, identifier: str) -> list[ColumnElement[bool]]:
         return [*self._mine, self._table.c.id == identifier]

@@ -196,24 +196,19 @@ def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str
     try:
         if isinstance(record, JobRecord):
             yield from _job_faults(record, where)
+            return
+        if isinstance(record, RobotRecord):
+            robot = Robot.model_validate_json(record.document)
+            document = RobotDocument(name=robot.name, model=robot.model, joint_map=robot.joint_map)
+            expected = prepare_robot(document).content_hash
         else:
-            expected = _robot_hash(record) if isinstance(record, RobotRecord) else _set_hash(record)
-            if expected != record.content_hash:
-                yield Fault("hash", where, "its content is not what was stored: the hash differs", _RESTORE)
+            stored = messages.StoredMeasurementSet.model_validate_json(record.document)
+            expected = content_hash(stored, ReadingArrays.unpack(record.arrays), stored.resolved_frame)
+        if expected != record.content_hash:
+            yield Fault("hash", where, "its content is not what was stored: the hash differs", _RESTORE)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is a fault of the document
         reason = (str(error) or type(error).__name__).splitlines()[0][:200]
         yield Fault("document", where, f"its document cannot be read ({reason})", _RESTORE)
-
-
-def _robot_hash(record: RobotRecord) -> str:
-    stored = Robot.model_validate_json(record.document)
-    document = RobotDocument(name=stored.name, model=stored.model, joint_map=stored.joint_map)
-    return prepare_robot(document).content_hash
-
-
-def _set_hash(record: MeasurementSetRecord) -> str:
-    stored = messages.StoredMeasurementSet.model_validate_json(record.document)
-    return content_hash(stored, ReadingArrays.unpack(record.arrays), stored.resolved_frame)
 
 
 def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:

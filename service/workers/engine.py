@@ -391,12 +391,26 @@ class JsonSerializer(Serializer):
 
     def serialize(self, data: Any) -> str:  # noqa: ANN401 - whatever a step returns or raises
         """Return arguments, a result or an exception as JSON."""
-        return json.dumps(_described(data) if isinstance(data, BaseException) else data, allow_nan=False)
+        if not isinstance(data, BaseException):
+            return json.dumps(data, allow_nan=False)
+        described: dict[str, Any] = {"reason": f"{type(data).__name__}: {data}"}
+        if isinstance(data, JointstiffError):
+            described = {"reason": data.reason, "remedy": data.remedy, "where": data.where}
+        if isinstance(data, ItemsError):
+            described["items"] = data.items
+        # Files are refused by several classes, whose constructors take something else.
+        kind = FilesError if isinstance(data, FilesError) else type(data)
+        return json.dumps({_RAISED: {"kind": kind.__name__, **described}}, allow_nan=False)
 
     def deserialize(self, serialized_data: str) -> Any:  # noqa: ANN401
         """Return what `serialize` was given; an exception as one to raise."""
         data = json.loads(serialized_data)
-        return _restored(data[_RAISED]) if isinstance(data, dict) and _RAISED in data else data
+        if not (isinstance(data, dict) and _RAISED in data):
+            return data
+        kind, described = _refusals().get(data[_RAISED].pop("kind")), data[_RAISED]
+        if kind is None or "remedy" not in described:
+            return EngineDataError(described["reason"])
+        return kind(**described)
 
 
 def refuse_pickles() -> None:
@@ -406,26 +420,6 @@ def refuse_pickles() -> None:
 
 def _refuse(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - the engine's names
     raise EngineDataError("the engine's tables have a pickled object, which is not read")
-
-
-def _described(error: BaseException) -> dict[str, dict[str, Any]]:
-    described: dict[str, Any]
-    if isinstance(error, JointstiffError):
-        described = {"reason": error.reason, "remedy": error.remedy, "where": error.where}
-        if isinstance(error, ItemsError):
-            described["items"] = error.items
-    else:
-        described = {"reason": f"{type(error).__name__}: {error}"}
-    # Files are refused by several classes, whose constructors take something else.
-    kind = FilesError if isinstance(error, FilesError) else type(error)
-    return {_RAISED: {"kind": kind.__name__, **described}}
-
-
-def _restored(described: dict[str, Any]) -> Exception:
-    kind = _refusals().get(described["kind"])
-    if kind is None or "remedy" not in described:
-        return EngineDataError(described["reason"])
-    return kind(**{name: value for name, value in described.items() if name != "kind"})
 
 
 def _refusals(kind: type[JointstiffError] = JointstiffError) -> dict[str, type[JointstiffError]]:

@@ -30,17 +30,15 @@ _AT_DATABASE: Final = 4
 """Senders that use the database at once, however many wait for their receivers: it has few connections."""
 
 
-def _now() -> datetime:
-    return datetime.now(UTC)
-
-
 class Sender:
     """Sends what is due, to each webhook in a thread of its own: a slow receiver delays no other.
 
     Any number may do so: each message is claimed by one of them at a time.
     """
 
-    def __init__(self, store: Store, trends: Trends, now: Callable[[], datetime] = _now) -> None:
+    def __init__(
+        self, store: Store, trends: Trends, now: Callable[[], datetime] = lambda: datetime.now(UTC)
+    ) -> None:
         self._store, self._trends, self._now = store, trends, now
         self._webhooks = store.webhooks
         self._forgot = datetime.min.replace(tzinfo=UTC)
@@ -108,19 +106,16 @@ class Sender:
             except (RequestError, httpx2.HTTPError, httpx2.InvalidURL) as failure:
                 status, error = 0, str(failure)[:200] or type(failure).__name__
             with self._turns:
-                self._settle(message, error)
+                now = self._now()
+                if error is None:
+                    self._webhooks.settle(message, "delivered", None, now)
+                elif now - message.created_at >= _GIVEN_UP:
+                    self._webhooks.settle(message, "dead", error, now)
+                else:
+                    pause = min(_FIRST_PAUSE * 2 ** min(message.attempts - 1, 20), _LONGEST_PAUSE)
+                    self._webhooks.settle(message, "pending", error, now + pause)
             if status == 0:
                 return
-
-    def _settle(self, message: DeliveryRecord, error: str | None) -> None:
-        now = self._now()
-        if error is None:
-            self._webhooks.settle(message, "delivered", None, now)
-        elif now - message.created_at >= _GIVEN_UP:
-            self._webhooks.settle(message, "dead", error, now)
-        else:
-            pause = min(_FIRST_PAUSE * 2 ** min(message.attempts - 1, 20), _LONGEST_PAUSE)
-            self._webhooks.settle(message, "pending", error, now + pause)
 
     def _post(self, webhook: WebhookRecord, message: DeliveryRecord) -> int:
         """Post a message to an address that was checked; return the status of the answer.

@@ -75,7 +75,7 @@ class Recovery:
             duties += [
                 lambda: self._count_deaths(abandoned, pending),
                 lambda: self._resume(abandoned, pending),
-                self._look_after_jobs,
+                self._fail_lost,
                 self._look_after_workers,
                 self._tidy,
                 self._purge,
@@ -139,23 +139,18 @@ class Recovery:
         for worker, at in self._silent.items() & before.items():
             self._store.webhooks.worker_lost(worker, at)
 
-    def _look_after_jobs(self) -> None:
-        self._lost = set[str]().union(*map(self._fail_lost, self._jobs.values()))
-
-    def _fail_lost(self, jobs: Jobs) -> set[str]:
-        """End open jobs whose workflow has ended without ending them, or is gone, two looks in a row.
-
-        Returns:
-            Those that look lost now.
-        """
-        open_jobs = jobs.log.open_jobs()
-        statuses = dict.fromkeys(open_jobs, "unknown") | self._engine.queue.statuses(open_jobs)
-        lost = {job for job, status in statuses.items() if status == "unknown" or is_ended(status)}
-        for job_id in lost & self._lost:
-            jobs.fail(
-                job_id, WorkerLostError(f"the job engine does not carry on job {job_id}: {statuses[job_id]}")
-            )
-        return lost
+    def _fail_lost(self) -> None:
+        """End open jobs whose workflow has ended without ending them, or is gone, two looks in a row."""
+        all_lost = set[str]()
+        for jobs in self._jobs.values():
+            open_jobs = jobs.log.open_jobs()
+            statuses = dict.fromkeys(open_jobs, "unknown") | self._engine.queue.statuses(open_jobs)
+            lost = {job for job, status in statuses.items() if status == "unknown" or is_ended(status)}
+            for job_id in lost & self._lost:
+                reason = f"the job engine does not carry on job {job_id}: {statuses[job_id]}"
+                jobs.fail(job_id, WorkerLostError(reason))
+            all_lost |= lost
+        self._lost = all_lost
 
     def _tidy(self) -> None:
         """Remove the steps of jobs that ended a while ago: only the result is asked for from then on."""
