@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -28,25 +27,18 @@ _SETTINGS: Any = {
 }
 
 
-def _made(command: str) -> Callable[..., None]:
-    """Make a command of its messages."""
-    if command == "import":
-        from jointstiff.service.cli.imports import import_command
-
-        return import_command()
-    from jointstiff.service.cli.kinds import command_of
-
-    return command_of(next(name for name, room in ROOMS.items() if room.command == command))
-
-
 class _Commands(typer.core.TyperGroup):
     """The commands."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Return name, command and arguments; make the command if it is not yet."""
         if args and args[0] in _MADE:
-            alone = typer.Typer(**_SETTINGS)
-            alone.command(args[0])(_made(args[0]))
+            from jointstiff.service.cli.imports import import_command
+            from jointstiff.service.cli.kinds import command_of
+
+            alone, kinds = typer.Typer(**_SETTINGS), {room.command: name for name, room in ROOMS.items()}
+            made = import_command() if args[0] == "import" else command_of(kinds[args[0]])
+            alone.command(args[0])(made)
             self.commands[args[0]] = get_command(alone)
         return super().resolve_command(ctx, args)
 
@@ -71,19 +63,9 @@ app = typer.Typer(
 )
 
 
-def _placeholder(summary: str) -> Callable[[], None]:
-    """Return a command that the list of commands shows in place of one that is built when it is called."""
-
-    def command() -> None:
-        raise NotImplementedError
-
-    command.__doc__ = summary
-    return command
-
-
 app.command()(simulate)
 for _command, _summary in _MADE.items():
-    app.command(_command)(_placeholder(_summary))
+    app.command(_command, help=_summary)(lambda: None)  # shown in the list in place of what is made later
 for _written in (robots, predict, export, report, serve, worker, post, demo, backup, restore, doctor):
     app.command()(_written)
 app.add_typer(keys, name="keys")

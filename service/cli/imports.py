@@ -39,7 +39,6 @@ from jointstiff.service.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.problem import Problem
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
     from jointstiff.service.tables.table import Line, Part
@@ -282,17 +281,13 @@ def _as_options() -> Iterator[None]:
         raise CampaignError(in_options(ImportRequest, problem_of(error), _FORMS)) from error
     except CampaignError as error:
         problem = in_options(ImportRequest, error.problem, _FORMS)
-        raise CampaignError(_placed(problem)) from None
-
-
-def _placed(problem: Problem) -> Problem:
-    """Return a problem of the options, whose place names one of them."""
-    where = problem.where or ""
-    name, _, rest = where.partition(".")
-    if name not in ImportRequest.model_fields:
-        return problem
-    place = f"{flag_of(ImportRequest, name, _FORMS)} {rest}".rstrip()
-    return problem.model_copy(update={"where": place, "detail": problem.detail.replace(where, place)})
+        where = problem.where or ""
+        name, _, rest = where.partition(".")
+        if name in ImportRequest.model_fields:
+            place = f"{flag_of(ImportRequest, name, _FORMS)} {rest}".rstrip()
+            changes = {"where": place, "detail": problem.detail.replace(where, place)}
+            problem = problem.model_copy(update=changes)
+        raise CampaignError(problem) from None
 
 
 def _worded(text: str) -> str:

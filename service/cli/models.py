@@ -130,25 +130,20 @@ def report(
     overwrite: Overwrite = False,
 ) -> None:
     """Write a draft report on a campaign or a result."""
-    if output.suffix.lower() not in _REPORTS:
-        raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
-    refuse_existing(output, overwrite=overwrite)
-    _reported(file, run).report(output, laboratory)
-    typer.echo(f"{output}: {output.stat().st_size:,} bytes")
-
-
-def _reported(file: Path, run: Path | None) -> Any:  # noqa: ANN401 - a job that shows itself
-    """Return the run of a campaign, or the job of another kind that a file holds."""
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.verbs import read_job
 
+    if output.suffix.lower() not in _REPORTS:
+        raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
+    refuse_existing(output, overwrite=overwrite)
     try:
-        return _identified(file, run)
-    except CampaignError:
+        job: Any = _identified(file, run)
+    except CampaignError:  # the file may hold a job of another kind
         job = None if run is not None else read_job(file)
         if job is None:
             raise
-        return job
+    job.report(output, laboratory)
+    typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
 def _identified(file: Path, run: Path | None) -> TabledRun:

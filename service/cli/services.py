@@ -20,7 +20,6 @@ from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
-    from jointstiff.service.library.results import TabledRun
     from jointstiff.service.store.backups import Manifest
 
 LogLines = Annotated[
@@ -151,7 +150,7 @@ def post(
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.files import campaign_of
     from jointstiff.service.reports.job import job_report
-    from jointstiff.service.tables.terminal import console
+    from jointstiff.service.tables.terminal import console, progress_bar
 
     server = server.rstrip("/")
     with Client(server, warn=warn) as client:
@@ -163,7 +162,13 @@ def post(
         robot_id = client.measurement_sets.get(set_id).robot_id
         for address in (f"robots/{robot_id}", f"measurement-sets/{set_id}", f"runs/{run.id}"):
             typer.echo(f"{server}/v1/{address}")
-        run = _ended(client, run, server)
+        try:
+            with progress_bar(shown=run.progress is not None) as tell:
+                run = client.runs.wait(run, tell)
+        except KeyboardInterrupt:
+            change = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
+            warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
+            raise
     console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
@@ -188,19 +193,6 @@ def _post_all(client: Client, folder: Path) -> int:
         else:
             typer.echo(path.name)
     return 1 if refused else 0
-
-
-def _ended(client: Client, run: TabledRun, server: str) -> TabledRun:
-    """Wait for the end of a run; who waits no longer is told that it goes on."""
-    from jointstiff.service.tables.terminal import progress_bar
-
-    try:
-        with progress_bar(shown=run.progress is not None) as tell:
-            return client.runs.wait(run, tell)
-    except KeyboardInterrupt:
-        change = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
-        warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
-        raise
 
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the backup.")]

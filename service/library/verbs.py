@@ -198,10 +198,6 @@ def _take_campaign(call: _Call) -> dict[str, Any]:
     return own | {"measurement_set_id": set_id, "leave_out": run.leave_out}
 
 
-def _take_run(call: _Call) -> dict[str, Any]:
-    return {"run_id": call.door.identified(call.waiting.pop(0))}
-
-
 def _take_campaigns(call: _Call) -> dict[str, Any]:
     """Make the runs of one campaign or two, by each method and constraint, and compare them."""
     from jointstiff.schemas.comparison import CampaignComparison
@@ -310,7 +306,7 @@ def _take_files(call: _Call) -> dict[str, Any]:
 
 _TAKE: Final[Mapping[str, Callable[[_Call], dict[str, Any]]]] = {
     "measurement_set": _take_campaign,
-    "run": _take_run,
+    "run": lambda call: {"run_id": call.door.identified(call.waiting.pop(0))},
     "campaigns": _take_campaigns,
     "robot_or_set": _take_robot_or_campaign,
     "readings": _take_readings,

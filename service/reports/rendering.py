@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.reports.document import Document, Letterhead, Picture, Section
+from jointstiff.service.reports.document import Document, Letterhead, Section
 from jointstiff.service.tables.table import Table
 from jointstiff.solver.errors import RequestError
 
@@ -87,7 +87,10 @@ def _section(place: int, section: Section) -> str:
             *(f"<p>– {escape(note)}</p>" for note in section.notes),
             f"<dl>{facts}</dl>" if facts else "",
             *(f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs),
-            *map(_picture, section.pictures),
+            *(  # each was drawn here, its texts escaped
+                f"<figure>{picture.svg}<figcaption>{escape(picture.caption)}</figcaption></figure>"
+                for picture in section.pictures
+            ),
             "</section>",
         ]
     )
@@ -105,11 +108,6 @@ def _table(table: Table) -> str:
     rows = "".join(row((cell.text for cell in cells), "td") for cells in table.rows())
     body = f"{caption}<thead>{row(table.head(), 'th')}</thead><tbody>{rows}</tbody>"
     return f'<div class="wide"><table>{body}</table></div>'
-
-
-def _picture(picture: Picture) -> str:
-    caption = escape(picture.caption)  # the SVG was drawn here, its texts escaped
-    return f"<figure>{picture.svg}<figcaption>{caption}</figcaption></figure>"
 
 
 _TEMPLATE: Final = Path(__file__).with_name("template.typ")

@@ -35,7 +35,6 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.findings import drift_findings
 from jointstiff.solver.geometry.frames import BaseDrift
-from jointstiff.solver.robot.model import Robot
 
 FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""
@@ -66,7 +65,10 @@ class MeasurementSets:
         """
         if key is not None and (before := self._store.sets.find(key)) is not None:
             return before
-        robot = self._robot(request.robot_id)
+        try:
+            robot, _ = self._robots.load(request.robot_id)
+        except NotFoundError as error:
+            raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
         resolved, drift = resolve_frame(self._store, request)
         checked = check_set(request, robot, resolved, drift)
         stored = messages.StoredMeasurementSet(
@@ -166,12 +168,6 @@ class MeasurementSets:
             robot_id=stored.robot_id,
             content=hash_of(robot_hash, stored.content_hash),
         )
-
-    def _robot(self, robot_id: str) -> Robot:
-        try:
-            return self._robots.load(robot_id)[0]
-        except NotFoundError as error:
-            raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,14 +127,14 @@ def _listed(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
     return values
 
 
-def _finite(value: Value) -> Value:
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
 def json_text(sheet: Sheet) -> str:
     """Return a sheet as JSON, column by column: `columns`, each with `name`, `unit` and `values`."""
     columns = [
-        {"name": name, "unit": unit, "values": [_finite(value) for value in _listed(column)]}
+        {
+            "name": name,
+            "unit": unit,
+            "values": [None if isinstance(v, float) and not isfinite(v) else v for v in _listed(column)],
+        }
         for header, column in sheet.columns.items()
         for name, unit in [split_header(header)]
     ]

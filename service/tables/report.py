@@ -117,8 +117,15 @@ def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
 
 
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
-    """Return the warnings that no reason repeats, or without details their number."""
-    rest = _not_said(warnings, assessment.reasons)
+    """Return the warnings of kinds that no reason says or sums up, or without details their number."""
+    reasons = assessment.reasons
+    said: set[str] = {reason.code for reason in reasons} | {
+        warning.code
+        for warning in warnings
+        if any(reason.message.startswith(warning.message) for reason in reasons)
+    }
+    said = said.union(*(_SAID_BETTER.get(code, ()) for code in said))
+    rest = [warning for warning in warnings if warning.code not in said]
     if not details:
         return [Line(f"  {_counted(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [
@@ -126,7 +133,7 @@ def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, detail
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
             "care",
         )
-        for warning in rest
+        for warning in sorted(rest, key=lambda warning: warning.where is not None)  # of the whole set first
     ]
 
 
@@ -137,18 +144,6 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
         if reason:
             names.setdefault(reason, []).append(name)
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
-
-
-def _not_said(warnings: Sequence[Finding], reasons: Sequence[Finding]) -> list[Finding]:
-    """Leave out the kinds of warnings that a reason says or sums up, those of the whole set first."""
-    codes: set[str] = {reason.code for reason in reasons} | {
-        warning.code
-        for warning in warnings
-        if any(reason.message.startswith(warning.message) for reason in reasons)
-    }
-    codes = codes.union(*(_SAID_BETTER.get(code, ()) for code in codes))
-    rest = [warning for warning in warnings if warning.code not in codes]
-    return sorted(rest, key=lambda warning: warning.where is not None)
 
 
 def _counted(count: int, noun: str) -> str:
