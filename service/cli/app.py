@@ -33,12 +33,16 @@ class _Commands(typer.core.TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Return name, command and arguments; make the command if it is not yet."""
         if args and args[0] in _MADE:
-            from jointstiff.service.cli.imports import import_command
-            from jointstiff.service.cli.kinds import command_of
+            alone = typer.Typer(**_SETTINGS)
+            if args[0] == "import":
+                from jointstiff.service.cli.imports import import_command
 
-            alone, kinds = typer.Typer(**_SETTINGS), {room.command: name for name, room in ROOMS.items()}
-            made = import_command() if args[0] == "import" else command_of(kinds[args[0]])
-            alone.command(args[0])(made)
+                alone.command(args[0])(import_command())
+            else:
+                from jointstiff.service.cli.kinds import command_of
+
+                kinds = {room.command: name for name, room in ROOMS.items()}
+                alone.command(args[0])(command_of(kinds[args[0]]))
             self.commands[args[0]] = get_command(alone)
         return super().resolve_command(ctx, args)
 
