@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
@@ -15,14 +14,14 @@ from jointstiff.schemas.fields import (
     Metres,
     Name,
     Stiffness,
+    Terminal,
     Timestamp,
+    draws_of,
 )
-from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
 from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.options import Method, Resampling, RunOptions, Weighting
-from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, identified_in
-from jointstiff.schemas.terminal import Terminal, draws_of
 
 MAX_METHODS = 8
 MAX_COMPARED = 48

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import FailFast, Field, model_validator
 
-from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -21,14 +20,13 @@ from jointstiff.schemas.fields import (
     SquareMetres,
     SquareRadians,
     StatedUnit,
-    Timestamp,
+    Terminal,
     Vector3,
 )
-from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.job import Job, JobState, Result
+from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
+from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.measurement import AngleUnit, LengthUnit, Sigma, Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS, DhRow, JointMap, RobotDocument
-from jointstiff.schemas.terminal import Terminal
 
 Square6 = Annotated[
     list[Annotated[list[float], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
@@ -81,9 +79,8 @@ class SweptTarget(Message):
         description="Radius: distance from the axis; null in a sweep that turns two axes."
     )
     radial_rms: Metres[float | None] = Field(
-        description="Root mean square of the radial residuals; of those across the axis in a sweep "
-        "that turns "
-        "two. Null without a reading."
+        description="Root mean square of the radial residuals; of those across the axis in a sweep that "
+        "turns two. Null without a reading."
     )
     axial_rms: Metres[float | None] = Field(description="Root mean square of the residuals along the axis.")
 
@@ -153,8 +150,7 @@ class BaseFrameResult(Message):
     transform_tracker_to_base: Rigid
     covariance: MixedSquares[Square6 | None] = Field(
         description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: "
-        "translation, "
-        "then rotation; null if not determined."
+        "translation, then rotation; null if not determined."
     )
 
 
@@ -365,9 +361,8 @@ class JointSweep(Message):
     """One joint of the controller turned alone."""
 
     joint: Name = Field(
-        description="Name of the joint that turns: the robot's name of it, or joint_1, joint_2, … "
-        "if no robot "
-        "is given.",
+        description="Name of the joint that turns: the robot's name of it, or joint_1, joint_2, … if no "
+        "robot is given.",
         examples=["joint_1"],
     )
     observations: Annotated[
@@ -510,14 +505,11 @@ class GeometryRequest(Message):
         return self.robot_id is not None or self.robot is not None
 
 
-class GeometrySummary(ResultSummary):
+class GeometrySummary(JobSummary, ResultSummary):
     """A geometry in a listing."""
 
-    id: Identifier
     name: Name
     robot_id: Identifier | None = Field(description="Robot of the nominal model, if it is stored.")
-    state: JobState
-    created_at: Timestamp
 
 
 class Geometry(Job):

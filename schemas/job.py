@@ -6,9 +6,8 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Timestamp
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Assessment, Problem, ResultSummary, VerdictSummary
 
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
@@ -76,6 +75,14 @@ class Job(Message):
     requested_by: Requester | None = Field(
         default=None, description="Key of the request; null if the service required none."
     )
+
+
+class JobSummary(VerdictSummary):
+    """A job in a listing."""
+
+    id: Identifier
+    state: JobState
+    created_at: Timestamp
 
 
 class JobChange(Message):

@@ -16,6 +16,7 @@ from jointstiff.schemas.fields import (
     Name,
     Quantity,
     Radians,
+    ResourceChange,
     Timestamp,
     Vector3,
 )
@@ -87,9 +88,8 @@ class ForceUncertainty(Message):
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, "
-        "in rad whatever the "
-        "set's unit of angle.",
+        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, in "
+        "rad whatever the set's unit of angle.",
         examples=[0.002],
     )
 
@@ -116,8 +116,7 @@ class AxisUncertainty(Message):
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
         description="Standard uncertainty of an axis's direction about each direction across it, in rad "
-        "whatever the set's unit "
-        "of angle.",
+        "whatever the set's unit of angle.",
         examples=[1e-4],
     )
 
@@ -224,8 +223,7 @@ class Frame(Message):
     base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
         default=None,
         description="Base targets of the geometry (needs `geometry_id`), read again with this set, in "
-        "units.length. The motion between tracker and robot since then is corrected, with a "
-        "warning.",
+        "units.length. The motion between tracker and robot since then is corrected, with a warning.",
     )
     forces: Literal["base", "tracker"] = Field(
         default="base",
@@ -250,9 +248,8 @@ class ResolvedFrame(Message):
     rotation: Dimensionless[Rotation] = Field(description="Rotation matrix row by row, tracker to R0.")
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
-        description="Targets of the geometry in the flange frame, used for deflections of targets "
-        "that the set "
-        "does not place; empty if it has another flange frame."
+        description="Targets of the geometry in the flange frame, used for deflections of targets that the "
+        "set does not place; empty if it has another flange frame."
     )
 
 
@@ -317,17 +314,8 @@ class SetMetadata(Message):
     )
 
 
-class SetChange(SetMetadata):
+class SetChange(ResourceChange, SetMetadata):
     """Changes of a measurement set beside its readings. Omitted fields remain unchanged."""
-
-    name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
-    archived: bool | None = Field(
-        default=None, description="True to archive the set: listings omit it; null or absent: unchanged."
-    )
-    deleted: bool | None = Field(
-        default=None,
-        description="True to delete the set, false to restore it within 30 days; null or absent: unchanged.",
-    )
 
 
 MAX_OBSERVATIONS = 10_000
@@ -436,9 +424,8 @@ class EncoderReading(Message):
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Unloaded angle of the model's joint, in units.angle: with the sign of its "
-        "axis, after the "
-        "joint map. A constant offset does not matter."
+        description="Unloaded angle of the model's joint, in units.angle: with the sign of its axis, after "
+        "the joint map. A constant offset does not matter."
     )
     loaded: Quantity = Field(description="Angle under load, in units.angle.")
 
@@ -478,15 +465,13 @@ class MeasurementSetHeader(SetMetadata):
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
     encoders: Literal["motor", "secondary"] = Field(
-        description="Encoders that close the position loop: those of the motors, or secondary "
-        "encoders behind "
-        "the gearboxes."
+        description="Encoders that close the position loop: those of the motors, or secondary encoders "
+        "behind the gearboxes."
     )
     noise: Noise | None = Field(
         default=None,
-        description="Noise of the readings; if absent, and no reading states its own, sigma is "
-        "estimated from "
-        "the residuals.",
+        description="Noise of the readings; if absent, and no reading states its own, sigma is estimated "
+        "from the residuals.",
     )
     frame: Frame | None = Field(
         default=None,

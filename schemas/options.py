@@ -7,14 +7,18 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from jointstiff.schemas.fields import (
+    Confidence,
     Message,
     Metres,
     Name,
     Stiffness,
+    Terminal,
     Vector3,
+    chain_of,
+    draws_of,
+    prior_of,
 )
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.terminal import Terminal, chain_of, draws_of, prior_of
 
 ElasticModel = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
 Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links", "automatic"]
@@ -116,9 +120,8 @@ class StiffnessPrior(Message):
 
     stiffness: Stiffness[PositiveStiffness]
     standard_uncertainty: Stiffness[PositiveStiffness] = Field(
-        description="Standard uncertainty of the stiffness; at most half of it, because the prior "
-        "is Gaussian "
-        "in compliance."
+        description="Standard uncertainty of the stiffness; at most half of it, because the prior is "
+        "Gaussian in compliance."
     )
 
     @field_validator("standard_uncertainty", mode="after")
@@ -233,9 +236,7 @@ class RunOptions(Message):
         description="Resampling: repeat the fit on configurations drawn at random; the run may "
         "then take long.",
     )
-    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Confidence level of the intervals."
-    )
+    confidence: Confidence = 0.95
     weight: Weight | None = Field(
         default=None,
         description="Stiffness by the robot's own weight as the load, together with known loads of the set; "

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.assessment import AcceptingOptions, Assessment, VerdictSummary
 from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
@@ -19,14 +18,17 @@ from jointstiff.schemas.fields import (
     Quantity,
     Radians,
     Stiffness,
-    Timestamp,
+    Terminal,
     Vector3,
+    numbers_of,
+    planned_load_of,
+    prior_of,
 )
-from jointstiff.schemas.job import Job, JobState, Result
+from jointstiff.schemas.finding import AcceptingOptions, Assessment
+from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
 from jointstiff.schemas.options import StiffnessPrior, Weight
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.terminal import Terminal, numbers_of, planned_load_of, prior_of
 
 MAX_CANDIDATES = 50_000
 MAX_READINGS = 200
@@ -113,10 +115,9 @@ class PlanOptions(AcceptingOptions):
     )
     criterion: PlanCriterion | None = Field(
         default=None,
-        description="Criterion of the plan. `work_area`: least mean variance of predicted deflections in "
-        "the work area, the default with a work area; `relative_a`: least mean variance of the relative "
-        "compliances, the default without; `d`, "
-        "`e`: volume and longest axis of their uncertainty ellipsoid; "
+        description="Criterion of the plan. `work_area`: least mean variance of predicted deflections in the "
+        "work area, the default with a work area; `relative_a`: least mean variance of the relative "
+        "compliances, the default without; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; "
         "`worst_place`: greatest variance in the work area.",
     )
     work_area: Metres[Box | None] = Field(
@@ -281,14 +282,11 @@ class PlanResult(Result):
     struck_out: dict[str, int] = Field(description="Number of infeasible readings, by reason.")
 
 
-class PlanSummary(VerdictSummary):
+class PlanSummary(JobSummary):
     """A plan in a listing."""
 
-    id: Identifier
     robot_id: Identifier
     measurement_set_id: Identifier | None
-    state: JobState
-    created_at: Timestamp
 
 
 class Plan(Job):

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.assessment import AcceptingOptions, VerdictSummary
 from jointstiff.schemas.deflection import LinkMass, SagOptions
 from jointstiff.schemas.fields import (
     Dimensionless,
@@ -17,13 +16,17 @@ from jointstiff.schemas.fields import (
     Point,
     Quantity,
     Radians,
+    Terminal,
     Timestamp,
     Vector3,
+    force_of,
+    frame_of,
+    numbers_of,
 )
+from jointstiff.schemas.finding import AcceptingOptions, VerdictSummary
 from jointstiff.schemas.job import FromRun, Job, JobState
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.terminal import Terminal, force_of, frame_of, numbers_of
 
 MAX_FILES = 4
 MAX_FRAMES = 64

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.assessment import AcceptingOptions
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
+from jointstiff.schemas.finding import AcceptingOptions
 from jointstiff.schemas.job import JobState
 from jointstiff.schemas.measurement import Moment
 

@@ -1,4 +1,4 @@
-"""Robots: kinematics as URDF, DH table or arm of the catalogue, limits, joint map; the catalogue itself."""
+"""Robots: kinematics, limits, joint map and bodies; the catalogue of arms; positions of the joints."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from jointstiff.schemas.fields import (
     Message,
     Metres,
     Name,
+    Point,
     Quantity,
     Radians,
+    ResourceChange,
+    Square3,
     Timestamp,
     Vector3,
 )
@@ -44,9 +47,8 @@ class DhModel(Message):
         "`modified` (Craig): rotate alpha, move a, rotate theta, move d."
     )
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Rows from base to flange, one per joint. All joints are revolute. The flange "
-        "frame is the "
-        "last frame of the table."
+        description="Rows from base to flange, one per joint. All joints are revolute. The flange frame is "
+        "the last frame of the table."
     )
 
 
@@ -116,25 +118,6 @@ class Body(Message):
     )
 
 
-_Bodies = Annotated[list[Body], Field(min_length=1, max_length=2 * MAX_JOINTS)]
-_BODIES = (
-    "Bodies with masses, for runs with `weight`; default: the inertials of the URDF on the chain, if it has "
-    "such, each within ± 20 %."
-)
-
-
-class RobotDocument(Message):
-    """A robot as it is posted, or in a campaign file."""
-
-    name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
-    model: Model
-    joint_map: JointMap | None = Field(
-        default=None,
-        description="Joint map for coupled axes and flipped signs; default: identity.",
-    )
-    bodies: _Bodies | None = Field(default=None, description=_BODIES)
-
-
 class RobotRequest(Message):
     """A robot as it is posted: a description, a stored geometry, or an arm of the catalogue."""
 
@@ -145,13 +128,26 @@ class RobotRequest(Message):
         description="Joint map for coupled axes and flipped signs; default: identity, or that of the arm of "
         "the catalogue. A geometry has its own.",
     )
-    bodies: _Bodies | None = Field(default=None, description=_BODIES)
+    bodies: Annotated[list[Body], Field(min_length=1, max_length=2 * MAX_JOINTS)] | None = Field(
+        default=None,
+        description="Bodies with masses, for runs with `weight`; default: the inertials of the URDF on the "
+        "chain, if it has such, each within ± 20 %.",
+    )
 
     @model_validator(mode="after")
     def _one_joint_map(self) -> RobotRequest:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
             raise ValueError("omit `joint_map`: the geometry has its own")
         return self
+
+
+class RobotDocument(RobotRequest):
+    """A robot as it is posted, or in a campaign file."""
+
+    model: Model
+    joint_map: JointMap | None = Field(
+        default=None, description="Joint map for coupled axes and flipped signs; default: identity."
+    )
 
 
 class Joint(Message):
@@ -167,9 +163,8 @@ class Wrist(Message):
 
     spherical: bool
     miss_distance: Metres[float | None] = Field(
-        description="Distance of the last three axes from their nearest common point; null if "
-        "there is no such "
-        "point."
+        description="Distance of the last three axes from their nearest common point; null if there is no "
+        "such point."
     )
 
 
@@ -179,24 +174,6 @@ class RobotSummary(Message):
     id: Identifier
     name: Name
     joints: list[Joint]
-    nominal_arm: Name | None = Field(description="Arm of the catalogue, if the model has its values.")
-    archived: bool = Field(description="True if archived: listings omit the robot.")
-    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map, as in the robot.")
-    created_at: Timestamp
-    alarms: list[OpenAlarm] = Field(
-        default_factory=list, description="Alarms of its trend that have not ended and are not acknowledged."
-    )
-
-
-class Robot(RobotDocument):
-    """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
-
-    id: Identifier
-    joints: list[Joint]
-    wrist: Wrist
-    geometry_id: Identifier | None = Field(
-        default=None, description="Geometry of the model, if it was posted as one."
-    )
     nominal_arm: Name | None = Field(
         default=None,
         description="Arm of the catalogue whose nominal values the model has, if it was posted as one.",
@@ -209,18 +186,17 @@ class Robot(RobotDocument):
     )
 
 
-class RobotChange(Message):
-    """Changes of a robot beside its kinematics. Omitted fields remain unchanged."""
+class Robot(RobotDocument, RobotSummary):
+    """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
 
-    name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
-    archived: bool | None = Field(
-        default=None, description="True to archive the robot: listings omit it; null or absent: unchanged."
+    wrist: Wrist
+    geometry_id: Identifier | None = Field(
+        default=None, description="Geometry of the model, if it was posted as one."
     )
-    deleted: bool | None = Field(
-        default=None,
-        description="True to delete the robot, false to restore it (within 30 days); null or absent: "
-        "unchanged.",
-    )
+
+
+class RobotChange(ResourceChange):
+    """Changes of a robot beside its kinematics. Omitted fields remain unchanged."""
 
 
 class JointMapPreset(Message):
@@ -257,3 +233,52 @@ class Catalogue(Message):
 
     arms: list[Arm] = Field(description="Arms by maker.")
     joint_maps: list[JointMapPreset]
+
+
+MAX_POSTURES = 1_000
+
+
+class KinematicsRequest(Message):
+    """A robot, stored or not, and configurations of it."""
+
+    robot_id: Identifier | None = Field(default=None, description="Id of a stored robot; or give `robot`.")
+    robot: RobotDocument | None = Field(
+        default=None, description="Robot document that is not stored, to preview it."
+    )
+    joints: Radians[
+        Annotated[
+            list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_POSTURES)
+        ]
+    ] = Field(
+        default_factory=list,
+        description="Joint angles as displayed by the controller, one list per configuration; default: all "
+        "zeros.",
+    )
+
+    @model_validator(mode="after")
+    def _one_robot(self) -> KinematicsRequest:
+        if (self.robot_id is None) == (self.robot is None):
+            raise ValueError("give either `robot_id` or `robot`")
+        return self
+
+
+class Posture(Message):
+    """One configuration, axes of R0."""
+
+    joint_origins: Metres[list[Point]] = Field(
+        description="Origins of the joints' frames, from base to flange."
+    )
+    joint_axes: Dimensionless[list[Point]] = Field(
+        description="Unit vectors along the joints' axes. Dimensionless."
+    )
+    flange_origin: Metres[Point]
+    flange_axes: Dimensionless[Square3] = Field(
+        description="Unit vectors of the flange's x, y and z axes. Dimensionless."
+    )
+
+
+class Kinematics(Message):
+    """A robot in some configurations."""
+
+    joints: list[Name] = Field(description="Names of the joints.")
+    postures: list[Posture]

@@ -1,4 +1,4 @@
-"""A run: one identification of one measurement set, with its evidence and provenance."""
+"""A run: one identification of one measurement set, with its evidence and provenance; a campaign file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
@@ -19,13 +18,14 @@ from jointstiff.schemas.fields import (
     Point,
     Radians,
     Stiffness,
-    Timestamp,
     Torque,
 )
-from jointstiff.schemas.finding import Finding, Verdict
-from jointstiff.schemas.job import Job, JobState, Result
+from jointstiff.schemas.finding import Assessment, Finding, ResultSummary, Verdict
+from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
 from jointstiff.schemas.options import Elasticity, ElasticModel, Loss, Method, RunOptions, Weighting
+from jointstiff.schemas.robot import RobotDocument
 
 
 class OneSidedBounds(Message):
@@ -97,9 +97,8 @@ class JointResult(Message):
     one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
     prior_to_data: float | None = Field(
         default=None,
-        description="Ratio of information, prior to readings, on this compliance; above 1 the "
-        "prior dominates. "
-        "Null without a prior. Dimensionless.",
+        description="Ratio of information, prior to readings, on this compliance; above 1 the prior "
+        "dominates. Null without a prior. Dimensionless.",
     )
     budget: UncertaintyBudget | None = Field(
         default=None,
@@ -448,9 +447,8 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Contribution to the mean length of the predicted deflections; those of all "
-        "joints sum to "
-        "1. Zero for a joint without a number."
+        description="Contribution to the mean length of the predicted deflections; those of all joints sum "
+        "to 1. Zero for a joint without a number."
     )
     mean: Metres[float] = Field(
         description="Contribution of the joint, mean over all readings of the targets."
@@ -509,9 +507,8 @@ class RunResult(Result):
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
-        description="Standard uncertainty of one coordinate of one reading; null if not given and "
-        "there are no "
-        "residual degrees of freedom."
+        description="Standard uncertainty of one coordinate of one reading; null if not given and there are "
+        "no residual degrees of freedom."
     )
     goodness: Goodness
     identifiability: Identifiability
@@ -578,10 +575,9 @@ class RunResult(Result):
         )
 
 
-class RunSummary(ResultSummary):
+class RunSummary(JobSummary, ResultSummary):
     """A run in a listing."""
 
-    id: Identifier
     measurement_set_id: Identifier
     robot_id: Identifier
     method: Method
@@ -590,8 +586,6 @@ class RunSummary(ResultSummary):
     elasticity: Elasticity = Field(description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")
-    state: JobState
-    created_at: Timestamp
 
 
 class Run(Job):
@@ -610,3 +604,11 @@ class Run(Job):
         if self.request.weight is not None:
             return "joints"
         return self.request.elasticity if choice is None else choice.elasticity
+
+
+class Campaign(Message):
+    """One robot, one measurement set of it, and the options of the run."""
+
+    robot: RobotDocument
+    measurement_set: MeasurementSetDocument
+    run: CampaignRun = Field(default_factory=CampaignRun)

@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from jointstiff.schemas.alarm import TrendChange
-from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
-from jointstiff.schemas.finding import Verdict
+from jointstiff.schemas.finding import Assessment, Verdict
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.measurement import Notes
 from jointstiff.schemas.options import Method, Weighting

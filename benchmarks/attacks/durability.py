@@ -24,7 +24,7 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import Service, numbers, post_campaign, postgresql, running
 from jointstiff import identify
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs, measurement_sets
 

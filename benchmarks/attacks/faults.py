@@ -29,7 +29,7 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
 from jointstiff import identify
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.workers.doctor import examine
 
 __all__ = ["run"]

@@ -9,7 +9,7 @@ import jointstiff
 from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.solver.estimate import identify
 
 __all__ = ["run"]

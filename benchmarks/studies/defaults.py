@@ -13,8 +13,7 @@ from benchmarks.studies.assessment import WELL_DETERMINED, clean_campaign, plant
 from benchmarks.studies.mistakes import Posted
 from benchmarks.studies.verdicts import METHODS
 from jointstiff import identify
-from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run import ModelChoice, RunResult
+from jointstiff.schemas.run import Campaign, ModelChoice, RunResult
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.results import TabledRun
 from jointstiff.simulator import default_arm

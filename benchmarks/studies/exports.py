@@ -10,7 +10,7 @@ import numpy as np
 
 import jointstiff
 from benchmarks.report import Figure, Section
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.formats import FORMATS, export_model
 from jointstiff.service.exporting.model import ExportedModel

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.report import Figure, Section
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import DhModel
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
 from jointstiff.solver.convex.problem import Bounds

@@ -15,9 +15,8 @@ import numpy.typing as npt
 
 import jointstiff
 from benchmarks.report import Figure, Section
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.program_work import (
     Corrections,

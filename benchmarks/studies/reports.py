@@ -14,9 +14,8 @@ from time import perf_counter
 
 import jointstiff
 from benchmarks.report import Figure, Section
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.reports.document import Document, draft

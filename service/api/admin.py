@@ -17,16 +17,20 @@ from fastapi.responses import StreamingResponse
 from jointstiff.schemas.access import (
     AuditItem,
     AuditQuery,
+    Delivery,
     Key,
     KeyList,
     KeyRequest,
     NewKey,
+    NewWebhook,
     Role,
     Session,
     SessionRequest,
+    Webhook,
+    WebhookList,
+    WebhookRequest,
 )
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.webhook import Delivery, NewWebhook, Webhook, WebhookList, WebhookRequest
 from jointstiff.service.api.answers import PartsOf, problems
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, asked_of, cookie_name

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.logs import REQUEST_ID
 from jointstiff.service.problems.errors import StoreError

@@ -17,7 +17,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, make_wsgi_a
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from jointstiff.schemas.health import Health
+from jointstiff.schemas.access import Health
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute

@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
 from jointstiff.schemas.measurement import (
     MeasurementSet,
     MeasurementSetRequest,
@@ -15,7 +14,15 @@ from jointstiff.schemas.measurement import (
     SetChange,
 )
 from jointstiff.schemas.query import RobotQuery, SetQuery
-from jointstiff.schemas.robot import Catalogue, Robot, RobotChange, RobotRequest, RobotSummary
+from jointstiff.schemas.robot import (
+    Catalogue,
+    Kinematics,
+    KinematicsRequest,
+    Robot,
+    RobotChange,
+    RobotRequest,
+    RobotSummary,
+)
 from jointstiff.schemas.trend import (
     Acknowledgement,
     AcknowledgementRequest,

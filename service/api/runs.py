@@ -13,14 +13,13 @@ from typing import Annotated, Any, Final, TypeVar, cast
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.fields import Message, content_key
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.report import Authorisation, AuthorisationRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies
 from jointstiff.service.api.examples import CAMPAIGNS, DEFLECTIONS, shown

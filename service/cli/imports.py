@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from jointstiff.schemas.fields import Terminal
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement import SetMetadata
-from jointstiff.schemas.terminal import Terminal
 from jointstiff.service.cli.kinds import (
     field_options,
     flag_of,

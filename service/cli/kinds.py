@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_arg
 
 import typer
 
-from jointstiff.schemas.fields import Message
-from jointstiff.schemas.terminal import Terminal, chain_of
+from jointstiff.schemas.fields import Message, Terminal, chain_of
 from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
@@ -38,8 +37,8 @@ from jointstiff.service.kinds.rooms import ROOMS, kind_of
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
+    from jointstiff.schemas.finding import Problem
     from jointstiff.schemas.job import Job
-    from jointstiff.schemas.problem import Problem
 
 _Values = Mapping[str, Any]
 _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import typer
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.problem import Problem
+    from jointstiff.schemas.finding import Problem
 
 
 class Vector(NamedTuple):

@@ -265,7 +265,7 @@ def create(
     server: ServerAddress = "http://127.0.0.1:8000",
 ) -> None:
     """Create a webhook, and print its secret once; the secret signs the messages."""
-    from jointstiff.schemas.webhook import NewWebhook
+    from jointstiff.schemas.access import NewWebhook
     from jointstiff.service.library.client import Client, resource_in
 
     with Client(server) as client:
@@ -278,7 +278,7 @@ def create(
 @webhooks.command("list")
 def list_webhooks(*, server: ServerAddress = "http://127.0.0.1:8000") -> None:
     """List webhooks and messages that were not delivered."""
-    from jointstiff.schemas.webhook import WebhookList
+    from jointstiff.schemas.access import WebhookList
     from jointstiff.service.library.client import Client, resource_in
     from jointstiff.service.tables.table import text_table
     from jointstiff.service.tables.terminal import console, printed

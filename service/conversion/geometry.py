@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.schemas import geometry as results
-from jointstiff.schemas.assessment import Assessment, combined
+from jointstiff.schemas.finding import Assessment, combined
 from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
-from jointstiff.schemas.kinematics import Kinematics, Posture
+from jointstiff.schemas.robot import Kinematics, Posture
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from sqlalchemy import Connection
 
-from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.finding import ResultSummary
 from jointstiff.schemas.job import Job, JobState, Requester, Result
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.inputs import Stored

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Assessment
-from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.map import MapOptions, MapRequest
+from jointstiff.schemas.deflection import DeflectionOptions, MapOptions, MapRequest
+from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.program import ProgramOptions, ProgramRequest
 from jointstiff.schemas.run import Run, RunResult

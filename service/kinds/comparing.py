@@ -9,10 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Assessment, combined
 from jointstiff.schemas.comparison import ComparedRun, ComparedSide, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.comparison import Side as SideName
-from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs import Inputs, MeasuredRun

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import degrees
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.map import Map, MapOptions, MapPlace, MapRequest, MapResult, MapSummary
+from jointstiff.schemas.deflection import Map, MapOptions, MapPlace, MapRequest, MapResult, MapSummary
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Part, Table, ends, figure, number, numbers

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.map import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
+from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles

@@ -8,12 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Assessment
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.finding import Action
+from jointstiff.schemas.finding import Action, Assessment
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.schemas.robot import JointMap
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot, without
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.solver.errors import RequestError

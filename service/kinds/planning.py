@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas import plan as plans
-from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import OwnWeight, PlanResult

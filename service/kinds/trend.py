@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.alarm import OpenAlarm, TrendChange
-from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.run import Run

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
-from jointstiff.schemas.problem import Problem
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError

@@ -18,9 +18,9 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message, Page, content_key
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
-from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotRequest, RobotSummary
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest, RunSummary
 from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
@@ -36,8 +36,8 @@ from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison, ComparisonSummary
+    from jointstiff.schemas.deflection import Map, MapSummary
     from jointstiff.schemas.geometry import Geometry, GeometrySummary
-    from jointstiff.schemas.map import Map, MapSummary
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import Plan, PlanSummary
     from jointstiff.schemas.program import Program, ProgramSummary

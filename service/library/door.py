@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison
+    from jointstiff.schemas.deflection import Map
     from jointstiff.schemas.geometry import Geometry
-    from jointstiff.schemas.map import Map
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.program import Program
     from jointstiff.service.library.client import Client

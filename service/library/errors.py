@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 
 
 class ProblemError(Exception):

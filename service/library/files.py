@@ -12,10 +12,10 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.plan import Plan, PlannedReading
-from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
 from jointstiff.service.importing.grid import file_type
 from jointstiff.service.library.errors import CampaignError

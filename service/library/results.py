@@ -21,9 +21,8 @@ from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.campaign import Campaign
     from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.schemas.run import CampaignRun
+    from jointstiff.schemas.run import Campaign, CampaignRun
 
 OnProgress = Callable[[Progress], object]
 _WIDTH = 100

@@ -10,12 +10,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, cast
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
 from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind

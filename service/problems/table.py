@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.problem import Problem, ProblemItem
+from jointstiff.schemas.finding import Problem, ProblemItem
 from jointstiff.service.problems.errors import (
     AuthorisedError,
     CursorError,

@@ -12,7 +12,7 @@ from starlette.datastructures import Headers
 from starlette.types import Scope
 
 from jointstiff.schemas.access import Access
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.service.problems.table import http_problem
 
 LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})

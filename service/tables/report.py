@@ -14,10 +14,8 @@ from typing import Final
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
-from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.finding import Finding, Verdict
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Assessment, Finding, Problem, Verdict
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
 from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit, figure
 

@@ -17,8 +17,8 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Progress
-from jointstiff.schemas.problem import Problem
 from jointstiff.service.tables.report import problem_line
 from jointstiff.service.tables.table import Chart, Line, Part, Table
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas import assessment, run
+from jointstiff.schemas import finding, run
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.advice import Advice
@@ -204,9 +204,9 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[run.U
     ]
 
 
-def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> assessment.Assessment:
+def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> finding.Assessment:
     """Return verdict and reasons of an identification, and how many of its joints have a number."""
-    return assessment.Assessment(
+    return finding.Assessment(
         verdict=judgement.verdict,
         joints_identified=sum(joint.status == "identified" for joint in joints),
         joint_count=len(joints),

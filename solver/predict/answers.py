@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas import deflection as cases
-from jointstiff.schemas import map as maps
 from jointstiff.schemas import model as stored_as
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.run import Budget
@@ -339,12 +338,12 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
         tool: (O, 3) direction of the tool in each orientation, in R0.
     """
     reached, length = np.flatnonzero(table.reached), table.length
-    ends: Sequence[maps.MapPlace | None] = (None, None)
-    quantiles: Sequence[maps.MapQuantile] = ()
+    ends: Sequence[cases.MapPlace | None] = (None, None)
+    quantiles: Sequence[cases.MapQuantile] = ()
     if len(reached):
         order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
         ends = rows(
-            maps.MapPlace,
+            cases.MapPlace,
             position=places[order],
             joints=table.joints[order],
             tool_direction=tool[table.orientation[order]],
@@ -357,7 +356,7 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
             extrapolation=table.extrapolation[order],
         )
         deflections = np.quantile(length[reached], _SHARES)
-        quantiles = rows(maps.MapQuantile, share=_SHARES, deflection=deflections)
+        quantiles = rows(cases.MapQuantile, share=_SHARES, deflection=deflections)
     return {
         "places": len(table),
         "counts": {name: int((table.status == i).sum()) for i, name in enumerate(STATUSES)},

@@ -23,8 +23,8 @@ from support.api import CANCEL, job_at
 from support.processes import free_port, ready, serving, until, workers_of, working
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import MAX_REPETITIONS
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.simulator import default_arm, simulate_campaign

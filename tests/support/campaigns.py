@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from support.shared_data import shared as shared
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
 from jointstiff.service.kinds.identification import to_settings

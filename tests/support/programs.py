@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.program_work import ProgramWork, packed
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign

@@ -14,7 +14,7 @@ import pytest
 from support.campaigns import METHODS, estimate, prepare
 from support.shared_data import shared
 
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.registry import KINDS

@@ -12,7 +12,7 @@ from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.comparison import ComparisonRequest
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.map import MAP

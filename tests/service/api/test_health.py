@@ -15,7 +15,7 @@ import pytest
 from support.in_process import Client, served
 from support.processes import Service, until
 
-from jointstiff.schemas.health import Health
+from jointstiff.schemas.access import Health
 from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.health import Watch

@@ -10,8 +10,8 @@ import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, POINTS
 from support.workbooks import SHEET, bomb, repacked, table_of, workbook
 
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.imports import ImportAnswer
-from jointstiff.schemas.problem import Problem
 from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES
 from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign

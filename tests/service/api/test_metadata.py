@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import pytest
 
 from jointstiff import identify
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.store.records import MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from support.in_process import Client
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotRequest
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.api.examples import CAMPAIGNS, DEFLECTIONS, IMPORTS, MEASUREMENT_SETS, ROBOTS
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.registry import KINDS

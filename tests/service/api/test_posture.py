@@ -10,7 +10,7 @@ import pytest
 from support.in_process import Client
 from typer.testing import CliRunner
 
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.cli.app import app as command
 from jointstiff.service.logs import LogFormat

@@ -8,7 +8,7 @@ import pytest
 from support.api import RESTORE, file_at, job_at, posted
 from support.programs import options, path, tool_poses
 
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.program import Program
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.programs.formats import read_program

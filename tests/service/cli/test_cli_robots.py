@@ -8,8 +8,8 @@ import pytest
 from support.workbooks import table_of
 from typer.testing import CliRunner
 
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import Catalogue, RobotDocument
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.app import app
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -12,11 +12,11 @@ from support.gauges import by_gauges, triads
 from support.importing_samples import sources_of
 
 from jointstiff import identify, plan
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Reading
 from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.plan import readings_sheet

@@ -13,8 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run import JointResult
+from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.formats import FORMATS, export_model

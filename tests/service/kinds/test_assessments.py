@@ -13,12 +13,11 @@ from rich.console import Console
 from support.shared_data import shared
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import RunRequest
+from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.geometry import GEOMETRY

@@ -7,7 +7,7 @@ import uuid
 import pytest
 
 from jointstiff.schemas.comparison import Comparison
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.finding import Problem
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

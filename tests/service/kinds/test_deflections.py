@@ -12,9 +12,9 @@ from support.api import posted
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection import load_cases, read_load_cases
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign

@@ -12,7 +12,7 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.app import app
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from jointstiff.schemas.assessment import Assessment
+from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.trend import TrendSelection
 from jointstiff.service.kinds.trend import (
     Campaign,

@@ -10,10 +10,9 @@ import pytest
 from support.api import file_at
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.measurement import Reading
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import RunRequest
+from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.inputs import FromFile

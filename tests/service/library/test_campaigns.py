@@ -9,12 +9,11 @@ import sys
 import pytest
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import RunRequest
+from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.verbs import run_of

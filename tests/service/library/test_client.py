@@ -14,9 +14,9 @@ import httpx2
 import pytest
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.measurement import SetChange
-from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.library import client as module
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.simulator import default_arm, simulate_campaign, truth
 
 HEAVY = ("numpy", "pinocchio", "cvxpy", "pydantic", "httpx2", "rich", "sqlalchemy", "fastapi", "dbos")

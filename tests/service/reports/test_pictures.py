@@ -9,7 +9,7 @@ import re
 import pytest
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.reports.pictures import arm, intervals
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -19,9 +19,8 @@ import pytest
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot

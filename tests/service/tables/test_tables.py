@@ -13,9 +13,9 @@ from rich.console import Console
 from support.shared_data import shared
 
 import jointstiff
-from jointstiff.schemas.assessment import combined
-from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.finding import combined
 from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
