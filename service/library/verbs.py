@@ -396,7 +396,12 @@ class Here:
             CampaignError: the request cannot be used.
         """
         if kind.is_form:
-            request = request | {"files": _packed(kind, files)}
+            from jointstiff.service.kinds.program_work import packed
+
+            if sum(map(len, files.values())) > kind.max_bytes:
+                raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
+            parts = [packed(name, content).model_dump(mode="json") for name, content in files.items()]
+            request = request | {"files": parts}
         message = parse_document(request, kind.request)
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
             work = kind.compute(self.inputs, message)
@@ -470,14 +475,6 @@ def _exported(run: Job) -> ExportedModel:
 def _prepared(robot: str) -> PreparedRobot:
     """Prepare a robot, once for the campaigns on it."""
     return prepare_robot(RobotDocument.model_validate_json(robot))
-
-
-def _packed(kind: AnyKind, files: Mapping[str, bytes]) -> list[dict[str, Any]]:
-    from jointstiff.service.kinds.program_work import packed
-
-    if sum(map(len, files.values())) > kind.max_bytes:
-        raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
-    return [packed(name, content).model_dump(mode="json") for name, content in files.items()]
 
 
 def read_job(path: Path) -> Job | None:

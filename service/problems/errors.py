@@ -138,8 +138,6 @@ class NotEndedError(StoreError):
             f"the {kind.name} {_shown(identifier)} has not finished",
             f"cancel it first with {cancel}, or wait until it has finished",
         )
-        self.kind = kind  # The kind of job
-        self.id = identifier  # Its id
 
 
 class ReferencedError(StoreError):
@@ -150,8 +148,6 @@ class ReferencedError(StoreError):
             f"the {kind.name} {_shown(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
             "delete these first",
         )
-        self.kind = kind  # The kind of resource
-        self.id = identifier  # Its id
 
 
 class AuthorisedError(StoreError):
@@ -193,8 +189,6 @@ class TooManyJobsError(StoreError):
             f"{most:,} {kind.collection} are queued or running, which is the maximum",
             "try again when some have finished, or cancel some",
         )
-        self.kind = kind
-        self.most = most
 
 
 class KeyRefusedError(StoreError):
@@ -235,4 +229,3 @@ class CursorError(StoreError):
             f"{_shown(cursor)} is not a valid pagination cursor",
             "use `next` of the previous page unchanged, or omit `cursor`",
         )
-        self.cursor = cursor  # The cursor; text from outside, of any length

@@ -73,6 +73,7 @@ class Drawing:
 
 
 _WIDTH = 480.0
+_BASE, _LEFT = 128.0, 40.0  # of the axes of bars
 _ROW = 17.0
 _NAMES = 90.0
 _MOST_BARS = 60
@@ -130,32 +131,34 @@ def bars(chart: Chart) -> Picture:
         name: [chart.factor * (each or 0.0) for each in list(values)[:count]]
         for name, values in chart.series.items()
     }
-    height, base, left_edge, legend = 166.0, 128.0, 40.0, 154.0
-    drawing = Drawing(_WIDTH, height, chart.title)
-    top = _axis_end(max((value for values in rows.values() for value in values), default=0.0) or 1.0)
-    for tick in (0.0, 0.5, 1.0):
-        y = base - tick * (base - 12)
-        drawing.line(left_edge, y, _WIDTH - 6, y)
-        drawing.text(left_edge - 4, y + 3, f"{tick * top:g}", anchor="end")
-    step = (_WIDTH - left_edge - 6) / max(count, 1)
+    legend = 154.0
+    drawing = Drawing(_WIDTH, 166.0, chart.title)
+    greatest = max((value for values in rows.values() for value in values), default=0.0) or 1.0
+    scale = _axis(drawing, greatest, chart.unit, f"configurations 1 to {count} of {len(chart.names)}")
+    step = (_WIDTH - _LEFT - 6) / max(count, 1)
     width = 0.8 * step / max(len(rows), 1)
     for which, (name, values) in enumerate(rows.items()):
         colour = _SERIES[which % len(_SERIES)]
         for place, value in enumerate(values):
-            size = value / top * (base - 12)
-            drawing.bar(left_edge + step * (place + 0.1) + width * which, base - size, width, size, colour)
-        x = left_edge + (_WIDTH - left_edge - 6) * which / len(rows)
+            size = scale * value
+            drawing.bar(_LEFT + step * (place + 0.1) + width * which, _BASE - size, width, size, colour)
+        x = _LEFT + (_WIDTH - _LEFT - 6) * which / len(rows)
         drawing.bar(x, legend, 7, 7, colour)
         drawing.text(x + 10, legend + 7, _short(name))
-    drawing.text(0, 8, chart.unit)
-    drawing.text(_WIDTH - 6, base + 12, f"configurations 1 to {count} of {len(chart.names)}", anchor="end")
     return Picture(str(drawing), f"{chart.title}: mean length over the targets.", 0.8)
 
 
-def _axis_end(greatest: float) -> float:
-    """Return the round number that an axis up to a value ends at."""
+def _axis(drawing: Drawing, greatest: float, unit: str, below: str) -> float:
+    """Draw the axis of bars up to a value, to a round number; return the length of one unit."""
     power = 10.0 ** floor(log10(greatest))
-    return next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
+    top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
+    for tick in (0.0, 0.5, 1.0):
+        y = _BASE - tick * (_BASE - 12)
+        drawing.line(_LEFT, y, _WIDTH - 6, y)
+        drawing.text(_LEFT - 4, y + 3, f"{tick * top:g}", anchor="end")
+    drawing.text(0, 8, unit)
+    drawing.text(_WIDTH - 6, _BASE + 12, below, anchor="end")
+    return (_BASE - 12) / top
 
 
 def before_and_after(result: RunResult) -> Picture | None:
@@ -169,21 +172,14 @@ def before_and_after(result: RunResult) -> Picture | None:
     after = [1e3 * float(np.mean(values)) for values in left.values()][:_MOST_BARS]
     if not before or max(before) <= 0.0:
         return None
-    height, base, left_edge = 150.0, 128.0, 40.0
-    drawing = Drawing(_WIDTH, height, "Deflection before and after compensation by the model")
-    top = _axis_end(max([*before, *after]))
-    step = (_WIDTH - left_edge - 6) / len(before)
-    for tick in (0.0, 0.5, 1.0):
-        y = base - tick * (base - 12)
-        drawing.line(left_edge, y, _WIDTH - 6, y)
-        drawing.text(left_edge - 4, y + 3, f"{tick * top:g}", anchor="end")
+    drawing = Drawing(_WIDTH, 150.0, "Deflection before and after compensation by the model")
+    below = f"observations 1 to {len(before)} of {len(measured)}"
+    scale = _axis(drawing, max([*before, *after]), "mm", below)
+    step = (_WIDTH - _LEFT - 6) / len(before)
     for place, (whole, rest) in enumerate(zip(before, after, strict=True)):
-        x = left_edge + step * (place + 0.12)
+        x = _LEFT + step * (place + 0.12)
         for value, share, colour in ((whole, 0.76, PALE), (rest, 0.38, MARK)):
-            size = value / top * (base - 12)
-            drawing.bar(x, base - size, step * share, size, colour)
-    drawing.text(0, 8, "mm")
-    drawing.text(_WIDTH - 6, base + 12, f"observations 1 to {len(before)} of {len(measured)}", anchor="end")
+            drawing.bar(x, _BASE - scale * value, step * share, scale * value, colour)
     return Picture(
         str(drawing),
         "Mean length of the targets' deflection in each observation: as measured (pale), and the rest after "

@@ -143,11 +143,10 @@ class MeasurementSets:
             NotFoundError: there is no such set.
             RequestError: it has no observation of such a label, or none remains.
         """
-        return self._without(set_id, frozenset(leave_out)) if leave_out else self._prepared(set_id)
-
-    def _without(self, set_id: str, labels: frozenset[str]) -> PreparedSet:
+        if not leave_out:
+            return self._prepared(set_id)
         stored = self.document(set_id)
-        kept = without(stored.observations, labels)
+        kept = without(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
         noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         checked = check_set(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection as Ids
 from datetime import timedelta
-from types import TracebackType
 from typing import Any, Final
 
 from sqlalchemy import case, func, select
@@ -103,12 +102,7 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def jobs(self, kind: Resource) -> Collection[JobRecord, JobEntry]:

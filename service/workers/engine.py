@@ -25,7 +25,6 @@ from datetime import UTC, datetime, timedelta
 from functools import wraps
 from itertools import chain
 from math import ceil
-from types import TracebackType
 from typing import Any, Final, NoReturn, ParamSpec, TypeVar
 
 from dbos import DBOS, DBOSClient, DBOSConfig, EnqueueOptions, Serializer, SetEnqueueOptions, WorkflowStatus
@@ -251,9 +250,7 @@ class Engine:
                 )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         DBOS.destroy(workflow_completion_timeout_sec=0)
 
 
