@@ -11,6 +11,7 @@ from jointstiff.schemas.fields import (
     Confidence,
     Dimensionless,
     Identifier,
+    Kilograms,
     LinearStiffness,
     Message,
     Metres,
@@ -69,9 +70,7 @@ class LinkMass(Message):
     """The mass that a joint carries; tool and payload belong to the last."""
 
     joint: Name
-    mass: Annotated[float, Field(strict=True, ge=0.0, le=1e6)] = Field(
-        description="Mass in kg.", json_schema_extra={"unit": "kg"}
-    )
+    mass: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e6)]] = Field(description="Mass in kg.")
     centre: Vector3 = Field(
         description="Centre of mass in the frame that moves with the joint, in units.length."
     )
@@ -252,7 +251,6 @@ MAX_POSES = 200_000
 """Places times orientations of a map: each is an inverse kinematics of 10 µs, and downloads repeat them."""
 
 _Count = Annotated[int, Field(strict=True, ge=1, le=MAX_ALONG_AXIS)]
-Length = Metres[tuple[float, float]]
 
 
 class MapOptions(AcceptingOptions, SagOptions):

@@ -502,32 +502,32 @@ class MeasurementSetRequest(MeasurementSetDocument):
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
 
 
-class MeasurementSetSummary(SetMetadata):
-    """A measurement set in a listing."""
+class StoredSet(SetMetadata):
+    """Fields of a stored measurement set that its listing shows, too."""
 
     id: Identifier
-    robot_id: Identifier
-    name: Name
-    encoders: Literal["motor", "secondary"]
-    observation_count: int
-    warning_count: int
-    archived: bool = Field(description="True if archived: listings omit the set.")
-    content_hash: str = Field(description="SHA-256 of the readings, as in the set.")
-    created_at: Timestamp
-
-
-class StoredMeasurementSet(MeasurementSetHeader):
-    """A stored measurement set without its observations."""
-
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
-    id: Identifier
-    resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
-    warnings: list[Finding]
     archived: bool = Field(default=False, description="True if archived: listings omit the set.")
     content_hash: str = Field(
         description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
     )
     created_at: Timestamp
+
+
+class MeasurementSetSummary(StoredSet):
+    """A measurement set in a listing."""
+
+    name: Name
+    encoders: Literal["motor", "secondary"]
+    observation_count: int
+    warning_count: int
+
+
+class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
+    """A stored measurement set without its observations."""
+
+    resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
+    warnings: list[Finding]
 
 
 class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
