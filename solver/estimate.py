@@ -28,8 +28,8 @@ from jointstiff.solver.fitting.settings import PriorRows, Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import keep_for, regressor_blocks
-from jointstiff.solver.terms.complementary_stiffness import NEGLECTED_STIFFNESS, complementary_stiffness
-from jointstiff.solver.terms.registry import TERMS
+from jointstiff.solver.terms.errors import TERMS
+from jointstiff.solver.terms.springs import NEGLECTED_STIFFNESS, complementary_stiffness
 
 MAX_ITERATIONS: Final = 20
 """Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
 from jointstiff.solver.convex.solution import solve_batch, solve_step
@@ -25,10 +26,11 @@ from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Method
 from jointstiff.solver.fitting.observability import NULL_COLUMN, Excitation, Spectrum, analyse
 from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.messages import rows
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import triangle_of
 
@@ -412,50 +414,15 @@ def _refuse_outside(name: str, value: int, least: int, most: int | None) -> None
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ResamplingSummary:
-    """Statistics of the estimates of each of n joints over K repetitions.
-
-    All but `share_undetermined` and `share_any_negative` are over the repetitions that determine the
-    joint; NaN where there are too few: none for a mean, share or interval, one for a deviation.
-    """
-
-    compliance_mean: FloatArray  #: (n,) [rad/(N·m)]
-    compliance_deviation: FloatArray  #: (n,) standard deviation of one repetition [rad/(N·m)]
-    compliance_interval: FloatArray  #: (n, 2) percentile interval [rad/(N·m)]
-    stiffness_mean: FloatArray  #: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`
-    stiffness_deviation: FloatArray  #: (n,) standard deviation of one finite stiffness [N·m/rad]
-    share_negative: FloatArray  #: (n,) negative compliance, hence negative stiffness
-    #: (n,) compliance of exactly zero: these configurations cannot tell it from rigid
-    share_infinite: FloatArray
-    share_undetermined: FloatArray  #: (n,) share of the K repetitions that leave it undetermined
-    repetitions: int  #: K
-    share_any_negative: float  #: share of the K repetitions with a negative stiffness
-    #: over all configurations, of the repetitions that determine every visible joint
-    compensation_mean: float
-    compensation_deviation: float  #: standard deviation of one repetition
-    compensation_interval: FloatArray  #: (2,) percentile interval
-
-    def without(self, hidden: BoolArray) -> ResamplingSummary:
-        """Withhold the numbers of joints (n,) that the whole set does not show."""
-        return replace(
-            self,
-            compliance_mean=np.where(hidden, np.nan, self.compliance_mean),
-            compliance_deviation=np.where(hidden, np.nan, self.compliance_deviation),
-            compliance_interval=np.where(hidden[:, None], np.nan, self.compliance_interval),
-            stiffness_mean=np.where(hidden, np.nan, self.stiffness_mean),
-            stiffness_deviation=np.where(hidden, np.nan, self.stiffness_deviation),
-            share_negative=np.where(hidden, 0.0, self.share_negative),
-            share_infinite=np.where(hidden, 0.0, self.share_infinite),
-            share_undetermined=np.where(hidden, 1.0, self.share_undetermined),
-        )
-
-
-def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSummary:
-    """Summarise resamples.
+def summarise(
+    resamples: Resamples, joints: Sequence[str], *, hidden: BoolArray | None = None, confidence: float = 0.95
+) -> ResamplingResult:
+    """Summarise resamples: statistics of each joint over the repetitions that determine it.
 
     Args:
         resamples: K repetitions, at least one.
+        joints: names of the n joints.
+        hidden: (n,) joints that the whole set does not show: they get no numbers.
         confidence: share of the repetitions within the percentile intervals.
 
     Raises:
@@ -473,25 +440,31 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
             where="confidence",
             remedy="give a number between 0 and 1",
         )
-    columns = [c[~np.isnan(c)] for c in resamples.compliance.T]
+    draws = np.where(False if hidden is None else hidden, np.nan, resamples.compliance)
+    undetermined = np.isnan(draws)
+    determined = np.maximum((~undetermined).sum(axis=0), 1)
+    columns = [c[~np.isnan(c)] for c in draws.T]
     compliance, c_deviation, c_interval = _statistics(columns, confidence)
     stiffness, k_deviation, _ = _statistics([1.0 / c[c != 0] for c in columns], confidence)
     compensation = resamples.compensation[~np.isnan(resamples.compensation)]
-    (explained,), (e_deviation,), (e_interval,) = _statistics([compensation], confidence)
-    return ResamplingSummary(
-        compliance_mean=compliance,
-        compliance_deviation=c_deviation,
-        compliance_interval=c_interval,
-        stiffness_mean=stiffness,
-        stiffness_deviation=k_deviation,
-        share_negative=_share(resamples, resamples.compliance < 0),
-        share_infinite=_share(resamples, resamples.compliance == 0),
-        share_undetermined=resamples.undetermined.mean(axis=0),
-        repetitions=len(resamples.compliance),
+    explained, e_deviation, e_interval = _statistics([compensation], confidence)
+    (of_set,) = rows(ResampledCompensation, mean=explained, deviation=e_deviation, interval=e_interval)
+    return ResamplingResult(
+        repetitions=len(draws),
+        joints=rows(
+            ResampledJoint,
+            name=joints,
+            compliance_mean=compliance,
+            compliance_deviation=c_deviation,
+            compliance_interval=c_interval,
+            stiffness_mean=stiffness,
+            stiffness_deviation=k_deviation,
+            share_negative=(draws < 0).sum(axis=0) / determined,
+            share_infinite=(draws == 0).sum(axis=0) / determined,
+            share_undetermined=undetermined.mean(axis=0),
+        ),
         share_any_negative=float((resamples.compliance < 0).any(axis=1).mean()),
-        compensation_mean=float(explained),
-        compensation_deviation=float(e_deviation),
-        compensation_interval=e_interval,
+        compensation=of_set,
     )
 
 
@@ -506,10 +479,3 @@ def _statistics(
         deviation[k] = values.std(ddof=1) if len(values) > 1 else np.nan
         interval.append(np.quantile(values, [tail, 1.0 - tail]) if len(values) else [np.nan, np.nan])
     return mean, deviation, np.array(interval)
-
-
-def _share(resamples: Resamples, which: BoolArray) -> FloatArray:
-    """(n,) how many of the repetitions that determine a joint are among `which` (K, n)."""
-    determined = (~resamples.undetermined).sum(axis=0)
-    share: FloatArray = which.sum(axis=0) / np.where(determined > 0, determined, np.nan)
-    return share

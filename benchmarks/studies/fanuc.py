@@ -9,9 +9,12 @@ import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.robot import DhModel
 from jointstiff.schemas.run import Campaign
+from jointstiff.schemas.run import ResamplingResult
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
 from jointstiff.solver.convex.problem import Bounds
@@ -20,7 +23,6 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,
     ResamplingPlan,
-    ResamplingSummary,
     gram_blocks,
     resample,
     summarise,
@@ -45,7 +47,7 @@ def run(*, quick: bool) -> list[Section]:
     settings = Settings("partial_pose", "covariance", Bounds.unconstrained(robot.n))
     blocks = gram_blocks(robot, measurements, settings)
     plans = [ResamplingPlan(DRAWN, 100 if quick else count, seed) for count, seed in PLANS]
-    found = [_summaries(blocks, plan, robot.n) for plan in plans]
+    found = [_summaries(blocks, plan, robot.joint_names) for plan in plans]
     return [
         Section(
             title=_TITLE,
@@ -76,29 +78,34 @@ def prepared(path: Path) -> tuple[Robot, Measurements]:
 
 
 def _summaries(
-    blocks: GramBlocks, plan: ResamplingPlan, n: int
-) -> tuple[ResamplingSummary, ResamplingSummary]:
+    blocks: GramBlocks, plan: ResamplingPlan, names: Sequence[str]
+) -> tuple[ResamplingResult, ResamplingResult]:
     """Compare fits without and with constraints."""
-    free, positive = Bounds.unconstrained(n), Bounds.positive(n)
-    return summarise(resample(blocks, plan, free)), summarise(resample(blocks, plan, positive))
+    free, positive = Bounds.unconstrained(len(names)), Bounds.positive(len(names))
+    return summarise(resample(blocks, plan, free), names), summarise(resample(blocks, plan, positive), names)
 
 
-def _rows(plan: ResamplingPlan, both: Sequence[ResamplingSummary]) -> Iterator[tuple[str, ...]]:
+def _rows(plan: ResamplingPlan, both: Sequence[ResamplingResult]) -> Iterator[tuple[str, ...]]:
     for name, summary in zip(("unconstrained", "positive"), both, strict=True):
         yield (
             f"{plan.repetitions:,}, {plan.seed}\n{name}",
             f"{100 * summary.share_any_negative:.2f} %",
-            f"{100 * summary.compensation_mean:.2f}\n& {100 * summary.compensation_deviation:.2f} %",
+            "{:.2f}\n& {:.2f} %".format(
+                *100 * np.array([summary.compensation.mean, summary.compensation.deviation], dtype=np.float64)
+            ),
             *(
                 f"{mean / 1e6:.3g}\n& {deviation / 1e6:.2g}"
-                for mean, deviation in zip(summary.stiffness_mean, summary.stiffness_deviation, strict=True)
+                for mean, deviation in np.array(
+                    [(joint.stiffness_mean, joint.stiffness_deviation) for joint in summary.joints],
+                    dtype=np.float64,
+                )
             ),
         )
 
 
-def _figures(free: ResamplingSummary, positive: ResamplingSummary) -> tuple[Figure, ...]:
+def _figures(free: ResamplingResult, positive: ResamplingResult) -> tuple[Figure, ...]:
     negative = 100 * free.share_any_negative
-    gained = 100 * (positive.compensation_mean - free.compensation_mean)
+    gained = 100 * ((positive.compensation.mean or 0.0) - (free.compensation.mean or 0.0))
     return (
         Figure("FANUC, unconstrained: fits with a negative stiffness", negative, "at least", 10, " %"),
         Figure("FANUC, unconstrained: fits with a negative stiffness", negative, "at most", 14, " %"),

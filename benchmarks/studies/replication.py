@@ -26,9 +26,9 @@ from benchmarks.studies.resampled_ways import (
     over_arms,
     resampled,
 )
+from jointstiff.schemas.run import ResamplingResult
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import Encoders
-from jointstiff.solver.resampling import ResamplingSummary
 
 __all__ = ["run"]
 
@@ -87,13 +87,14 @@ def _table_two(repetitions: int) -> Section:
     )
 
 
-def _stiffness_cells(found: ResamplingSummary) -> Iterator[str]:
-    for mean, deviation in zip(found.stiffness_mean[1:], found.stiffness_deviation[1:], strict=True):
+def _stiffness_cells(found: ResamplingResult) -> Iterator[str]:
+    stiffness = [(joint.stiffness_mean, joint.stiffness_deviation) for joint in found.joints[1:]]
+    for mean, deviation in np.array(stiffness, dtype=np.float64):
         yield f"{mean / 1e6:.3g} & {deviation / 1e6:.2g}"
 
 
-def _shares(found: ResamplingSummary) -> tuple[str, str]:
-    return f"{100 * found.share_any_negative:.1f} %", f"{100 * found.compensation_mean:.2f} %"
+def _shares(found: ResamplingResult) -> tuple[str, str]:
+    return f"{100 * found.share_any_negative:.1f} %", f"{100 * (found.compensation.mean or np.nan):.2f} %"
 
 
 def _sources_section(found: dict[tuple[str, Encoders], Many], arms: int, repetitions: int) -> Section:

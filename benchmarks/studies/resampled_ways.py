@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.campaigns import default_robot
 from benchmarks.studies.replicas import Imperfections, read
+from jointstiff.schemas.run import ResamplingResult
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import Encoders
 from jointstiff.solver.arrays import FloatArray
@@ -18,7 +19,6 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,
     ResamplingPlan,
-    ResamplingSummary,
     gram_blocks,
     resample,
     summarise,
@@ -94,9 +94,16 @@ def blocks_of(measurements: Measurements, way: Way) -> GramBlocks:
     return gram_blocks(_ROBOT, measurements, settings)
 
 
-def resampled(blocks: GramBlocks, bounds: Bounds, repetitions: int) -> ResamplingSummary:
+def resampled(blocks: GramBlocks, bounds: Bounds, repetitions: int) -> ResamplingResult:
     """10 of 19, again and again."""
-    return summarise(resample(blocks, ResamplingPlan(DRAWN, repetitions, SEED), bounds))
+    draws = resample(blocks, ResamplingPlan(DRAWN, repetitions, SEED), bounds)
+    return summarise(draws, _ROBOT.joint_names)
+
+
+def _relative_deviation(found: ResamplingResult) -> FloatArray:
+    means = np.array([joint.compliance_mean for joint in found.joints], dtype=np.float64)
+    deviations = np.array([joint.compliance_deviation for joint in found.joints], dtype=np.float64)
+    return np.asarray(deviations / means)
 
 
 def over_arms(
@@ -110,11 +117,9 @@ def over_arms(
         free.append([resampled(of_way, FREE, repetitions) for of_way in blocks])
         negative += [resampled(of_way, POSITIVE, repetitions).share_any_negative for of_way in blocks]
     return Many(
-        compensation=np.array([[found.compensation_mean for found in row] for row in free]),
+        compensation=np.array([[found.compensation.mean for found in row] for row in free], dtype=np.float64),
         negative=np.array([[found.share_any_negative for found in row] for row in free]),
-        deviation=np.array(
-            [[found.compliance_deviation / found.compliance_mean for found in row] for row in free]
-        ),
+        deviation=np.array([[_relative_deviation(found) for found in row] for row in free]),
         negative_if_positive=max(negative),
     )
 

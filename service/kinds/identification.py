@@ -33,7 +33,6 @@ from jointstiff.solver.convex.problem import Bounds, Constraints, Order
 from jointstiff.solver.convex.solution import greatest_violations
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.design.results import (
-    resampling_result,
     run_result,
     to_assessment,
 )
@@ -231,7 +230,12 @@ class ResamplingWork:
     def statistics(self, parts: Sequence[Arrays], estimate: Estimate) -> ResamplingResult:
         """Return what the draws come to, of the joints that the whole set shows."""
         resamples = Resamples.concatenate([Resamples(**part) for part in parts])
-        return resampling_result(summarise(resamples, confidence=self._settings.confidence), estimate.joints)
+        return summarise(
+            resamples,
+            [joint.name for joint in estimate.joints],
+            hidden=np.array([joint.status == "not_observable" for joint in estimate.joints]),
+            confidence=self._settings.confidence,
+        )
 
 
 class ByJoints(Work):
@@ -333,7 +337,6 @@ class ByJoints(Work):
         # Behind a mistake, what another reading would bring is not known.
         usable = assessment.verdict != "do_not_use"
         return run_result(
-            robot,
             estimate,
             assessment.supported(prediction),
             assessment,
@@ -581,7 +584,6 @@ class ByLinks(Work):
             if options.loss == "automatic":
                 warnings += judge_losses(int(prepared.measurements.present.sum()))
         return run_result(
-            robot,
             estimate,
             elastic.prediction,
             assessment,

@@ -9,15 +9,18 @@ covariance. Candidates are compared by it, and nothing else.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.design.criteria import uncertainty_of
 from jointstiff.solver.design.feasibility import targets_in_flange, within_limits
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Spectrum
+from jointstiff.solver.messages import point
 from jointstiff.solver.readings.measurements import Measurements, shown_along
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -51,54 +54,6 @@ _CUBE: Final = np.array(
 )
 """(13, 3) towards faces, edges and corners of a cube, one of each opposite pair: both tell the same."""
 _DIRECTIONS: Final = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Advice:
-    """One more reading that would tell more of a joint."""
-
-    joint: int  #: index of the joint
-    joints: FloatArray  #: (n,) angles of the posture as the controller shows them [rad]
-    observation: int | None  #: the observation that has this posture; None for a new one
-    force: FloatArray  #: (3,) on the robot, axes of R0 [N]
-    own_direction: bool  #: whether the force is the one that the whole set was loaded with
-    torque: float  #: torque of that force about the joint [N·m]
-    #: standard uncertainty of the compliance after the reading, in units of sigma [rad/(N·m)/m]
-    deviation: float
-    #: standard uncertainty of one coordinate of one reading [m]; None where it is unknown
-    sigma: float | None
-    #: of the standard uncertainties after and before; None where the readings so far do not determine the
-    #: compliance
-    uncertainty_ratio: float | None
-    #: whether the estimate itself has the uncertainties of the partial pose, so that the same method will
-    #: find what is promised; other weights, the decoupled method and priors have not
-    same_method: bool
-
-    @property
-    def standard_uncertainty(self) -> float | None:
-        """Standard uncertainty of the compliance after the reading [rad/(N·m)]."""
-        return None if self.sigma is None else self.sigma * self.deviation
-
-    def in_words(self, robot: Robot, measurements: Measurements) -> str:
-        """Return the advice as a sentence: posture, load, and the uncertainty or at least the torque."""
-        name, size = robot.joint_names[self.joint], float(np.linalg.norm(self.force))
-        if self.observation is not None:
-            posture = f"in posture {measurements.labels[self.observation]}"
-        else:
-            angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(self.joints))
-            posture = f"in posture ({angles})°, if it is free of collisions,"
-        load = f"apply the load of {size:.4g} N as before"
-        if not self.own_direction:
-            direction = ", ".join(f"{part / size + 0.0:.2f}" for part in self.force.tolist())
-            load = f"apply {size:.4g} N along ({direction})"
-        changes = [] if self.sigma is None else [f"{self.standard_uncertainty:.2g} rad/(N.m)"]
-        if self.uncertainty_ratio is not None:
-            changes.append(f"{self.uncertainty_ratio:.2g} times its present value")
-        gain = f"a torque of {self.torque:.3g} N.m about the axis of {name}"
-        if changes:
-            method = "" if self.same_method else "with method partial_pose "
-            gain = f"{method}u({name}) falls to {', '.join(changes)}"
-        return f"{posture} {load}: {gain}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +136,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
     sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(own)
     weights = bool((np.abs(measurements.force @ own) >= (1.0 - 1e-6) * sizes).all())
-    search = _Search(estimate, own, one_direction=weights)
+    search = _Search(robot, measurements, estimate, own, one_direction=weights)
     of_set = Postures.of(robot, measurements, measurements.joints[spread], spread)
     unseen = Postures.of(robot, measurements, new, np.full(len(new), -1, dtype=np.intp))
     advice: list[Advice] = []
@@ -191,10 +146,10 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         strict=True,
     ):
         easier_first = (unmeasured, measured) if weights else (measured, unmeasured)
-        useful = [a for a in easier_first if a and (a.uncertainty_ratio or 0.0) <= 1.0 - LEAST_GAIN]
-        if len(useful) == 2 and useful[0].deviation <= LITTLE_MORE * useful[1].deviation:
+        useful = [a for a in easier_first if a and (a[1].uncertainty_ratio or 0.0) <= 1.0 - LEAST_GAIN]
+        if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
             useful = useful[:1]
-        advice += sorted(useful, key=lambda each: each.deviation)
+        advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
     return tuple(advice)
 
 
@@ -219,16 +174,30 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
     return joints[within_limits(robot, joints)][:count]
 
 
+Candidate = tuple[float, Advice]
+"""Advice after the standard uncertainty that it leaves, in units of sigma [rad/(N·m)/m]."""
+
+
 class _Search:
     """Compares candidates for one set of readings."""
 
-    def __init__(self, estimate: Estimate, own: FloatArray, *, one_direction: bool) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        measurements: Measurements,
+        estimate: Estimate,
+        own: FloatArray,
+        *,
+        one_direction: bool,
+    ) -> None:
+        self._names, self._labels = robot.joint_names, measurements.labels
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
-        # Whether the estimate's uncertainties are those of least squares weighted by covariance
+        # Whether the estimate's uncertainties are those of the partial pose weighted by covariance: the same
+        # method will then find what is promised
         self._same_method = False
         if estimate.covariance is not None and estimate.sigma is not None:
             visible = ~estimate.observability.null
@@ -240,7 +209,7 @@ class _Search:
             deviation = np.sqrt(np.maximum(by_readings[visible], 0.0))
             self._same_method = np.allclose(deviation, least, rtol=0.01, atol=0.0)
 
-    def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Advice | None]:
+    def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Candidate | None]:
         """Return for each joint the candidate of least uncertainty; None if none determines it."""
         if not len(postures):
             return [None] * len(joints)
@@ -249,7 +218,7 @@ class _Search:
         deviation = uncertainty_of(total, total.shape[-1])
         easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
         easy[:, 0] = True
-        best = list[Advice | None]()
+        best = list[Candidate | None]()
         for joint in joints.tolist():
             scores = deviation[..., joint] / np.where(easy, EASIER, 1.0)
             m, d = np.unravel_index(int(np.argmin(scores)), scores.shape)
@@ -272,26 +241,41 @@ class _Search:
         sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
         return np.asarray(self._strength * sign[..., None] * directions)
 
-    def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
-        """Put a candidate into numbers, by a decomposition of all readings with it; or return None."""
+    def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Candidate | None:
+        """Put a candidate into numbers and words, by a decomposition of all readings with it."""
         torque = force @ postures.load_jacobian[m]
         added = postures.target_jacobian[m] * torque
         before = _deviation(self._spectrum, joint)
         after = _deviation(Spectrum(np.vstack([self._regressor, added])), joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:
             return None
-        observation = int(postures.observation[m])
-        return Advice(
-            joint=joint,
-            joints=postures.joints[m],
-            observation=None if observation < 0 else observation,
-            force=force,
-            own_direction=self._one_direction and np.allclose(force, self._own, rtol=1e-9),
-            torque=float(abs(torque[joint])),
-            deviation=after,
-            sigma=self._sigma,
-            uncertainty_ratio=None if before is None else after / before,
-            same_method=self._same_method,
+        name, size, i = self._names[joint], float(np.linalg.norm(force)), int(postures.observation[m])
+        if i >= 0:
+            posture = f"in posture {self._labels[i]}"
+        else:
+            angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(postures.joints[m]))
+            posture = f"in posture ({angles})°, if it is free of collisions,"
+        load = f"apply the load of {size:.4g} N as before"
+        if not (self._one_direction and np.allclose(force, self._own, rtol=1e-9)):
+            direction = ", ".join(f"{part / size + 0.0:.2f}" for part in force.tolist())
+            load = f"apply {size:.4g} N along ({direction})"
+        uncertainty = None if self._sigma is None else self._sigma * after
+        ratio = None if before is None else after / before
+        changes = [] if uncertainty is None else [f"{uncertainty:.2g} rad/(N.m)"]
+        if ratio is not None:
+            changes.append(f"{ratio:.2g} times its present value")
+        gain = f"a torque of {float(abs(torque[joint])):.3g} N.m about the axis of {name}"
+        if changes:
+            method = "" if self._same_method else "with method partial_pose "
+            gain = f"{method}u({name}) falls to {', '.join(changes)}"
+        return after, Advice(
+            joint=name,
+            message=f"{posture} {load}: {gain}",
+            joints=postures.joints[m].tolist(),
+            observation=None if i < 0 else self._labels[i],
+            force=point(force),
+            uncertainty_ratio=ratio,
+            standard_uncertainty=uncertainty,
         )
 
 

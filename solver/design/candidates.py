@@ -18,9 +18,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.terms.joints import JOINTS
-from jointstiff.solver.terms.links import links_behind
-from jointstiff.solver.terms.registry import TERMS
+from jointstiff.solver.terms.errors import TERMS
+from jointstiff.solver.terms.springs import JOINTS, links_behind
 from jointstiff.solver.terms.term import whitened_rows as term_rows
 
 CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]

@@ -10,28 +10,24 @@ import numpy as np
 from jointstiff.schemas import finding, run
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.advice import Advice
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
 from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling import ResamplingSummary
-from jointstiff.solver.robot.model import Robot
 
 MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""
 
 
 def run_result(
-    robot: Robot,
     estimate: Estimate,
     prediction: Prediction,
     assessment: Assessment,
     measurements: Measurements,
     warnings: list[Finding],
-    advice: Sequence[Advice] = (),
+    advice: Sequence[run.Advice] = (),
     budget: UncertaintyBudget | None = None,
     encoders: FloatArray | None = None,
     **parts: object,
@@ -72,7 +68,13 @@ def run_result(
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         goodness=message(run.Goodness, estimate, test=estimate.sigma_test),
-        identifiability=to_identifiability(estimate, advice, robot, measurements),
+        identifiability=message(
+            run.Identifiability,
+            estimate,
+            stages=estimate.identifiability,
+            observability=estimate.observability_indices,
+            advice=advice,
+        ),
         robust=to_robust_loss(estimate, measurements),
         contributions=contributions,
         budget=to_budget(budget, names, [reason.code for reason in assessment.reasons]),
@@ -90,29 +92,6 @@ def run_result(
     )
 
 
-def to_identifiability(
-    estimate: Estimate, advice: Sequence[Advice], robot: Robot, measurements: Measurements
-) -> run.Identifiability:
-    """Return rank, condition, combinations and indices, with advice in words."""
-    names = [joint.name for joint in estimate.joints]
-    return message(
-        run.Identifiability,
-        estimate,
-        stages=estimate.identifiability,
-        observability=estimate.observability_indices,
-        advice=[
-            message(
-                run.Advice,
-                piece,
-                joint=names[piece.joint],
-                observation=None if piece.observation is None else measurements.labels[piece.observation],
-                message=piece.in_words(robot, measurements),
-            )
-            for piece in advice
-        ],
-    )
-
-
 def to_robust_loss(estimate: Estimate, measurements: Measurements) -> run.RobustLoss | None:
     """Return the readings that the Huber loss suspects, worst first; None for the squared loss."""
     robust = estimate.robust
@@ -127,21 +106,6 @@ def to_robust_loss(estimate: Estimate, measurements: Measurements) -> run.Robust
         residual_norm=robust.residual_norm[i, t],
     )
     return message(run.RobustLoss, robust, suspicious=suspicious, suspicious_count=len(robust.suspicious))
-
-
-def resampling_result(summary: ResamplingSummary, joints: Sequence[JointCompliance]) -> run.ResamplingResult:
-    """Return statistics of the draws; joints that the whole set does not show get no numbers."""
-    shown = summary.without(np.array([joint.status == "not_observable" for joint in joints]))
-    columns = {name: getattr(shown, name) for name in run.ResampledJoint.model_fields if name != "name"}
-    compensation = {
-        name: getattr(summary, f"compensation_{name}") for name in run.ResampledCompensation.model_fields
-    }
-    return message(
-        run.ResamplingResult,
-        summary,
-        joints=rows(run.ResampledJoint, name=[joint.name for joint in joints], **columns),
-        compensation=message(run.ResampledCompensation, None, **compensation),
-    )
 
 
 _LACK_OF_FIT: Final = {

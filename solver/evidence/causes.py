@@ -35,10 +35,8 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, unloaded_block
-from jointstiff.solver.terms.joints import JOINTS
-from jointstiff.solver.terms.links import DIAGONAL_LINKS
-from jointstiff.solver.terms.places import MOVEMENT
-from jointstiff.solver.terms.registry import TERMS
+from jointstiff.solver.terms.errors import MOVEMENT, TERMS
+from jointstiff.solver.terms.springs import DIAGONAL_LINKS, JOINTS
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import INDEPENDENT, Triangle
 

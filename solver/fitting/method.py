@@ -28,7 +28,7 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock
-from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.terms.term import Rows, Term, whitened_rows
 from jointstiff.solver.triangle import Triangle, whitener
 

@@ -30,7 +30,7 @@ from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.terms.block import RegressorBlock
-from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import Triangle, triangle_of
 

@@ -45,8 +45,7 @@ from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD, MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
-from jointstiff.solver.terms.joints import JOINTS
-from jointstiff.solver.terms.links import COUPLED_JOINTS, link_motion, links_behind
+from jointstiff.solver.terms.springs import COUPLED_JOINTS, JOINTS, link_motion, links_behind
 from jointstiff.solver.terms.term import Term, rows_of
 from jointstiff.solver.triangle import Triangle, triangle_of, whitened
 

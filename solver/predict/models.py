@@ -37,7 +37,7 @@ from jointstiff.solver.predict.forward import (
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.balance import Balance, balance, wrench_stiffness
-from jointstiff.solver.terms.links import products
+from jointstiff.solver.terms.springs import products
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
 """In R0, z upwards [m/s²]."""

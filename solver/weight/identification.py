@@ -35,7 +35,7 @@ from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.terms.joints import JOINTS
+from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.text import length_text
 from jointstiff.solver.triangle import Triangle, triangle_of

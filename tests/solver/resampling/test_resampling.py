@@ -275,27 +275,36 @@ class TestSummary:
         nan = np.nan
         compliance = np.array([[1.0, -2.0, nan], [2.0, 0.0, nan], [4.0, 2.0, nan], [nan, 4.0, nan]])
         active = np.array([[0, 0, 0], [0, -1, 0], [1, 0, 0], [0, 0, 0]], dtype=np.int8)
-        found = summarise(Resamples(compliance, active, np.array([0.5, 0.7, 0.9, nan])), confidence=0.5)
-        np.testing.assert_allclose(found.compliance_mean, [7 / 3, 1.0, nan])
-        np.testing.assert_allclose(found.compliance_deviation, [np.sqrt(7 / 3), np.sqrt(20 / 3), nan])
-        np.testing.assert_allclose(found.compliance_interval, [[1.5, 3.0], [-0.5, 2.5], [nan, nan]])
-        np.testing.assert_allclose(found.stiffness_mean, [7 / 12, 1 / 12, nan])
-        np.testing.assert_allclose(found.share_negative, [0, 0.25, nan])
-        np.testing.assert_allclose(found.share_infinite, [0, 0.25, nan])
-        np.testing.assert_allclose(found.share_undetermined, [0.25, 0, 1])
+        draws = Resamples(compliance, active, np.array([0.5, 0.7, 0.9, nan]))
+        found = summarise(draws, ["a", "b", "c"], confidence=0.5)
+        a, b, c = found.joints
+        assert (a.compliance_mean, b.compliance_mean) == pytest.approx((7 / 3, 1.0))
+        assert (a.compliance_deviation, b.compliance_deviation) == pytest.approx(
+            (np.sqrt(7 / 3), np.sqrt(20 / 3))
+        )
+        assert a.compliance_interval == pytest.approx((1.5, 3.0))
+        assert b.compliance_interval == pytest.approx((-0.5, 2.5))
+        assert (a.stiffness_mean, b.stiffness_mean) == pytest.approx((7 / 12, 1 / 12))
+        assert [joint.share_negative for joint in found.joints] == [0, 0.25, 0]
+        assert [joint.share_infinite for joint in found.joints] == [0, 0.25, 0]
+        assert [joint.share_undetermined for joint in found.joints] == [0.25, 0, 1]
+        assert c.compliance_mean is c.compliance_interval is c.stiffness_mean is None
         assert found.share_any_negative == 0.25
-        assert found.compensation_mean == pytest.approx(0.7)
-        assert found.compensation_deviation == pytest.approx(0.2)
-        assert found.compensation_interval == pytest.approx((0.6, 0.8))
+        assert found.compensation.mean == pytest.approx(0.7)
+        assert found.compensation.deviation == pytest.approx(0.2)
+        assert found.compensation.interval == pytest.approx((0.6, 0.8))
+        hidden = summarise(draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5)
+        assert hidden.joints[0] == a
+        assert hidden.joints[1] == c.model_copy(update={"name": "b"})
 
     def test_refuses(self):
         nothing = Resamples(np.zeros((0, 2)), np.zeros((0, 2), np.int8), np.zeros(0))
         with pytest.raises(RequestError, match="no repetition"):
-            summarise(nothing)
+            summarise(nothing, ["a", "b"])
         one = Resamples(np.zeros((1, 2)), np.zeros((1, 2), np.int8), np.zeros(1))
         for confidence in (0.0, 1.0, np.nan):
             with pytest.raises(RequestError, match="confidence"):
-                summarise(one, confidence=confidence)
+                summarise(one, ["a", "b"], confidence=confidence)
 
 
 def test_fanuc_ten_of_thirty():
@@ -303,10 +312,11 @@ def test_fanuc_ten_of_thirty():
     robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
     blocks = gram_blocks(robot, measurements, settings("partial_pose"))
     plan = ResamplingPlan(10, 2000, 2017)
-    free, positive = (summarise(resample(blocks, plan, bounds)) for bounds in (FREE, POSITIVE))
+    draws = (resample(blocks, plan, bounds) for bounds in (FREE, POSITIVE))
+    free, positive = (summarise(each, robot.joint_names) for each in draws)
     assert 0.10 <= free.share_any_negative <= 0.14
     assert positive.share_any_negative == 0.0
-    assert positive.compensation_mean >= free.compensation_mean
+    assert positive.compensation.mean >= free.compensation.mean
 
 
 def digest():

@@ -29,7 +29,7 @@ from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.terms.complementary_stiffness import NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.terms.springs import NEGLECTED_STIFFNESS, complementary_stiffness
 
 
 def exact(load="pull", *, configurations=19, **options):

@@ -17,7 +17,7 @@ from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.readings.measurements import CommonUncertainty
 from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.terms.registry import TERMS
+from jointstiff.solver.terms.errors import TERMS
 from jointstiff.solver.terms.term import Term, by_torque
 
 ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0

@@ -1,6 +1,13 @@
-"""Errors of geometry: places of targets on the flange, axes of joints, tracker and base (method.md §8)."""
+"""Errors that a set may state, a test suspects, a budget lists and a plan hedges against (method.md §8, §13).
+
+Of the load: with W = (F, M), J_F and J_ω its Jacobians, R the flange's rotation and c the compliances, each
+error adds torques τ, which move the targets by ``J (c ∘ τ)``. Of geometry: places of targets on the flange,
+axes of joints, tracker and base.
+"""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 
@@ -8,10 +15,43 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.configuration import skew
 from jointstiff.solver.robot.model import displaced_axis
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
-from jointstiff.solver.terms.term import Motion, Term
+from jointstiff.solver.terms.term import Motion, Term, by_torque
 
 _STEP = 1e-5
 """Half the step of the difference quotients of an axis [m and rad]."""
+
+
+def _turning(block: RegressorBlock) -> FloatArray:
+    return block.configurations.angular_jacobian.transpose(0, 2, 1)
+
+
+def _load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Move the load point by e along the flange's axes: it adds the moment e × F."""
+    moment = -skew(block.measurements.force) @ block.configurations.flange_rotation
+    return by_torque(block, compliance, _turning(block) @ moment)
+
+
+def _force_scale(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Scale all forces and moments."""
+    return by_torque(block, compliance, block.torque[..., None])
+
+
+def _force_direction(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Turn all forces and moments about the axes of R0: φ × F, φ × M."""
+    part = block.measurements
+    torque = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
+    return by_torque(block, compliance, torque + _turning(block) @ -skew(part.moment))
+
+
+def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Add one force, axes of R0, to every load."""
+    return by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
+
+
+LOAD_POINT = Term("load_point", "m", _load_point, lambda common: (common.load_point,), suspected=True)
+FORCE_SCALE = Term("force_scale", "1", _force_scale, lambda common: (common.scale,))
+FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, lambda common: (common.direction,))
+CONSTANT_FORCE = Term("constant_force", "N", _constant_force, suspected=True)
 
 
 def _target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -51,3 +91,9 @@ def _movement(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa:
 TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))
 AXES = Term("axes", "m, rad", _axes, lambda common: (common.axis_position, common.axis_direction))
 MOVEMENT = Term("movement", "m, rad", _movement, suspected=True)
+
+TERMS: Final[dict[str, Term]] = {
+    term.name: term
+    for term in (FORCE_SCALE, FORCE_DIRECTION, LOAD_POINT, CONSTANT_FORCE, MOVEMENT, TARGET_PLACES, AXES)
+}
+"""Errors by name. Each has its line in the budget where the readings state its uncertainty."""

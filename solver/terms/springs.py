@@ -1,8 +1,13 @@
-"""Links and coupled joints as springs of several directions (method.md §7).
+"""Joints, coupled joints and links as springs, and how torques change as they bend (method.md §2, §7).
 
 ``δp_X = Σ_jk J_j C_jk τ_k + Σ_i B_i C_i w_i``: coupling between joints, links. Frame i is that of joint i,
 which moves with it (after its rotation); w_i is the load's wrench in it, force then moment about its origin
 o_i, and ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the target with the frame.
+
+Complementary stiffness: Chen & Kao, *Conservative congruence transformation for joint and Cartesian stiffness
+matrices of robotic hands and fingers*, Int. J. Robotics Research 19(9), 2000: ``(K_θ − K_c) δθ = τ`` with
+K_c = ∂τ/∂θ for a wrench W whose force and moment keep their size and direction in R0, while the load point
+moves with the flange. A dead force has a potential, so its share of K_c is symmetric; a dead moment has none.
 """
 
 from __future__ import annotations
@@ -14,8 +19,19 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import entries, weights
 from jointstiff.solver.robot.configuration import joint_frames, skew
+from jointstiff.solver.terms.balance import wrench_stiffness
 from jointstiff.solver.terms.block import RegressorBlock
 from jointstiff.solver.terms.term import Motion, Term
+
+
+def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
+    """Return ``A = J diag(τ)``, and ``diag(τ)`` behind the gearboxes."""
+    if block.measurements.encoders is None:
+        return Motion(block.A)
+    return Motion(block.A, block.torque[..., None] * np.eye(block.torque.shape[1]))
+
+
+JOINTS = Term("joints", "rad/(N·m)", _joints)
 
 
 def link_motion(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -70,3 +86,41 @@ DIAGONAL_LINKS = Term("links", "m/N, rad/(N·m)", _diagonal_links)
 def links_behind(joints: tuple[int, ...]) -> Term:
     """Return the term of full link compliances (6, 6) behind some joints."""
     return Term("links", "m/N, rad/(N·m)", partial(_links, joints))
+
+
+def complementary_stiffness(block: RegressorBlock) -> FloatArray:
+    """``K_c,jk = ∂τ_j/∂θ_k``, in the configurations of the block.
+
+    With v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by
+    v_k: ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
+
+    Returns:
+        (B, n, n) [N·m/rad].
+    """
+    part = block.measurements
+    axes = block.configurations.angular_jacobian
+    return wrench_stiffness(axes, block.load_jacobian, part.force, part.moment)
+
+
+def _neglected(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return what the linear model leaves out, ``e = (A(c) − A) c``, in the unloaded configurations.
+
+    To second order in the deflection: the torques change by ``K_c δθ``, and on the way each axis turns with
+    the joints before it and half of its own deflection, ``Ω_k = Σ_{j<k} a_j δθ_j + ½ a_k δθ_k``, hence
+    ``e = J diag(c) K_c δθ + Σ_k Ω_k × J_k δθ_k``.
+    """
+    part = block.measurements
+    deflection = compliance * block.torque
+    added = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), deflection)
+    turns = block.configurations.angular_jacobian * deflection[:, None]
+    turned = np.cumsum(turns, axis=2) - 0.5 * turns
+    jacobian = block.jacobian if part.direction is None else block.configurations.jacobian_at(block.points)
+    moves = jacobian * deflection[:, None, None]
+    # Σ_k Ω_k × m_k holds the antisymmetric part of Σ_k Ω_k m_kᵀ.
+    pairs = moves @ turned.transpose(0, 2, 1)[:, None]
+    bent = (pairs - np.swapaxes(pairs, -1, -2))[..., [2, 0, 1], [1, 2, 0]]
+    softened = (block.jacobian @ added[:, None, :, None])[..., 0]
+    return Motion((softened + bent)[..., None], added[..., None])
+
+
+NEGLECTED_STIFFNESS = Term("complementary_stiffness", "1", _neglected)
