@@ -18,8 +18,8 @@ from jointstiff.simulator.campaign import (
 )
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
     from jointstiff.solver.estimate import identify
     from jointstiff.solver.evidence.estimate import Estimate
-    from jointstiff.solver.fitting.settings import Settings
+    from jointstiff.solver.fitting.method import Settings
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.readings.measurements import Measurements
     from jointstiff.solver.robot.chain import KinematicChain

@@ -18,13 +18,14 @@ from jointstiff.solver.fitting.fit import Fit, fit_method, scale_of
 from jointstiff.solver.fitting.method import (
     Method,
     MethodTriangles,
+    PriorRows,
+    Settings,
     length_of_least_condition,
     refuse_unless_posed,
     spherical_wrist,
 )
 from jointstiff.solver.fitting.observability import Excitation, Observability
 from jointstiff.solver.fitting.robust import RobustFit, TargetRows, fit_huber
-from jointstiff.solver.fitting.settings import PriorRows, Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import keep_for, regressor_blocks

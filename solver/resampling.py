@@ -18,20 +18,17 @@ import numpy as np
 
 from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solution import solve_batch, solve_step
+from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_batch, solve_step
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.method import Method
+from jointstiff.solver.fitting.method import Method, Settings
 from jointstiff.solver.fitting.observability import NULL_COLUMN, Excitation, Spectrum, analyse
-from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.messages import rows
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.block import regressor_blocks, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
-from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import triangle_of
 
 TILE_RESIDUALS = 2**17

@@ -12,9 +12,10 @@ from benchmarks.campaigns import Campaign, small_campaign
 from benchmarks.performance.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
+from jointstiff.schemas.options import Method
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.fitting.settings import Method, Settings
+from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]

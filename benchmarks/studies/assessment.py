@@ -24,14 +24,14 @@ from benchmarks.timing import interleaved
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import Assessment, assess, judge
 from jointstiff.solver.evidence.causes import better_alternative
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot

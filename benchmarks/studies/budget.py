@@ -27,7 +27,7 @@ from jointstiff.simulator import (
 from jointstiff.simulator.campaign import Document
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.evidence.budget import UncertaintyBudget
+from jointstiff.solver.evidence.estimate import UncertaintyBudget
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 
 __all__ = ["KINDS", "expanded_by_monte_carlo", "expanded_by_product", "headline", "run", "wrong_campaigns"]

@@ -14,9 +14,9 @@ from benchmarks.studies.fanuc import CAMPAIGN, prepared
 from benchmarks.studies.verdicts import Way
 from jointstiff.simulator import LOAD_POINT, SpringArm, default_arm, equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.predict.forward import CartesianCompliance, LoadCases
 from jointstiff.solver.predict.model_error import leave_postures_out
 from jointstiff.solver.predict.models import JointModel

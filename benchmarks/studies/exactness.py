@@ -12,8 +12,7 @@ from flint import fmpq
 
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solution import Solution, solve, solve_step
+from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, Solution, solve, solve_step
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.triangle import triangle_of
 from tests.reference.exact_nnls import exact_nnls

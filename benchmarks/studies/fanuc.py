@@ -17,8 +17,8 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.schemas.run import ResamplingResult
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
-from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,

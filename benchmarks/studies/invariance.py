@@ -19,9 +19,8 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fitting.method import fit_displacement
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import skew
-from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
+from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
-from jointstiff.solver.terms.term import whitened_rows
 
 __all__ = ["View", "complete_pose", "run", "views"]
 

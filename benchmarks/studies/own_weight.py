@@ -32,7 +32,7 @@ from jointstiff.solver import (
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.conic import GAP, Block, Cones, solve_weighed
-from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import JointMap

@@ -13,12 +13,12 @@ from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_deflections
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.design.candidates import PlanRequest
 from jointstiff.solver.design.feasibility import Equipment, Loads, drawn_postures
 from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.links.choice import Folds, Plan, chosen_weight, fit_fold, refined
 from jointstiff.solver.links.fit import first_certified
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel, elastic_blocks

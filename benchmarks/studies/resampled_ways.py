@@ -9,12 +9,13 @@ import numpy as np
 
 from benchmarks.campaigns import default_robot
 from benchmarks.studies.replicas import Imperfections, read
+from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.run import ResamplingResult
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import Encoders
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds
-from jointstiff.solver.fitting.settings import Method, Settings, Weighting
+from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,

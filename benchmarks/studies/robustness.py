@@ -15,9 +15,9 @@ from benchmarks.designs import SIGMA, planned_design
 from benchmarks.report import Figure, Section
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.fitting.settings import Loss, Settings
+from jointstiff.solver.fitting.method import Loss, Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

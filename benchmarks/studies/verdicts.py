@@ -9,12 +9,13 @@ import numpy as np
 
 from benchmarks.campaigns import default_robot
 from benchmarks.designs import Design
+from jointstiff.schemas.options import Method
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.settings import Method, Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

@@ -20,7 +20,7 @@ from jointstiff.solver.geometry.identification import Conventions, IdentifiedGeo
 from jointstiff.solver.geometry.poses import CalibratedAxes, Poses
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet
 from jointstiff.solver.messages import message, rows
-from jointstiff.solver.readings.tracker_noise import at_read_places
+from jointstiff.solver.readings.measurements import at_read_places
 from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import write_urdf
 

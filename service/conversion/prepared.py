@@ -35,7 +35,7 @@ from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mist
 from jointstiff.solver.evidence.causes import Screening
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.prediction import Prediction
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.messages import message
 from jointstiff.solver.readings.measurements import Measurements

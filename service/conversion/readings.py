@@ -29,11 +29,9 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import (
     ASSUMED_LOAD_POINT,
     CommonUncertainty,
+    DifferenceNoise,
     EncoderReadings,
     Measurements,
-)
-from jointstiff.solver.readings.tracker_noise import (
-    DifferenceNoise,
     position_covariances,
     refuse_no_covariance,
 )

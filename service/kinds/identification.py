@@ -29,8 +29,7 @@ from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
 from jointstiff.solver.arrays import IndexArray
-from jointstiff.solver.convex.problem import Bounds, Constraints, Order
-from jointstiff.solver.convex.solution import greatest_violations
+from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.design.results import (
     run_result,
@@ -39,13 +38,12 @@ from jointstiff.solver.design.results import (
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
-from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
-from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget
 from jointstiff.solver.evidence.prediction import predict, predict_encoders
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
+from jointstiff.solver.fitting.method import Prior, Settings
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
-from jointstiff.solver.fitting.settings import Prior, Settings
 from jointstiff.solver.links.choice import (
     WEIGHTS,
     FoldFit,

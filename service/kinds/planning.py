@@ -30,8 +30,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.prediction import predict
 from jointstiff.solver.messages import finite, point
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.readings.tracker_noise import Instrument
+from jointstiff.solver.readings.measurements import Instrument, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Burden, planned_rows
 

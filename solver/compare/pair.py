@@ -30,8 +30,7 @@ from jointstiff.schemas.comparison import (
     OrderedResult,
 )
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.problem import Bounds, Constraints, Order
-from jointstiff.solver.convex.solution import greatest_violations
+from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.estimate import stiffness_of
 from jointstiff.solver.evidence.intervals import profile_ends

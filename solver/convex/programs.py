@@ -37,7 +37,7 @@ from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import Block, Cone, to_matrix
-from jointstiff.solver.convex.problem import IdentificationProblem, Scaled
+from jointstiff.solver.convex.solution import IdentificationProblem, Scaled
 from jointstiff.solver.errors import SolverError
 
 TOLERANCE: Final = 1e-10

@@ -18,9 +18,9 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.block import whitened_rows as term_rows
 from jointstiff.solver.terms.errors import TERMS
 from jointstiff.solver.terms.springs import JOINTS, links_behind
-from jointstiff.solver.terms.term import whitened_rows as term_rows
 
 CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]
 

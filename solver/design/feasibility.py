@@ -14,8 +14,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument
+from jointstiff.solver.readings.measurements import DifferenceNoise, Instrument, Measurements
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 

@@ -29,7 +29,7 @@ from jointstiff.solver.evidence.causes import (
 )
 from jointstiff.solver.evidence.estimate import ComplementaryStiffness, Estimate, JointCompliance
 from jointstiff.solver.evidence.prediction import Prediction
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import unloaded_configurations

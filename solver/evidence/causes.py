@@ -34,10 +34,9 @@ from jointstiff.solver.fitting.observability import Excitation
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, unloaded_block
+from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, unloaded_block, whitened_rows
 from jointstiff.solver.terms.errors import MOVEMENT, TERMS
 from jointstiff.solver.terms.springs import DIAGONAL_LINKS, JOINTS
-from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import INDEPENDENT, Triangle
 
 AlternativeKind = Literal[

@@ -19,8 +19,14 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.problem import Bounds, Constraints, IdentificationProblem, Inequalities
-from jointstiff.solver.convex.solution import solve_batch, solve_step
+from jointstiff.solver.convex.solution import (
+    Bounds,
+    Constraints,
+    IdentificationProblem,
+    Inequalities,
+    solve_batch,
+    solve_step,
+)
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting.fit import Likelihood
 

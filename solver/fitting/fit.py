@@ -12,12 +12,10 @@ from scipy.linalg import block_diag
 
 from jointstiff.schemas.run import SigmaTest
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
-from jointstiff.solver.convex.solution import Certificate, Solution, solve
+from jointstiff.solver.convex.solution import Certificate, Constraints, IdentificationProblem, Solution, solve
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.method import MethodTriangles
+from jointstiff.solver.fitting.method import MethodTriangles, PriorRows
 from jointstiff.solver.fitting.observability import Combination, Identifiability, Spectrum, analyse
-from jointstiff.solver.fitting.settings import PriorRows
 from jointstiff.solver.triangle import Triangle
 
 SIGMA_TEST_LEVEL: Final = 0.01

@@ -23,15 +23,20 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.problem import Constraints, IdentificationProblem
-from jointstiff.solver.convex.solution import Certificate, Proposer, certify, solve_step
+from jointstiff.solver.convex.solution import (
+    Certificate,
+    Constraints,
+    IdentificationProblem,
+    Proposer,
+    certify,
+    solve_step,
+)
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fitting.method import Prior
 from jointstiff.solver.fitting.observability import Spectrum
-from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.terms.block import RegressorBlock
+from jointstiff.solver.terms.block import RegressorBlock, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
-from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.triangle import Triangle, triangle_of
 
 DEFAULT_THRESHOLD = 2.8

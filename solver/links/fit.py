@@ -33,7 +33,7 @@ from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
 from jointstiff.solver.evidence.prediction import Prediction
 from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.model import (
     ElasticColumns,

@@ -38,15 +38,13 @@ from jointstiff.solver.convex.conic import (
     solve_cone,
     solve_robust,
 )
-from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solution import solve_step
+from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD, MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
+from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of
 from jointstiff.solver.terms.springs import COUPLED_JOINTS, JOINTS, link_motion, links_behind
-from jointstiff.solver.terms.term import Term, rows_of
 from jointstiff.solver.triangle import Triangle, triangle_of, whitened
 
 MOST_JOINTS = 12

@@ -14,7 +14,7 @@ from jointstiff.schemas import model as stored_as
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.model import ElasticColumns

@@ -18,9 +18,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.budget import LeftOut
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.evidence.estimate import Estimate, LeftOut
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.links.choice import Folds, Plan, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import elastic_blocks

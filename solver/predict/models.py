@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import diagonal, to_matrix
-from jointstiff.solver.convex.problem import Constraints
+from jointstiff.solver.convex.solution import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.evidence.intervals import profile_ends, range_on_box

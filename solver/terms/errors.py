@@ -14,8 +14,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.configuration import skew
 from jointstiff.solver.robot.model import displaced_axis
-from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks
-from jointstiff.solver.terms.term import Motion, Term, by_torque
+from jointstiff.solver.terms.block import Motion, RegressorBlock, Term, by_torque, regressor_blocks
 
 _STEP = 1e-5
 """Half the step of the difference quotients of an axis [m and rad]."""

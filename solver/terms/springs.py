@@ -20,8 +20,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import entries, weights
 from jointstiff.solver.robot.configuration import joint_frames, skew
 from jointstiff.solver.terms.balance import wrench_stiffness
-from jointstiff.solver.terms.block import RegressorBlock
-from jointstiff.solver.terms.term import Motion, Term
+from jointstiff.solver.terms.block import Motion, RegressorBlock, Term
 
 
 def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear

@@ -34,9 +34,8 @@ from jointstiff.solver.geometry.poses import Motion, PoseReadings, PoseState, ca
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.terms.block import regressor_blocks, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
-from jointstiff.solver.terms.term import whitened_rows
 from jointstiff.solver.text import length_text
 from jointstiff.solver.triangle import Triangle, triangle_of
 from jointstiff.solver.weight.bodies import Burden, Rows, Torques, WeightReadings, across, rows_at, torques_of

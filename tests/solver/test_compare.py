@@ -31,11 +31,11 @@ from jointstiff.solver.compare.pair import (
     ratio_interval,
     two_sided_quantile,
 )
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.model import Robot
 

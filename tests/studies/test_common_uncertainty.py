@@ -15,7 +15,7 @@ from benchmarks.studies.budget import expanded_by_monte_carlo, expanded_by_produ
 from benchmarks.studies.verdicts import Way, judge
 from jointstiff.simulator import TARGETS, default_arm, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.evidence.budget import UncertaintyBudget
+from jointstiff.solver.evidence.estimate import UncertaintyBudget
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.readings.measurements import CommonUncertainty, EncoderReadings
 

@@ -21,7 +21,7 @@ from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot

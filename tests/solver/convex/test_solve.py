@@ -22,17 +22,20 @@ from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.convex import problem as problem_module
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex import solution as module
-from jointstiff.solver.convex.problem import (
+from jointstiff.solver.convex.solution import (
+    LEAST_EIGENVALUE,
     TOLERANCE,
     Bounds,
     Constraints,
+    GramProblems,
     IdentificationProblem,
     Inequalities,
+    solve,
+    solve_batch,
+    solve_step,
 )
-from jointstiff.solver.convex.solution import LEAST_EIGENVALUE, GramProblems, solve, solve_batch, solve_step
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.terms.block import regressor_blocks
 
@@ -86,7 +89,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
     A, b = np.array([[1.0, 0.8], [0.0, 0.6]]), np.array([1.0, -1.0])
     problem = IdentificationProblem(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
     place = {0: 5.0, -1: 0.0, 1: 10.0}[wrong]
-    monkeypatch.setattr(problem_module, "MOST_PIVOTS", 0)
+    monkeypatch.setattr(module, "MOST_PIVOTS", 0)
     monkeypatch.setattr(programs, "least_squares", lambda _: np.full(2, place))
     found = solve(problem)
     assert found.certificate.solved_by == "active_set"

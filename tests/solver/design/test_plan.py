@@ -27,7 +27,7 @@ from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, feasibl
 from jointstiff.solver.design.plan import ordered, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.readings.tracker_noise import Instrument
+from jointstiff.solver.readings.measurements import Instrument
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from support.campaigns import METHODS, estimate, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence import intervals as module
 from jointstiff.solver.evidence.intervals import profile_ends

@@ -30,6 +30,7 @@ from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.fitting.fit import sigma_test
+from jointstiff.solver.fitting.method import Prior
 from jointstiff.solver.fitting.observability import (
     Observability,
     Spectrum,
@@ -37,7 +38,6 @@ from jointstiff.solver.fitting.observability import (
     indices_by,
     observability_indices,
 )
-from jointstiff.solver.fitting.settings import Prior
 from jointstiff.solver.messages import message as message_of
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot

@@ -12,9 +12,9 @@ from support.shared_data import shared
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.convex.conic import to_vector
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.links.choice import (
     LIMITS,
     WEIGHTS,

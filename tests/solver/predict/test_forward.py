@@ -12,7 +12,7 @@ from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
-from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links.choice import Folds, Plan
 from jointstiff.solver.links.fit import estimate_elastic

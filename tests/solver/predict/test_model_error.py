@@ -10,11 +10,11 @@ from support.campaigns import METHODS, prepare, shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
 from jointstiff.solver.predict.models import JointModel

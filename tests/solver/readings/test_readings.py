@@ -24,12 +24,16 @@ from support.gauges import by_gauges, triads
 from jointstiff.simulator import simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
 from jointstiff.solver.evidence.prediction import predict_encoders
 from jointstiff.solver.integrity import inspect
-from jointstiff.solver.readings.measurements import EncoderReadings
-from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument, refuse_no_covariance
+from jointstiff.solver.readings.measurements import (
+    DifferenceNoise,
+    EncoderReadings,
+    Instrument,
+    refuse_no_covariance,
+)
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
 ENCODER_SIGMA = 5e-6

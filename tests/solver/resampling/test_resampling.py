@@ -25,7 +25,7 @@ from support.shared_data import shared
 
 from jointstiff.solver import resampling as module
 from jointstiff.solver.convex import solution
-from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import (
     NotObservableError,
     RequestError,
@@ -33,7 +33,7 @@ from jointstiff.solver.errors import (
 )
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.resampling import (
     GramBlocks,
     Resamples,

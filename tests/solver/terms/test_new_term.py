@@ -13,12 +13,12 @@ from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import PlanRequest, whitened_rows
 from jointstiff.solver.design.feasibility import Equipment, Loads
 from jointstiff.solver.design.results import to_budget
-from jointstiff.solver.evidence.budget import UncertaintyBudget
 from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.evidence.estimate import UncertaintyBudget
 from jointstiff.solver.readings.measurements import CommonUncertainty
 from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.terms.block import Term, by_torque
 from jointstiff.solver.terms.errors import TERMS
-from jointstiff.solver.terms.term import Term, by_torque
 
 ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 

@@ -23,7 +23,7 @@ from support.springs import readings_of
 from jointstiff.simulator import deflections, random_configurations
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
-from jointstiff.solver.convex.problem import Bounds, Constraints
+from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
 from jointstiff.solver.geometry.poses import PoseState, chain_axes
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
