@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.fitting.method import Settings
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.readings.measurements import Measurements
-    from jointstiff.solver.robot.chain import KinematicChain
-    from jointstiff.solver.robot.model import Body, Robot
+    from jointstiff.solver.robot.model import Body, KinematicChain, Robot
     from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
     from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
 

@@ -10,8 +10,7 @@ from benchmarks.campaigns import large_campaign
 from benchmarks.performance.peers import stacked_rows
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.criteria import AOptimality, DOptimality
-from jointstiff.solver.design.optimum import Candidates, DesignProblem
+from jointstiff.solver.design.optimum import AOptimality, Candidates, DesignProblem, DOptimality
 
 __all__ = ["CRITERIA", "READINGS", "Pool"]
 

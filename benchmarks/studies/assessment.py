@@ -29,8 +29,7 @@ from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import Assessment, assess, judge
 from jointstiff.solver.evidence.causes import better_alternative
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import Estimate, predict
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import Measurements

@@ -15,9 +15,8 @@ from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.geometry.identification import Conventions, identify_from_poses, identify_from_sweeps
 from jointstiff.solver.geometry.poses import Poses
-from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain
 from jointstiff.solver.robot.inverse import flange_poses
-from jointstiff.solver.robot.model import JointMap, Robot
+from jointstiff.solver.robot.model import DhRow, JointMap, KinematicChain, Robot, dh_chain
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = ["run_ur5", "run_worn"]

@@ -33,14 +33,12 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
 from jointstiff.solver.evidence.causes import Screening
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.estimate import Estimate, Prediction
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.messages import message
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import KinematicChain, Robot
 from jointstiff.solver.robot.urdf import read_inertials, read_urdf, write_urdf
 
 if TYPE_CHECKING:

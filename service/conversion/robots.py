@@ -12,9 +12,8 @@ from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.robot import Kinematics, Posture
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.messages import message, rows
-from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.robot.model import Body, JointMap, Robot
+from jointstiff.solver.robot.model import Body, DhRow, JointMap, KinematicChain, Robot, dh_chain
 
 
 def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:

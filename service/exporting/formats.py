@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from jointstiff.service.exporting.model import PLACEHOLDERS, ExportedModel, joints_csv, workbook
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
-from jointstiff.solver.robot.chain import ChainJoint
+from jointstiff.solver.robot.model import ChainJoint
 from jointstiff.solver.robot.urdf import write_urdf
 
 Element = ElementTree.Element

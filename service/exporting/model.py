@@ -14,8 +14,7 @@ from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Sheet, Value
-from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
 from jointstiff.solver.text import rounded_down
 
 _UNIT = UNITS["MNm/rad"]

@@ -39,8 +39,7 @@ from jointstiff.solver.errors import JointstiffError, RequestError, SolverError,
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
-from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget
-from jointstiff.solver.evidence.prediction import predict, predict_encoders
+from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict, predict_encoders
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.fitting.method import Prior, Settings
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD

@@ -28,7 +28,7 @@ from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.design.results import to_assessment
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.messages import finite, point
 from jointstiff.solver.readings.measurements import Instrument, Measurements
 from jointstiff.solver.robot.model import Robot

@@ -16,8 +16,8 @@ import numpy as np
 
 from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.design.criteria import uncertainty_of
 from jointstiff.solver.design.feasibility import targets_in_flange, within_limits
+from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.messages import point

@@ -13,16 +13,19 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import CriterionName, PlanRequest, Pool
-from jointstiff.solver.design.criteria import (
+from jointstiff.solver.design.optimum import (
     AOptimality,
+    Atoms,
     Criterion,
+    Design,
+    DesignProblem,
     DOptimality,
     EOptimality,
     GOptimality,
     SmoothCriterion,
+    optimise,
     uncertainty_of,
 )
-from jointstiff.solver.design.optimum import Atoms, Design, DesignProblem, optimise
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
 

@@ -11,8 +11,7 @@ from jointstiff.schemas import finding, run
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.assessment import Assessment
-from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, UncertaintyBudget
-from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction, UncertaintyBudget
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.readings.measurements import Measurements
 

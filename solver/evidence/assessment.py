@@ -27,8 +27,7 @@ from jointstiff.solver.evidence.causes import (
     places_on_flange,
     screen_estimate,
 )
-from jointstiff.solver.evidence.estimate import ComplementaryStiffness, Estimate, JointCompliance
-from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.estimate import ComplementaryStiffness, Estimate, JointCompliance, Prediction
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.model import Robot

@@ -48,8 +48,8 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform, minimise
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
-from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
+from jointstiff.solver.robot.model import KinematicChain
 from jointstiff.solver.triangle import whitener
 
 LEAST_SINE = 0.1

@@ -52,8 +52,8 @@ from jointstiff.solver.geometry.sweeps import (
     refine_axes,
     resting_angles,
 )
-from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.configuration import WRIST_JOINTS
+from jointstiff.solver.robot.model import KinematicChain
 
 SweepFit = Literal["one_by_one", "together"]
 

@@ -27,7 +27,7 @@ from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
-from jointstiff.solver.robot.chain import ChainJoint, Convention, DhRow, KinematicChain
+from jointstiff.solver.robot.model import ChainJoint, Convention, DhRow, KinematicChain
 
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""
@@ -308,7 +308,7 @@ def link_table(
 class DhTable:
     """A table and what it leaves over.
 
-    flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.chain.dh_chain`.
+    flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.model.dh_chain`.
     """
 
     convention: Convention  #: convention of the rows

@@ -26,8 +26,7 @@ from jointstiff.schemas.geometry import PoseEvidence
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit, RigidTransform, minimise
-from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.model import JointMap
+from jointstiff.solver.robot.model import JointMap, KinematicChain
 from jointstiff.solver.triangle import whitener
 
 Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]

@@ -30,8 +30,7 @@ from jointstiff.solver.convex.conic import (
 )
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
-from jointstiff.solver.evidence.prediction import Prediction
+from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction
 from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.links.choice import Folds

@@ -24,8 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, ChainJoint, KinematicChain, check_name
-from jointstiff.solver.robot.model import Body
+from jointstiff.solver.robot.model import UNLIMITED_ANGLE, Body, ChainJoint, KinematicChain, check_name
 
 MAX_BYTES: Final = 2 * 1024 * 1024
 """Largest document, in bytes of UTF-8; text and comments have no other limit."""

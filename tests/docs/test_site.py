@@ -93,7 +93,7 @@ def test_the_python_reference_has_every_public_module():
             parts = [part for part in path.relative_to(folder).with_suffix("").parts if part != "__init__"]
             if not any(part.startswith("_") for part in parts):
                 assert ".".join([package, *parts]) in documented
-    assert ".. automodule:: jointstiff.solver.robot.chain" in pages["jointstiff.solver.robot"]
+    assert ".. automodule:: jointstiff.solver.robot.model" in pages["jointstiff.solver.robot"]
 
 
 def test_a_name_that_a_door_offers_is_documented_where_it_is_defined():

@@ -41,12 +41,11 @@ from jointstiff.solver.errors import (
     NotObservableError,
     UnsupportedMethodError,
 )
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.fitting.method import fit_displacement
 from jointstiff.solver.fitting.observability import Spectrum, analyse, observability_indices
-from jointstiff.solver.robot.chain import ChainJoint
 from jointstiff.solver.robot.configuration import Configurations, find_wrist
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import ChainJoint, Robot
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.triangle import Triangle, whitened, whitener

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jointstiff.solver.robot.chain import DhRow, dh_chain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
 
 HALF = np.pi / 2
 ARMS = {

@@ -23,8 +23,7 @@ from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")

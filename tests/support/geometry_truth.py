@@ -18,8 +18,7 @@ from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.poses import IdentifiedAxes
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet, SweptAxes, identify_axes
-from jointstiff.solver.robot.chain import KinematicChain
-from jointstiff.solver.robot.model import JointMap
+from jointstiff.solver.robot.model import JointMap, KinematicChain
 from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = [

@@ -19,7 +19,7 @@ from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 
 
 @pytest.fixture(scope="module")

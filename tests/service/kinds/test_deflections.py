@@ -19,8 +19,7 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection import load_cases, read_load_cases
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot.chain import DhRow, dh_chain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
 
 ARM = default_arm()
 NAMES = [f"joint_{j}" for j in range(1, 7)]

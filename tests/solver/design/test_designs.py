@@ -7,8 +7,15 @@ import itertools
 import numpy as np
 import pytest
 
-from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
-from jointstiff.solver.design.optimum import Candidates, DesignProblem, optimise
+from jointstiff.solver.design.optimum import (
+    AOptimality,
+    Candidates,
+    DesignProblem,
+    DOptimality,
+    EOptimality,
+    GOptimality,
+    optimise,
+)
 from jointstiff.solver.design.plan import Distinct, exact_design
 from jointstiff.solver.errors import RequestError
 

@@ -17,7 +17,7 @@ from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import Assessment, assess
 from jointstiff.solver.evidence.causes import better_alternative
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.fitting.method import Prior
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.robot.model import JointMap, Robot

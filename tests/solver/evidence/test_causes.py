@@ -13,9 +13,8 @@ from support.springs import readings_of
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, MISTAKE_LEVEL, screen_estimate
-from jointstiff.solver.evidence.prediction import predict
-from jointstiff.solver.robot.chain import DhRow, dh_chain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.evidence.estimate import predict
+from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
 
 
 def screened(robot, measurements, k_c="included"):

@@ -39,8 +39,7 @@ from jointstiff.solver.fitting.observability import (
     observability_indices,
 )
 from jointstiff.solver.messages import message as message_of
-from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
 from jointstiff.solver.terms.block import regressor_blocks
 
 STIFFNESS = {"joint_5": (4e5, 4e4), "joint_2": (3e6, 1e6)}

@@ -32,8 +32,7 @@ from jointstiff.solver.design.results import to_robust_loss
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting import robust
 from jointstiff.solver.readings.measurements import EncoderReadings
-from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.model import JointMap, Robot
+from jointstiff.solver.robot.model import ChainJoint, JointMap, KinematicChain, Robot
 
 
 @pytest.fixture(scope="module")

@@ -36,9 +36,8 @@ from jointstiff.solver.geometry.identification import Conventions, identify_from
 from jointstiff.solver.geometry.model import FlangeConvention, dh_table, identify_model, link_table
 from jointstiff.solver.geometry.poses import Motion, Poses, PoseState, calibrate, chain_axes
 from jointstiff.solver.geometry.sweeps import identify_axes
-from jointstiff.solver.robot.chain import DhRow, KinematicChain, dh_chain
 from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import JointMap, Robot
+from jointstiff.solver.robot.model import DhRow, JointMap, KinematicChain, Robot, dh_chain
 from jointstiff.solver.robot.urdf import read_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))

@@ -20,10 +20,9 @@ from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
 from jointstiff.solver.predict.maps import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
-from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)

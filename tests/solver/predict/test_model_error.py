@@ -13,7 +13,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps

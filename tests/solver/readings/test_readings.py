@@ -26,7 +26,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
-from jointstiff.solver.evidence.prediction import predict_encoders
+from jointstiff.solver.evidence.estimate import predict_encoders
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import (
     DifferenceNoise,

@@ -32,7 +32,7 @@ from jointstiff.solver.errors import (
     UnsupportedMethodError,
 )
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.resampling import (
     GramBlocks,

@@ -10,9 +10,8 @@ import pytest
 from support.calibrated_arms import ARMS, arm
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.chain import DhRow, dh_chain
 from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures, flange_poses
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
 
 LEAST = {0.005: 4_600, 0.02: 3_700, 0.1: 590}
 """Postures of 5,000 of which Newton's method is sure to find the branch, by how far it begins [rad]."""

@@ -13,19 +13,20 @@ from hypothesis import strategies as st
 from reference.kinematics import flange_by_textbook, product_of_exponentials
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.chain import (
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.inverse import flange_poses
+from jointstiff.solver.robot.model import (
     MAX_CHAIN_JOINTS,
     MAX_MOVING_JOINTS,
     MAX_NAME_LENGTH,
     UNLIMITED_ANGLE,
     ChainJoint,
     DhRow,
+    JointMap,
     KinematicChain,
+    Robot,
     dh_chain,
 )
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
-from jointstiff.solver.robot.inverse import flange_poses
-from jointstiff.solver.robot.model import JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 Z = np.array([0.0, 0.0, 1.0])

@@ -25,7 +25,7 @@ from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.assessment import judge
-from jointstiff.solver.evidence.prediction import predict
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
