@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,10 @@ from jointstiff.simulator.campaign import (
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.resampling import GramBlocks, gram_blocks, refuse_nonlinear
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -159,3 +161,11 @@ def _complete(arrays: dict[str, FloatArray], sigma: float) -> Measurements:
         present=present,
         sigma=sigma,
     )
+
+
+def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
+    """Return the blocks of a method for resampling, after the identification of the full set."""
+    refuse_nonlinear(settings)
+    if not settings.complementary_stiffness:
+        settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
+    return gram_blocks(robot, measurements, settings, identify(robot, measurements, settings))

@@ -12,7 +12,7 @@ joints are written without BLAS, which groups them by the size of the matrix and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, Resamp
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_batch, solve_step
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Method, Settings
 from jointstiff.solver.fitting.observability import NULL_COLUMN, Excitation, Spectrum, analyse
@@ -111,29 +110,7 @@ class GramBlocks:
         return shares
 
 
-def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
-    """Compute the blocks of a method.
-
-    The full set is identified first: what it cannot support is refused in its words. A characteristic length
-    that is to be found, and the compliances at which K_c is taken, are those of the full set for all
-    resamples.
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        settings: method, weighting and K_c; without K_c its bounds play no part, and its confidence never.
-
-    Raises:
-        JointstiffError: as `jointstiff.solver.estimate.identify` does on the full set.
-        UnsupportedMethodError: a loss or a model that is not linear in the readings.
-    """
-    refuse_nonlinear(settings)
-    if not settings.complementary_stiffness:
-        settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    return blocks_of_identified(robot, measurements, settings, identify(robot, measurements, settings))
-
-
-def blocks_of_identified(
+def gram_blocks(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
 ) -> GramBlocks:
     """Compute the blocks of a method on a set that was identified by it.

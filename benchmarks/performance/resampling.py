@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks.campaigns import Campaign, small_campaign
+from benchmarks.campaigns import Campaign, blocks_of_set, small_campaign
 from benchmarks.performance.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
@@ -16,7 +16,7 @@ from jointstiff.schemas.options import Method
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, resample
 
 __all__ = ["run"]
 
@@ -56,7 +56,7 @@ def run(*, quick: bool) -> list[Section]:
 
 def _section(method: Method, campaign: Campaign, plan: ResamplingPlan, rounds: int) -> Section:
     settings = Settings(method, "covariance", Bounds.positive(campaign.robot.n))
-    blocks = gram_blocks(campaign.robot, campaign.measurements, settings)
+    blocks = blocks_of_set(campaign.robot, campaign.measurements, settings)
     times = _times(campaign, settings, plan, _subsets(blocks, plan), rounds)
     found: Resamples = times.results[OURS]
     columns, rows = times_table(times, OURS, [("from ours", _differences(times, blocks))])
@@ -100,7 +100,7 @@ def _times(
 
 
 def _resampled(campaign: Campaign, settings: Settings, plan: ResamplingPlan) -> Resamples:
-    blocks = gram_blocks(campaign.robot, campaign.measurements, settings)
+    blocks = blocks_of_set(campaign.robot, campaign.measurements, settings)
     return resample(blocks, plan, settings.bounds)
 
 

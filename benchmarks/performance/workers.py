@@ -15,13 +15,13 @@ from typing import Any, Final
 import httpx2
 import psycopg
 
-from benchmarks.campaigns import default_settings, small_campaign
+from benchmarks.campaigns import blocks_of_set, default_settings, small_campaign
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.services import Service, ServiceError, numbers, post_campaign, postgresql
 from benchmarks.timing import Times, interleaved
 from jointstiff.schemas.options import MAX_REPETITIONS
 from jointstiff.service.threads import ONE_THREAD
-from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.resampling import ResamplingPlan, resample
 
 __all__ = ["run"]
 
@@ -100,7 +100,7 @@ def _bare(configurations: int, repetitions: int) -> Times:
 def _prepare(configurations: int, repetitions: int) -> None:
     campaign = small_campaign(configurations=configurations)
     settings = default_settings(campaign.robot)
-    _prepared["blocks"] = gram_blocks(campaign.robot, campaign.measurements, settings)
+    _prepared["blocks"] = blocks_of_set(campaign.robot, campaign.measurements, settings)
     _prepared["plan"] = ResamplingPlan(configurations // 2, repetitions, seed=0)
     _prepared["bounds"] = settings.bounds
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.campaigns import blocks_of_set
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.robot import DhModel
 from jointstiff.schemas.run import Campaign
@@ -23,7 +24,6 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,
     ResamplingPlan,
-    gram_blocks,
     resample,
     summarise,
 )
@@ -45,7 +45,7 @@ def run(*, quick: bool) -> list[Section]:
         return [Section(_TITLE, ("absent",), (), notes=(note,))]
     robot, measurements = prepared(CAMPAIGN)
     settings = Settings("partial_pose", "covariance", Bounds.unconstrained(robot.n))
-    blocks = gram_blocks(robot, measurements, settings)
+    blocks = blocks_of_set(robot, measurements, settings)
     plans = [ResamplingPlan(DRAWN, 100 if quick else count, seed) for count, seed in PLANS]
     found = [_summaries(blocks, plan, robot.joint_names) for plan in plans]
     return [

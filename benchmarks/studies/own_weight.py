@@ -177,9 +177,7 @@ def _certificate_section(seeds: range) -> Section:
 def _ends(found: list[WeightEstimate]) -> FloatArray:
     """(campaigns, 5, 2) ends of the intervals over the true compliances; of no number, all there is."""
     everything = (0.0, np.inf)
-    ends = [
-        [joint.joint.compliance_interval or everything for joint in each.joints[JOINTS]] for each in found
-    ]
+    ends = [[joint.compliance_interval or everything for joint in each.joints[JOINTS]] for each in found]
     return np.array(ends) / ARM.compliances[JOINTS, None]
 
 
@@ -262,7 +260,7 @@ def _section(found: dict[Way, list[WeightEstimate]], loaded: FloatArray) -> Sect
 def harmful(estimate: WeightEstimate) -> bool:
     """Return whether nothing is said although a joint is beyond 5 u and 20 % of its true compliance."""
     for joint, truth in zip(estimate.joints[JOINTS], ARM.compliances[JOINTS], strict=True):
-        c, u = joint.joint.compliance, joint.joint.standard_uncertainty
+        c, u = joint.compliance, joint.standard_uncertainty
         if c is not None and u is not None and abs(c - truth) > max(5.0 * u, 0.2 * truth):
             return not estimate.reasons
     return False

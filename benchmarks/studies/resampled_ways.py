@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.campaigns import default_robot
+from benchmarks.campaigns import blocks_of_set, default_robot
 from benchmarks.studies.replicas import Imperfections, read
 from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.run import ResamplingResult
@@ -20,7 +20,6 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,
     ResamplingPlan,
-    gram_blocks,
     resample,
     summarise,
 )
@@ -92,7 +91,7 @@ class Many:
 def blocks_of(measurements: Measurements, way: Way) -> GramBlocks:
     """A campaign as resampling takes it."""
     settings = Settings(way.method, way.weighting, FREE, characteristic_length=way.length)
-    return gram_blocks(_ROBOT, measurements, settings)
+    return blocks_of_set(_ROBOT, measurements, settings)
 
 
 def resampled(blocks: GramBlocks, bounds: Bounds, repetitions: int) -> ResamplingResult:

@@ -72,7 +72,7 @@ from jointstiff.solver.resampling import (
     GramBlocks,
     Resamples,
     ResamplingPlan,
-    blocks_of_identified,
+    gram_blocks,
     refuse_nonlinear,
     resample,
     summarise,
@@ -202,7 +202,7 @@ class ResamplingWork:
     @cached_property
     def _blocks(self) -> GramBlocks:
         settings, estimate = identified(self._prepared, self._settings)
-        return blocks_of_identified(self._prepared.robot, self._prepared.measurements, settings, estimate)
+        return gram_blocks(self._prepared.robot, self._prepared.measurements, settings, estimate)
 
     @property
     def repetitions(self) -> int:
@@ -724,7 +724,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         free_gravity=weight.estimate_gravity,
         loaded=loaded if by_loads.any() else None,
     )
-    joints = tuple(joint.joint for joint in estimate.joints)
+    joints = estimate.joints
     assessment = assessed(joints, [*estimate.reasons, *refuted_noise(m, estimate.sigma)])
     row, target = np.nonzero(readings.poses.present)
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
@@ -837,10 +837,11 @@ def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     Errors of masses are common to the joints in a way that intervals do not tell. By Cauchy and Schwarz
     ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, hold any correlation.
     """
-    known = [joint.joint for joint in estimate.joints]
-    seen = np.array([j for j, joint in enumerate(known) if joint.compliance is not None], dtype=np.intp)
+    seen = np.array(
+        [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
+    )
     compliance = estimate.fit.compliance  # of joints without a number, too: their products tell the sag
-    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in known])[seen]
+    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[seen]
     likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
     return JointModel(
         robot,
@@ -854,18 +855,14 @@ def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
 
 def _numbers(estimate: WeightEstimate) -> WeightResult:
     torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
-    shares = []
-    for j, joint in enumerate(estimate.joints):
-        known = joint.joint.compliance is not None
-        shares.append(
-            WeightShare(
-                joint=joint.joint.name,
-                torque=(float(torque[:, j].min()), float(torque[:, j].max())),
-                largest_sag=float(sag[j]) if known else None,
-                readings=joint.share_of_readings,
-                masses=joint.share_of_masses,
-            )
-        )
+    shares = rows(
+        WeightShare,
+        joint=[joint.name for joint in estimate.joints],
+        torque=np.column_stack([torque.min(axis=0), torque.max(axis=0)]),
+        largest_sag=np.where([joint.compliance is not None for joint in estimate.joints], sag, np.nan),
+        readings=estimate.shares,
+        masses=1.0 - estimate.shares,
+    )
     return message(
         WeightResult, estimate, joints=shares, gravity=estimate.fit.gravity, steps=estimate.fit.steps
     )

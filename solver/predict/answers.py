@@ -231,19 +231,14 @@ def case_results(
         remarks=[[] if bound is None else _extrapolation(bound, b) for b in range(len(labels))],
         budget=_budgets(bent, budget, radius, bent.model.quantile(confidence)),
     )
-    return [
-        _without_numbers(label, [names[j] for j in np.flatnonzero(hidden)]) if case is None else case
-        for label, case, hidden in zip(labels, answers, unseen, strict=True)
-    ]
-
-
-def _without_numbers(label: str, unseen: Sequence[str]) -> cases.CaseResult:
-    reason = (
-        f"the load or own weight twists {', '.join(unseen)}, which the readings of the run do not "
-        "determine: the prediction is not valid"
-    )
-    numbers = ("displacement", "rotation", "readings_only", "with_model_error", "compliance")
-    return cases.CaseResult.model_validate({"label": label, "remarks": [reason], **dict.fromkeys(numbers)})
+    numbers = dict.fromkeys(("displacement", "rotation", "readings_only", "with_model_error", "compliance"))
+    for b in np.flatnonzero(~there).tolist():
+        reason = (
+            f"the load or own weight twists {', '.join(np.array(names)[unseen[b]])}, which the readings of "
+            "the run do not determine: the prediction is not valid"
+        )
+        answers[b] = cases.CaseResult.model_validate({"label": labels[b], "remarks": [reason], **numbers})
+    return [case for case in answers if case is not None]
 
 
 def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:

@@ -26,7 +26,7 @@ from jointstiff.solver.links.model import elastic_blocks
 from jointstiff.solver.predict.forward import LoadCases, greatest_deviation
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling import blocks_of_identified, fit_subsets
+from jointstiff.solver.resampling import fit_subsets, gram_blocks
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.triangle import whitened
 
@@ -149,7 +149,7 @@ def leave_postures_out(
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
-    blocks = blocks_of_identified(robot, measurements, plain, estimate)
+    blocks = gram_blocks(robot, measurements, plain, estimate)
     fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)[0]
     of_reading = posture[np.nonzero(measurements.present)[0]]
     left_out = np.isin(of_reading, groups)

@@ -20,14 +20,10 @@ _STEP = 1e-5
 """Half the step of the difference quotients of an axis [m and rad]."""
 
 
-def _turning(block: RegressorBlock) -> FloatArray:
-    return block.configurations.angular_jacobian.transpose(0, 2, 1)
-
-
 def _load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Move the load point by e along the flange's axes: it adds the moment e × F."""
     moment = -skew(block.measurements.force) @ block.configurations.flange_rotation
-    return by_torque(block, compliance, _turning(block) @ moment)
+    return by_torque(block, compliance, block.configurations.angular_jacobian.transpose(0, 2, 1) @ moment)
 
 
 def _force_scale(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -38,8 +34,9 @@ def _force_scale(block: RegressorBlock, compliance: FloatArray) -> Motion:
 def _force_direction(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Turn all forces and moments about the axes of R0: φ × F, φ × M."""
     part = block.measurements
-    torque = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
-    return by_torque(block, compliance, torque + _turning(block) @ -skew(part.moment))
+    by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
+    by_moment = block.configurations.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
+    return by_torque(block, compliance, by_force + by_moment)
 
 
 def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:

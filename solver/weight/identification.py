@@ -264,20 +264,6 @@ def identified_weight(
     return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
 
 
-@dataclass(frozen=True)
-class WeightedJoint:
-    """Result for one joint, with what its interval is due to."""
-
-    joint: JointCompliance  #: compliance, interval, status
-    #: width of the interval that exact masses would leave, over its width; None without an interval
-    share_of_readings: float | None = None
-
-    @property
-    def share_of_masses(self) -> float | None:
-        """Return the rest of the width, which better masses would take away."""
-        return None if self.share_of_readings is None else 1.0 - self.share_of_readings
-
-
 def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None) -> Iterator[Finding]:
     """Yield the reasons against the result: residuals beyond sigma, and masses that the readings contradict.
 
@@ -316,8 +302,10 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
         )
 
 
-def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[WeightedJoint, ...]:
-    """Return the joints with their intervals.
+def joints_of(
+    robot: Robot, fit: WeightFit, sigma: float, rise: float
+) -> tuple[tuple[JointCompliance, ...], FloatArray]:
+    """Return the joints with intervals, and shares (n,) of their widths that exact masses would leave.
 
     Args:
         robot: n joints.
@@ -328,14 +316,14 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
     problem = fit.reduced
     intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
-    joints = []
+    joints, shares = [], np.full(robot.n, np.nan)
     for name, torque in zip(robot.joint_names, fit.rows.torques.known.T, strict=True):
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
             f"N·m), so its sag looks like an offset of {name}'s angle: hang a known payload off its axis, or "
             "pull across it with a known force; a vertical axis carries no weight at all"
         )
-        joints.append(WeightedJoint(JointCompliance(name, "not_observable", reason=reason)))
+        joints.append(JointCompliance(name, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
         if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
@@ -343,30 +331,29 @@ def joints_of(robot: Robot, fit: WeightFit, sigma: float, rise: float) -> tuple[
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
                 "which its weight torque differs, as a plan for own weight lists them, or hang on a payload"
             )
-            joints[j] = WeightedJoint(JointCompliance(name, "not_observable", reason=reason))
+            joints[j] = JointCompliance(name, "not_observable", reason=reason)
             continue
         c = float(fit.compliance[j])
-        share = min(1.0, 2.0 * float(exact[k]) / (high - low))
+        shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
         wide = f"the interval reaches from rigid to {high / max(c / unit, 1e-300):.2g} times the estimate"
-        joints[j] = WeightedJoint(
-            JointCompliance(
-                name,
-                "at_bound" if c == 0.0 else "identified" if low > 0.0 else "uncertain",
-                c,
-                float(0.5 * (high - low) * unit * sigma / np.sqrt(rise)),
-                (float(low * unit), float(high * unit)),
-                reason=None if low > 0.0 else f"{wide}: add postures, better masses or a known payload",
-            ),
-            share,
+        joints[j] = JointCompliance(
+            name,
+            "at_bound" if c == 0.0 else "identified" if low > 0.0 else "uncertain",
+            c,
+            float(0.5 * (high - low) * unit * sigma / np.sqrt(rise)),
+            (float(low * unit), float(high * unit)),
+            reason=None if low > 0.0 else f"{wide}: add postures, better masses or a known payload",
         )
-    return tuple(joints)
+    return tuple(joints), shares
 
 
 @dataclass(frozen=True, eq=False)
 class WeightEstimate:
     """Compliances from own weight, with their evidence."""
 
-    joints: tuple[WeightedJoint, ...]  #: one for each joint
+    joints: tuple[JointCompliance, ...]  #: one for each joint
+    #: (n,) width of the interval that exact masses would leave, over its width; NaN without an interval
+    shares: FloatArray
     fit: WeightFit  #: geometry, sag, and the last convex problem
     reasons: tuple[Finding, ...]  #: reasons against its use, if any
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
@@ -444,10 +431,10 @@ def identify_weight(
     noisy = poses.sigma is None or any(reason.code == "residuals_exceed_sigma" for reason in reasons)
     scale = factor if noisy else 1.0
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
-    joints = joints_of(robot, fit, scale, (scale * radius) ** 2)
-    statuses = [joint.joint.status for joint in joints]
+    joints, shares = joints_of(robot, fit, scale, (scale * radius) ** 2)
+    statuses = [joint.status for joint in joints]
     missing = unidentified(statuses, "read more postures, better masses or a known payload")
-    uncertainty = np.array([joint.joint.standard_uncertainty or 0.0 for joint in joints])
+    uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = Motion(fit.state, sagging).stages[0]
     # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
@@ -461,6 +448,7 @@ def identify_weight(
         largest = max(largest, float((change * fit.compliance).max()))
     return WeightEstimate(
         joints=joints,
+        shares=shares,
         fit=fit,
         reasons=(*reasons, *missing),
         sigma=scale * unit,

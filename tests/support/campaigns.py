@@ -19,10 +19,12 @@ from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.resampling import GramBlocks, gram_blocks, refuse_nonlinear
 from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
 from jointstiff.solver.robot.urdf import read_urdf
 
@@ -173,3 +175,11 @@ def held(joints: Iterable[Any], truth: Iterable[float]) -> list[bool]:
     """Whether the interval of each joint holds its true compliance."""
     pairs = zip(joints, truth, strict=True)
     return [j.compliance_interval[0] <= c <= j.compliance_interval[1] for j, c in pairs]
+
+
+def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
+    """Return the blocks of a method for resampling, after the identification of the full set."""
+    refuse_nonlinear(settings)
+    if not settings.complementary_stiffness:
+        settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
+    return gram_blocks(robot, measurements, settings, identify(robot, measurements, settings))

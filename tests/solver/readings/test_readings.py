@@ -12,6 +12,7 @@ from support.campaigns import (
     METHODS,
     SIGMA,
     assert_covariance,
+    blocks_of_set,
     covariance_by_moving,
     estimate,
     prepare,
@@ -34,7 +35,7 @@ from jointstiff.solver.readings.measurements import (
     Instrument,
     refuse_no_covariance,
 )
-from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.resampling import ResamplingPlan, resample
 
 ENCODER_SIGMA = 5e-6
 
@@ -146,7 +147,7 @@ def test_resampling_takes_the_encoders_along(method):
     robot, measurements = prepared(configurations=12, joints=(1, 2, 4))
     settings = settings_of(robot, method=method)
     plan = ResamplingPlan(size=8, repetitions=5, seed=2)
-    drawn = resample(gram_blocks(robot, measurements, settings), plan, Bounds.positive(6), 0, 5)
+    drawn = resample(blocks_of_set(robot, measurements, settings), plan, Bounds.positive(6), 0, 5)
     for rows, compliance in zip(plan.draw(12, 0, 5), drawn.compliance, strict=True):
         alone = estimate(robot, measurements[rows], method=method)
         np.testing.assert_allclose(compliance, alone.compliance, rtol=1e-7)
@@ -308,7 +309,7 @@ def test_gauges_join_targets_in_every_method(method):
 def test_resampling_takes_the_same_rows():
     document = tracked()
     blocks = [
-        gram_blocks(robot, measurements, settings_of(robot))
+        blocks_of_set(robot, measurements, settings_of(robot))
         for robot, measurements in (prepare(document), prepare(by_gauges(document, triads(20))))
     ]
     np.testing.assert_allclose(blocks[1].stages[0].gram, blocks[0].stages[0].gram, rtol=1e-9, atol=1e-12)

@@ -15,6 +15,7 @@ import pytest
 from support.campaigns import (
     METHODS,
     METHODS_AND_WEIGHTS,
+    blocks_of_set,
     prepare,
     settings_of,
     simulated,
@@ -39,7 +40,6 @@ from jointstiff.solver.resampling import (
     Resamples,
     ResamplingPlan,
     StageBlocks,
-    gram_blocks,
     resample,
     summarise,
 )
@@ -56,7 +56,7 @@ def noisy():
 
 @pytest.fixture(scope="module")
 def blocks(noisy):
-    return gram_blocks(*noisy, settings("partial_pose"))
+    return blocks_of_set(*noisy, settings("partial_pose"))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ class TestAgainstIdentify:
         """By the squares of the rows, and by the rows, to which all go if none is conditioned enough."""
         robot, measurements = noisy
         options = settings(method, weighting, bounds)
-        blocks = gram_blocks(robot, measurements, options)
+        blocks = blocks_of_set(robot, measurements, options)
         for plan in (ResamplingPlan(10, 8, 1), ResamplingPlan(19, 8, 2, replacement=True)):
             by_squares = resample(blocks, plan, bounds)
             with monkeypatch.context() as patch:
@@ -102,7 +102,7 @@ class TestAgainstIdentify:
         robot, measurements = noisy
         searched = Settings("complete_pose", "characteristic_length", POSITIVE)
         full = identify(robot, measurements, searched)
-        blocks = gram_blocks(robot, measurements, searched)
+        blocks = blocks_of_set(robot, measurements, searched)
         assert blocks.characteristic_length == full.characteristic_length
         plan = ResamplingPlan(10, 1, 0)
         given = replace(searched, characteristic_length=full.characteristic_length)
@@ -119,7 +119,7 @@ class TestAgainstIdentify:
             present[::2, 1] = False
             measurements = with_targets(measurements, present)
         plan, options = ResamplingPlan(10, 5, 3), settings(method)
-        found = resample(gram_blocks(robot, measurements, options), plan, POSITIVE)
+        found = resample(blocks_of_set(robot, measurements, options), plan, POSITIVE)
         assert found.undetermined[:, 0].all()
         for k, drawn in enumerate(plan.draw(len(measurements), 0, 5)):
             expected = identify(robot, measurements[drawn], options)
@@ -133,7 +133,7 @@ class TestUndetermined:
     def test_a_joint_that_a_draw_never_twists(self, rarely_twisted, method):
         robot, measurements = rarely_twisted
         plan, options = ResamplingPlan(6, 60, 0), settings(method)
-        found = resample(gram_blocks(robot, measurements, options), plan, POSITIVE)
+        found = resample(blocks_of_set(robot, measurements, options), plan, POSITIVE)
         drawn = plan.draw(19, 0, 60)
         unseen = (drawn >= 3).all(axis=1)
         assert 5 < unseen.sum() < 55
@@ -148,8 +148,8 @@ class TestUndetermined:
     def test_joints_that_show_only_together(self, noisy):
         """Two joints on one axis: no draw tells them apart, and the others keep their numbers."""
         plan, options = ResamplingPlan(10, 20, 0), settings("partial_pose")
-        found = resample(gram_blocks(*twins(*noisy), options), plan, Bounds.positive(7))
-        expected = resample(gram_blocks(*noisy, options), plan, POSITIVE)
+        found = resample(blocks_of_set(*twins(*noisy), options), plan, Bounds.positive(7))
+        expected = resample(blocks_of_set(*noisy, options), plan, POSITIVE)
         assert found.undetermined[:, :2].all()
         assert np.isnan(found.compensation).all()
         np.testing.assert_allclose(found.compliance[:, 2:], expected.compliance[:, 1:], rtol=1e-8)
@@ -157,7 +157,7 @@ class TestUndetermined:
     def test_fewer_readings_than_joints(self, noisy):
         robot, measurements = noisy
         one = replace(measurements, present=np.arange(3) == np.zeros((19, 1)))
-        found = resample(gram_blocks(robot, one, settings("partial_pose")), ResamplingPlan(1, 10, 0), FREE)
+        found = resample(blocks_of_set(robot, one, settings("partial_pose")), ResamplingPlan(1, 10, 0), FREE)
         assert found.undetermined.all()
         assert (found.active == 0).all()
 
@@ -219,10 +219,10 @@ class TestPlan:
         robot, measurements = noisy
         few = replace(measurements, present=np.arange(3) < np.full((19, 1), 2))
         with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
-            gram_blocks(robot, few, settings("complete_pose"))
+            blocks_of_set(robot, few, settings("complete_pose"))
         nothing = replace(measurements, force=np.zeros((19, 3)))
         with pytest.raises(NotObservableError, match="never twists"):
-            gram_blocks(robot, nothing, settings("partial_pose"))
+            blocks_of_set(robot, nothing, settings("partial_pose"))
 
     @pytest.mark.parametrize(
         ("options", "reason"),
@@ -234,7 +234,7 @@ class TestPlan:
     )
     def test_refuses_what_is_not_linear_or_not_of_the_readings(self, noisy, options, reason):
         with pytest.raises(UnsupportedMethodError, match=reason):
-            gram_blocks(*noisy, settings_of(noisy[0], **options))
+            blocks_of_set(*noisy, settings_of(noisy[0], **options))
 
 
 class TestSameNumbers:
@@ -242,7 +242,7 @@ class TestSameNumbers:
     @pytest.mark.parametrize("replacement", [False, True])
     def test_whatever_the_chunks(self, rarely_twisted, monkeypatch, method, replacement):
         """To the last bit, those that go back to the rows included."""
-        blocks = gram_blocks(*rarely_twisted, settings(method))
+        blocks = blocks_of_set(*rarely_twisted, settings(method))
         plan = ResamplingPlan(7, 50, 9, replacement=replacement)
         whole = resample(blocks, plan, POSITIVE)
         assert whole.undetermined.any()
@@ -310,7 +310,7 @@ class TestSummary:
 def test_fanuc_ten_of_thirty():
     """Issue 4: 10 to 14 % of unconstrained fits have a negative stiffness, constrained ones none."""
     robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
-    blocks = gram_blocks(robot, measurements, settings("partial_pose"))
+    blocks = blocks_of_set(robot, measurements, settings("partial_pose"))
     plan = ResamplingPlan(10, 2000, 2017)
     draws = (resample(blocks, plan, bounds) for bounds in (FREE, POSITIVE))
     free, positive = (summarise(each, robot.joint_names) for each in draws)
@@ -321,7 +321,7 @@ def test_fanuc_ten_of_thirty():
 
 def digest():
     """Of the numbers of a plan, by both paths, for another process to compare."""
-    blocks = gram_blocks(*simulated(load="pull", configurations=500), settings("partial_pose"))
+    blocks = blocks_of_set(*simulated(load="pull", configurations=500), settings("partial_pose"))
     plan = ResamplingPlan(250, 100, 0)
     together = resample(blocks, plan, POSITIVE)
     solution.LEAST_EIGENVALUE = np.inf

@@ -13,6 +13,7 @@ from support.campaigns import (
     METHODS_AND_WEIGHTS,
     POINTS,
     SIGMA,
+    blocks_of_set,
     estimate,
     first_target,
     settings_of,
@@ -26,7 +27,7 @@ from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.evidence.estimate import predict
-from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.resampling import ResamplingPlan, resample
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.springs import NEGLECTED_STIFFNESS, complementary_stiffness
@@ -213,7 +214,7 @@ class TestReported:
 def test_resamples_find_the_springs(pulls, method, weighting):
     """Each draw of readings without noise finds the springs, with K_c at the whole set's compliances."""
     found, neglected = (
-        resample(gram_blocks(*pulls, settings), ResamplingPlan(10, 6, 1), settings.bounds)
+        resample(blocks_of_set(*pulls, settings), ResamplingPlan(10, 6, 1), settings.bounds)
         for settings in (
             settings_of(pulls[0], method=method, weighting=weighting, complementary_stiffness=choice)
             for choice in ("included", "neglected")
