@@ -14,7 +14,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
-from jointstiff.solver.fitting.fit import Fit, fit_method, scale_of
+from jointstiff.solver.fitting.fit import Fit, RobustFit, TargetRows, fit_huber, fit_method, scale_of
 from jointstiff.solver.fitting.method import (
     Method,
     MethodTriangles,
@@ -25,7 +25,6 @@ from jointstiff.solver.fitting.method import (
     spherical_wrist,
 )
 from jointstiff.solver.fitting.observability import Excitation, Observability
-from jointstiff.solver.fitting.robust import RobustFit, TargetRows, fit_huber
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import keep_for, regressor_blocks

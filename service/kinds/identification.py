@@ -40,9 +40,8 @@ from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict, predict_encoders
-from jointstiff.solver.fitting.fit import Likelihood, sigma_test
+from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, Likelihood, sigma_test
 from jointstiff.solver.fitting.method import Prior, Settings
-from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.links.choice import (
     WEIGHTS,
     FoldFit,

@@ -32,8 +32,7 @@ from jointstiff.schemas.comparison import (
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.estimate import predict, stiffness_of
-from jointstiff.solver.evidence.intervals import profile_ends
+from jointstiff.solver.evidence.estimate import predict, profile_ends, stiffness_of
 from jointstiff.solver.fitting.fit import Likelihood, StageFit, rows_of
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations

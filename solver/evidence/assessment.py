@@ -220,18 +220,6 @@ _UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
 """Words for alternatives: what is undone, and what to check."""
 
 
-def _reason(
-    code: FindingCode,
-    weight: Verdict,
-    message: str,
-    remedy: str,
-    *,
-    action: Action | None = None,
-    where: str | None = None,
-) -> Finding:
-    return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy, action=action)
-
-
 def alternative_reason(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
     """Report the mistake that would explain the readings far better: what to check, what to do at a click."""
     alternative = better.alternative
@@ -257,13 +245,13 @@ def alternative_reason(robot: Robot, measurements: Measurements, better: BetterA
             off = robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
             offset = offset + 2.0 * np.pi * np.round(np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi))
         action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
-    return _reason(
-        "alternative_explains_better",
-        "do_not_use",
-        f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use",
+        message=f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
         f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
         f"{100 * better.ratio:.2g} %",
-        remedy,
+        remedy=remedy,
         action=action,
     )
 
@@ -301,12 +289,12 @@ def load_mistake_reason(mistake: LoadMistake, estimate: Estimate) -> Finding:
         held = np.linalg.norm(np.hstack(sources)[known], axis=1)
         harmful &= change * estimate.compliance[known] > COVERED * held
     beside = "" if mistake.proved else ", but links may bend beside it"
-    return _reason(
-        "alternative_explains_better",
-        "do_not_use" if mistake.proved and harmful.any() else "use_with_care",
-        f"{what}, the joints explain the readings better than chance allows (F test, p = "
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use" if mistake.proved and harmful.any() else "use_with_care",
+        message=f"{what}, the joints explain the readings better than chance allows (F test, p = "
         f"{mistake.p_value:.1g}){beside}; a compliance changes by {100 * change.max(initial=0.0):.2g} %",
-        remedy,
+        remedy=remedy,
         action=action,
     )
 
@@ -344,12 +332,12 @@ def reading_reasons(
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
     if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
-        yield _reason(
-            "deflections_below_noise",
-            "use_with_care",
-            f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
+        yield Finding(
+            code="deflections_below_noise",
+            weight="use_with_care",
+            message=f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
             f"{length_text(noise)}: these readings give only lower limits of the stiffnesses",
-            "increase the load; check that the loaded readings were taken with the load applied, and "
+            remedy="increase the load; check that the loaded readings were taken with the load applied, and "
             "check the stated noise",
         )
 
@@ -365,11 +353,11 @@ def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Findin
     apart = np.where((part.coordinates == 3).any(axis=0), apart, np.inf).max(axis=0)
     t = int(apart.argmin())
     if apart[t] <= SAME_PLACE:
-        yield _reason(
-            "load_at_target",
-            "use_with_care",
-            f"the load point coincides with target {t + 1}, a reflector",
-            "check the load point in the flange frame",
+        yield Finding(
+            code="load_at_target",
+            weight="use_with_care",
+            message=f"the load point coincides with target {t + 1}, a reflector",
+            remedy="check the load point in the flange frame",
             action=Action.of("exchange_load_and_target", target=measurements.targets[t]),
         )
 
@@ -391,13 +379,13 @@ def _outlying(
         return
     count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
     if count >= FEW * len(measurements):
-        yield _reason(
-            "deflection_unexplained",
-            "use_with_care",
-            f"{count} of {len(measurements)} observations disagree with the joint springs that fit the "
-            "others: too many for single wrong readings, so something besides the joints bends, or "
+        yield Finding(
+            code="deflection_unexplained",
+            weight="use_with_care",
+            message=f"{count} of {len(measurements)} observations disagree with the joint springs that fit "
+            "the others: too many for single wrong readings, so something besides the joints bends, or "
             "angles or loads are wrong",
-            "check these postures; if their readings are right, try elasticity joints_and_links",
+            remedy="check these postures; if their readings are right, try elasticity joints_and_links",
             action=Action.of("show_posture", observations),
         )
     elif settings.loss != "huber":
@@ -459,13 +447,13 @@ def fit_reasons(
         if len(postures) >= _LEAST_POSTURES:
             break
     else:
-        yield _reason(
-            "few_postures",
-            "use_with_care",
-            f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses were "
-            "not tested in others",
-            f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° or "
-            "more",
+        yield Finding(
+            code="few_postures",
+            weight="use_with_care",
+            message=f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses "
+            "were not tested in others",
+            remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
+            "or more",
         )
     yield from _residuals(measurements, estimate, joints_alone=prediction.contributions is not None)
     if not explained:
@@ -479,12 +467,12 @@ def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = N
     if "identified" in statuses:
         return
     counts = Counter(status.replace("_", " ") for status in statuses)
-    yield _reason(
-        "no_joint_identified",
-        "do_not_use",
-        "the readings identify no joint: "
+    yield Finding(
+        code="no_joint_identified",
+        weight="do_not_use",
+        message="the readings identify no joint: "
         + ", ".join(f"{count} {status}" for status, count in counts.items()),
-        remedy,
+        remedy=remedy,
         action=action,
     )
 
@@ -502,27 +490,28 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding
     if free < _LEAST_FREEDOM:
         known = estimate.sigma_given
         left = "its uncertainty comes from the stated noise only" if known else "the uncertainty is unknown"
-        yield _reason(
-            "no_residual_freedom",
-            "use_with_care" if known else "do_not_use",
-            f"there are as many parameters as readings, so the fit is exact whatever was measured: {left}",
-            "add observations: at least twice the present number",
+        yield Finding(
+            code="no_residual_freedom",
+            weight="use_with_care" if known else "do_not_use",
+            message="there are as many parameters as readings, so the fit is exact whatever was measured: "
+            f"{left}",
+            remedy="add observations: at least twice the present number",
         )
     elif sigma is not None and sigma < LEAST_SIGMA:
-        yield _reason(
-            "residuals_vanish",
-            "use_with_care",
-            f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no tracker "
-            "reaches: these readings are computed, not measured, and the uncertainties are meaningless",
-            "state `noise` from the tracker's data sheet",
+        yield Finding(
+            code="residuals_vanish",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no "
+            "tracker reaches: these readings are computed, not measured, and the uncertainties are meaningless",
+            remedy="state `noise` from the tracker's data sheet",
         )
     elif sigma is not None and sigma > LARGEST_SIGMA:
-        yield _reason(
-            "sigma_implausible",
-            "use_with_care",
-            f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+        yield Finding(
+            code="sigma_implausible",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
             "reading; laser trackers have 10 to 40 µm, so most of it is what the model leaves unexplained",
-            "state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
+            remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
             "whether links bend",
         )
 
@@ -531,13 +520,13 @@ def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[F
     """Report a stated noise that the residuals refuted: a sigma [m] from them hides what the model lacks."""
     refuted = measurements.refuted_sigma
     if refuted is not None and sigma is not None:
-        yield _reason(
-            "residuals_exceed_sigma",
-            "use_with_care",
-            f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
             f"reading, {sigma / refuted:.3g} times the {length_text(refuted)} that were stated and "
             "that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
-            _CHECK_NOISE,
+            remedy=_CHECK_NOISE,
         )
 
 
@@ -550,23 +539,24 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
         return
     if test.verdict == "residuals_too_small":
         chance = "p < 0.001" if test.p_value < 0.001 else f"p = {test.p_value:.1g}"
-        yield _reason(
-            "sigma_overstated",
-            "use",
-            f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
+        yield Finding(
+            code="sigma_overstated",
+            weight="use",
+            message=f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
             f"{chance}), so the uncertainties are too large",
-            "check `noise` and `units.length`; omit `noise` so that sigma is estimated from the residuals",
+            remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the "
+            "residuals",
         )
     else:
         weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
         if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
             weight = "use"  # chance, or the penalty of the links, may do it
-        yield _reason(
-            "residuals_exceed_sigma",
-            weight,
-            f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the uncertainties "
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight=weight,
+            message=f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the uncertainties "
             "are too small by the same factor",
-            _CHECK_NOISE,
+            remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )
 
@@ -578,12 +568,12 @@ def _unexplained(measurements: Measurements, estimate: Estimate, prediction: Pre
         return
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
-    yield _reason(
-        "deflection_unexplained",
-        "use" if noisy else weight,
-        f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
+    yield Finding(
+        code="deflection_unexplained",
+        weight="use" if noisy else weight,
+        message=f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
         "robots explain about 80 %",
-        "check the robot's model, the joint map, the frame and signs of the forces, and the units",
+        remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
         action=Action.of("show_posture", [measurements.labels[norm.argmax()]]),
     )
 
@@ -598,11 +588,11 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
                 if np.isinf(ratio)
                 else f"carries {ratio:.3g} times as much information as the readings"
             )
-            yield _reason(
-                "prior_dominates",
-                "use_with_care",
-                f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
-                "add loads and postures with more torque about its axis, or omit the prior to see what "
+            yield Finding(
+                code="prior_dominates",
+                weight="use_with_care",
+                message=f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
+                remedy="add loads and postures with more torque about its axis, or omit the prior to see what "
                 "was measured",
                 where=joint.name,
             )
@@ -624,12 +614,12 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
             )
         elif len(implausible) == len(identified):
             remedy = "check the units of force, length and moment: all joints are out of range"
-        yield _reason(
-            "stiffness_implausible",
-            "do_not_use",
-            f"the stiffness of {name} is {stiffness:.3g} N.m/rad; joints of industrial "
+        yield Finding(
+            code="stiffness_implausible",
+            weight="do_not_use",
+            message=f"the stiffness of {name} is {stiffness:.3g} N.m/rad; joints of industrial "
             f"robots have {least:.0e} to {greatest:.0e} N.m/rad",
-            remedy,
+            remedy=remedy,
             where=name,
         )
     if estimate.complementary_stiffness is not None:
@@ -639,19 +629,19 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
 def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
     """Report a K_c that was neglected, though it matters or was asked for."""
     if size.obstacle is not None:
-        yield _reason(
-            "complementary_stiffness_matters",
-            "use_with_care",
-            f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
-            "check the units of force and length",
+        yield Finding(
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message=f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
+            remedy="check the units of force and length",
         )
     elif not size.included and size.largest_shift is not None and size.largest_shift > LARGEST_SHIFT:
-        yield _reason(
-            "complementary_stiffness_matters",
-            "use_with_care",
-            "neglecting the complementary stiffness K_c biases a compliance by "
+        yield Finding(
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message="neglecting the complementary stiffness K_c biases a compliance by "
             f"{size.largest_shift:.2g} standard uncertainties",
-            "set complementary_stiffness: included",
+            remedy="set complementary_stiffness: included",
             action=Action.of("include_complementary_stiffness"),
         )
 
@@ -669,20 +659,20 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Find
         )
     if prediction.contributions is None:
         evidence = "" if gain is None else f"{bends}. "
-        yield _reason(
-            "links_bend_with_joints",
-            "use_with_care",
-            f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds the "
+        yield Finding(
+            code="links_bend_with_joints",
+            weight="use_with_care",
+            message=f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds the "
             "stated uncertainty. Predicted deflections are not affected",
-            "use the model to predict deflections; do not quote the stiffness of a single joint, as readings "
+            remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as readings "
             "under load cannot separate a joint from its link",
         )
     elif screening is not None and screening.lack_of_fit:
-        yield _reason(
-            "lack_of_fit",
-            "use_with_care",
-            bends,
-            "let the readings choose the model (elasticity automatic), or use these stiffnesses, of joints "
+        yield Finding(
+            code="lack_of_fit",
+            weight="use_with_care",
+            message=bends,
+            remedy="let the readings choose the model (elasticity automatic), or use these stiffnesses, of joints "
             "and links together, for postures and loads like these only",
             action=Action.of("choose_model") if gain is None and screening.comparable else None,
         )

@@ -40,7 +40,7 @@ from jointstiff.solver.convex.conic import (
 )
 from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD, MEDIAN_NORM
+from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of

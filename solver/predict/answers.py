@@ -143,10 +143,15 @@ def forward_model(
         )
     model: ForwardModel
     if stored.elastic is None:
+        likelihood = None
+        if stored.covariance:
+            seen = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
+            rows_given = None if stored.information_root is None else np.array(stored.information_root)
+            likelihood = Likelihood(seen, np.array(stored.estimate), np.array(stored.covariance), rows_given)
         model = JointModel(
             robot,
             np.array(stored.compliance),
-            _likelihood(robot, stored),
+            likelihood,
             Constraints(
                 Bounds(_limits(stored.lower, -np.inf), _limits(stored.upper, np.inf)), tuple(stored.order)
             ),
@@ -168,14 +173,6 @@ def forward_model(
             degrees_of_freedom=stored.degrees_of_freedom,
         )
     return model, error
-
-
-def _likelihood(robot: Robot, stored: stored_as.IdentifiedModel) -> Likelihood | None:
-    if not stored.covariance:
-        return None
-    joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
-    root = None if stored.information_root is None else np.array(stored.information_root)
-    return Likelihood(joints, np.array(stored.estimate), np.array(stored.covariance), root)
 
 
 def _limits(values: Sequence[float | None], limit: float) -> FloatArray:

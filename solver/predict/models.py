@@ -21,8 +21,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import diagonal, to_matrix
 from jointstiff.solver.convex.solution import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.evidence.intervals import profile_ends, range_on_box
+from jointstiff.solver.evidence.estimate import Estimate, profile_ends, range_on_box
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.links.fit import ElasticEstimate
@@ -36,7 +35,7 @@ from jointstiff.solver.predict.forward import (
 )
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector, skew
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.balance import Balance, balance, wrench_stiffness
+from jointstiff.solver.terms.block import Balance, balance, wrench_stiffness
 from jointstiff.solver.terms.springs import products
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])

@@ -19,8 +19,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import entries, weights
 from jointstiff.solver.robot.configuration import joint_frames, skew
-from jointstiff.solver.terms.balance import wrench_stiffness
-from jointstiff.solver.terms.block import Motion, RegressorBlock, Term
+from jointstiff.solver.terms.block import Motion, RegressorBlock, Term, wrench_stiffness
 
 
 def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear

@@ -15,8 +15,8 @@ from support.campaigns import METHODS, estimate, prepare
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.evidence import intervals as module
-from jointstiff.solver.evidence.intervals import profile_ends
+from jointstiff.solver.evidence import estimate as module
+from jointstiff.solver.evidence.estimate import profile_ends
 from jointstiff.solver.fitting.fit import Likelihood, rows_of
 from jointstiff.solver.terms.block import regressor_blocks
 

@@ -30,7 +30,7 @@ from support.springs import readings_of
 from jointstiff.simulator.equilibrium import torques
 from jointstiff.solver.design.results import to_robust_loss
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting import robust
+from jointstiff.solver.fitting import fit as robust
 from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.robot.model import ChainJoint, JointMap, KinematicChain, Robot
 

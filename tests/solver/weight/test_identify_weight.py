@@ -280,10 +280,7 @@ def test_positions_tell_the_sag_better_than_masses_and_compliances(uncertain_cen
     if not load:
         off = np.linalg.norm(found.displacement - truth, axis=1)
         assert np.median(off) < 0.03 * np.median(np.linalg.norm(truth, axis=1))
-        wide = (
-            np.ptp(uncertain_centres.joints[1].compliance_interval)
-            / uncertain_centres.fit.compliance[1]
-        )
+        wide = np.ptp(uncertain_centres.joints[1].compliance_interval) / uncertain_centres.fit.compliance[1]
         assert np.median(np.ptp(interval[:, 2], axis=1)) < 0.5 * wide * np.abs(truth[:, 2]).max()
 
 
