@@ -14,8 +14,7 @@ import numpy as np
 from benchmarks.campaigns import blocks_of_set
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.robot import DhModel
-from jointstiff.schemas.run import Campaign
-from jointstiff.schemas.run import ResamplingResult
+from jointstiff.schemas.run import Campaign, ResamplingResult
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
 from jointstiff.solver.convex.solution import Bounds

@@ -502,7 +502,8 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding
             code="residuals_vanish",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no "
-            "tracker reaches: these readings are computed, not measured, and the uncertainties are meaningless",
+            "tracker reaches: these readings are computed, not measured, and the uncertainties are "
+            "meaningless",
             remedy="state `noise` from the tracker's data sheet",
         )
     elif sigma is not None and sigma > LARGEST_SIGMA:
@@ -554,8 +555,8 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
         yield Finding(
             code="residuals_exceed_sigma",
             weight=weight,
-            message=f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the uncertainties "
-            "are too small by the same factor",
+            message=f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the "
+            "uncertainties are too small by the same factor",
             remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )
@@ -592,8 +593,8 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
                 code="prior_dominates",
                 weight="use_with_care",
                 message=f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
-                remedy="add loads and postures with more torque about its axis, or omit the prior to see what "
-                "was measured",
+                remedy="add loads and postures with more torque about its axis, or omit the prior to see "
+                "what was measured",
                 where=joint.name,
             )
     identified = {
@@ -662,17 +663,17 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Find
         yield Finding(
             code="links_bend_with_joints",
             weight="use_with_care",
-            message=f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds the "
-            "stated uncertainty. Predicted deflections are not affected",
-            remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as readings "
-            "under load cannot separate a joint from its link",
+            message=f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds "
+            "the stated uncertainty. Predicted deflections are not affected",
+            remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as "
+            "readings under load cannot separate a joint from its link",
         )
     elif screening is not None and screening.lack_of_fit:
         yield Finding(
             code="lack_of_fit",
             weight="use_with_care",
             message=bends,
-            remedy="let the readings choose the model (elasticity automatic), or use these stiffnesses, of joints "
-            "and links together, for postures and loads like these only",
+            remedy="let the readings choose the model (elasticity automatic), or use these stiffnesses, of "
+            "joints and links together, for postures and loads like these only",
             action=Action.of("choose_model") if gain is None and screening.comparable else None,
         )
