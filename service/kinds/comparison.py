@@ -150,9 +150,9 @@ def _percent(share: DeflectionShare) -> str:
 def _method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return the joints by method, what each fit explains, and the words of both."""
     unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
-    alike = not view.details and drawn is None and _constraints_change_nothing(entries)
-    shown = [entry for entry in entries if not entry.positive] if alike else entries
     cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
+    alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
+    shown = [entry for entry in entries if not entry.positive] if alike else entries
     title = f"{unit.quantity.capitalize()} in {unit.label}"
     if drawn is not None:
         title += (
@@ -165,11 +165,11 @@ def _method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     return [*parts, _fits_table(shown)]
 
 
-def _constraints_change_nothing(entries: Sequence[ComparedRun]) -> bool:
-    """Return whether each fit has the same numbers unconstrained and constrained."""
-    by_constraint: dict[bool, dict[tuple[str, str], list[dict[str, Any]]]] = {False: {}, True: {}}
+def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> bool:
+    """Return whether each fit is shown with the same numbers unconstrained and constrained."""
+    by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
     for entry in entries:
-        numbers = [joint.model_dump() for joint in entry.joints]
+        numbers = [str(cell(entry, j)) for j in range(len(entry.joints))]
         by_constraint[entry.positive][entry.side, _short(entry)] = numbers
     return by_constraint[False] == by_constraint[True]
 

@@ -101,7 +101,7 @@ def test_every_filter_is_a_field_of_the_summary(kind):
 
 
 def test_the_api_is_small(openapi):
-    assert sum(map(len, openapi["paths"].values())) <= 55 + 3  # as long as pairs are a kind
+    assert sum(map(len, openapi["paths"].values())) <= 55
 
 
 def test_what_all_jobs_share_is_described_once(openapi):
