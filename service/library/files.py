@@ -17,7 +17,6 @@ from jointstiff.schemas.plan import Plan, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.importing.grid import file_type
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -102,6 +101,8 @@ def _instead(message: type[BaseModel], content: bytes, error: MalformedError) ->
     if error.keys is NOT_JSON:
         if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             return http_problem(422, "the file is a text in UTF-16, not a JSON document", "save it as UTF-8")
+        from jointstiff.service.importing.grid import file_type  # with its messages, for such a file only
+
         kind = file_type(content)
         if kind is not None:
             return http_problem(422, f"the file is {kind}, not a JSON document", tables)

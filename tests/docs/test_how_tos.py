@@ -13,6 +13,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import pytest
@@ -47,8 +48,8 @@ BEFORE = {
 }
 """Commands that bring the folder to where a guide begins."""
 
-PLACEHOLDER = '"measurement_set_id": "…"'
-"""What a guide writes for the id of a stored set."""
+PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…", "…"]'}
+"""What a guide writes for the ids of stored sets and runs."""
 
 NOT_RUN = {
     "scripts/run ": "sets an environment up; test_demo.py runs its program, jointstiff demo",
@@ -110,26 +111,22 @@ def parts_of(text: str) -> list[list[str]]:
     return parts
 
 
-def runnable(text: str, url: str, ids: list[str]) -> str:
+def runnable(text: str, url: str, runs: list[dict[str, Any]]) -> str:
     """Return a block with this service's address and ids, without the lines that are not run."""
     lines = [line for line in text.splitlines() if not line.startswith(tuple(NOT_RUN))]
     text = "\n".join(lines)
     for address in ("http://127.0.0.1:8000", "http://localhost:8000", "localhost:8000"):
         text = text.replace(address, url)
-    for identifier in ids:
-        text = text.replace(PLACEHOLDER, f'"measurement_set_id": "{identifier}"', 1)
-    return text
+    for run in runs:
+        set_id = run["request"]["measurement_set_id"]
+        text = text.replace(PLACEHOLDERS["set"], f'"measurement_set_id": "{set_id}"', 1)
+    return text.replace(PLACEHOLDERS["run"], f'"run_ids": {json.dumps([run["id"] for run in runs])}')
 
 
-def post_sets(folder: Path, url: str) -> list[str]:
-    ids = []
+def post_campaigns(folder: Path, url: str) -> list[dict[str, Any]]:
     with httpx2.Client(base_url=url, timeout=60.0) as client:
-        for name in ("motor", "secondary"):
-            campaign = json.loads((folder / f"{name}.json").read_text())
-            robot = post(client, "/v1/robots", campaign["robot"])["id"]
-            readings = campaign["measurement_set"] | {"robot_id": robot}
-            ids.append(post(client, "/v1/measurement-sets", readings)["id"])
-    return ids
+        documents = [json.loads((folder / f"{name}.json").read_text()) for name in ("motor", "secondary")]
+        return [post(client, "/v1/campaigns", document) for document in documents]
 
 
 @pytest.mark.timeout(1200)  # each command is a process of its own
@@ -137,12 +134,12 @@ def post_sets(folder: Path, url: str) -> list[str]:
 def test_commands_and_code_of_a_guide_work(guide, folder, service):
     blocks = blocks_of(guide)
     assert blocks, "a guide without commands needs no test"
-    needs_ids = any(PLACEHOLDER in text for _, text in blocks)
-    ids = post_sets(folder, service.url) if needs_ids else []
+    needs_ids = any(each in text for _, text in blocks for each in PLACEHOLDERS.values())
+    runs = post_campaigns(folder, service.url) if needs_ids else []
     if guide in BEFORE:
         run("sh", BEFORE[guide], folder, service.url)
     for language, text in blocks:
-        run(language, runnable(text, service.url, ids), folder, service.url)
+        run(language, runnable(text, service.url, runs), folder, service.url)
 
 
 def test_lines_that_are_not_run_are_still_there():
