@@ -13,9 +13,9 @@ import numpy as np
 
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.interpreter import Dialect, Machine
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Program, Source
-from jointstiff.service.programs.reader import Reader
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 """All files of a program together."""
@@ -27,7 +27,8 @@ MARK: Final = "Jointstiff run "
 
 
 class _Format(NamedTuple):
-    read: Callable[[Reader], None]
+    read: Callable[[Machine, tuple[Source, ...]], None]
+    dialect: Dialect
     suffixes: str
     pose: Notation | None  # in which its users write frames; None for that of the program
     comment: str = "#"
@@ -36,19 +37,21 @@ class _Format(NamedTuple):
 
 FORMATS: Final[Mapping[str, _Format]] = MappingProxyType(
     {
-        "csv": _Format(table.read_table, ".csv", None),
+        "csv": _Format(table.read_table, table.DIALECT, ".csv", None),
         "krl": _Format(
-            krl.read_krl, ".src .dat", krl.POSE, ";", r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)"
+            krl.read_krl, krl.DIALECT, ".src .dat", krl.POSE, ";", r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)"
         ),
-        "fanuc": _Format(fanuc.read_fanuc, ".ls", fanuc.POSE, "    :  !", "/MN"),
-        "rapid": _Format(rapid.read_rapid, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"),
-        "ur": _Format(ur.read_ur, ".script .urscript", ur.POSE),
+        "fanuc": _Format(fanuc.read_fanuc, fanuc.DIALECT, ".ls", fanuc.POSE, "    :  !", "/MN"),
+        "rapid": _Format(
+            rapid.read_rapid, rapid.DIALECT, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"
+        ),
+        "ur": _Format(ur.read_ur, ur.DIALECT, ".script .urscript", ur.POSE),
     }
 )
 
 
 def read_program(
-    files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = ()
+    files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = (), *, leave_others: bool = False
 ) -> Program:
     """Read a program.
 
@@ -74,9 +77,12 @@ def read_program(
         _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
     sources = tuple(_source(name, content) for name, content in ordered)
-    reader = Reader(chosen, sources, frozenset(name.upper() for name in leave_alone))
-    FORMATS[chosen].read(reader)
-    return reader.program()
+    machine = Machine(chosen, sources, FORMATS[chosen].dialect, leave_alone)
+    FORMATS[chosen].read(machine, sources)
+    program = machine.program()
+    if program.faults and not leave_others:
+        raise ProgramError(program.faults, left=program.left)
+    return program
 
 
 def _source(name: str, content: bytes) -> Source:

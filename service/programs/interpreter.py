@@ -1,0 +1,603 @@
+"""The one interpreter: constants propagated over the control flow of a program in the intermediate language.
+
+A state holds what names have on every way to a statement: numbers in the text, a name, or why it is not known.
+Where ways meet, what differs is not known; loops and calls run to a fixed point.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict, deque
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Final, NamedTuple, NoReturn, TypeAlias
+
+import numpy as np
+
+from jointstiff.service.programs.columns import CONSTANT, MAX_VALUE, Cause, Columns, Frames, Given
+from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.language import (
+    Assign,
+    Call,
+    Copy,
+    Flow,
+    Havoc,
+    Keep,
+    Lexicon,
+    Line,
+    Misread,
+    Move,
+    Name,
+    Named,
+    Op,
+    Use,
+    Value,
+)
+from jointstiff.service.programs.notation import Notation
+from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.program import FrameName, Literal, Program, Source
+from jointstiff.solver.arrays import FloatArray, IndexArray
+
+_ROUTINES: Final = {"routine", "aside"}
+_MAX_SHAPES: Final = 10_000
+"""Shapes of statements that are remembered."""
+_MAX_STATEMENT: Final = 16_384
+_MAX_WORK: Final = 20_000_000
+"""Names in states that are joined or copied: beyond it, a program is not one that people wrote."""
+UNKNOWN: Final = "\0everything"
+"""Name that has a cause behind an unknown call: nothing that it may have changed is known then."""
+
+
+Held: TypeAlias = Given | Cause | str
+"""What a name has; its own or another's name where only that is known."""
+State: TypeAlias = dict[str, tuple[Held, int]]
+"""What names have, and the line that gave it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Place of a statement, and the numbers of its file."""
+
+    source: int
+    line: int
+    first: int
+    values: FloatArray
+
+    def cause(self, reason: str, remedy: str) -> Cause:
+        """Return a cause here; the reason may quote numbers by their ordinals."""
+        told = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
+        return Cause(self.line, told, remedy, self.source)
+
+    def name(self, name: Name) -> str:
+        """Return a name with its number."""
+        if isinstance(name, str):
+            return name
+        value = float(self.values[self.first + name[1]])
+        return name[0] % (f"{value:g}" if value.is_integer() else "\0")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """Facts of a controller that the interpreter needs."""
+
+    lexicon: Lexicon
+    translate: Callable[[Line], Iterable[tuple[int, Op]]]  # what is done, and how many lines below the begin
+    active: Mapping[str, str] = field(default_factory=dict)  # frames that are active, and their names
+    constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
+    is_frame: Callable[[str], bool] = lambda _: False  # names of frames that have numbers elsewhere
+    callers: bool = False  # whether other programs may call each of the routines
+    remedy: str = CONSTANT  # what to do where a target is not understood
+
+
+@dataclass(slots=True, eq=False)
+class _Block:
+    """Statements that are carried out one after the other, and where the program goes on."""
+
+    routine: str
+    ops: list[int] = field(default_factory=list)  # indices of what is done
+    effects: list[int] = field(default_factory=list)  # those of them that change a state
+    following: list[_Block] = field(default_factory=list)
+    called: str = ""  # routine of the program that is called behind them
+    state: State | None = None  # joined from all ways that lead here
+
+
+class _Nest(NamedTuple):
+    """A branch or a loop that is open."""
+
+    kind: str
+    head: _Block
+    behind: _Block
+    line: int
+    outer: int  # routines that are open around it
+
+
+class Machine:
+    """A program in the intermediate language, and its interpretation."""
+
+    def __init__(
+        self, kind: str, sources: tuple[Source, ...], dialect: Dialect, allowed: Collection[str] = ()
+    ) -> None:
+        """Begin with nothing; the user says that no `allowed` routine moves the robot or changes frames."""
+        self.sources, self._dialect = sources, dialect
+        self._allowed = frozenset(each.upper() for each in allowed)
+        self.numerals = [Numerals.of(source.text, dialect.lexicon.number) for source in sources]
+        self.columns = Columns(kind, sources, self.numerals)
+        self._places: list[tuple[int, int, int]] = []  # source, line and first number of each op
+        self._ops: list[Op] = []
+        self.initial: dict[str, Held] = {}  # what names have before the program runs
+        self.steady: set[str] = set()  # those that no other program changes
+        self._givers: dict[str, list[int]] = defaultdict(list)  # lines that give a name a value
+        self._changed: dict[str, Cause] = {}  # names that get what is not known
+        self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
+        self._causes: list[Cause] = []  # whatever is not understood
+        self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
+        self._blocks: list[_Block] = []
+        self._entry: dict[str, _Block] = {}
+        self._exit: dict[str, _Block] = {}
+        self._aside: set[str] = set()  # routines that may run at any time
+        self._callers: dict[str, list[_Block]] = defaultdict(list)
+        self._changes: dict[str, dict[str, Cause]] = defaultdict(dict)  # what a routine may change
+        self._poses: dict[tuple[int, int], FloatArray | None] = {}
+        self._work = 0
+        self._shared: dict[int, str] = {}  # files that other programs use, too, and what to say of their targets
+        self.written: dict[str, str] = {}  # names of frames as the program writes them
+
+    # reading
+
+    def refuse(self, line: int | None, reason: str, remedy: str, source: int = 0) -> NoReturn:
+        """Refuse the whole program, whose text is not understood."""
+        raise ProgramError([Fault(self.sources[source].name, line, reason, remedy)])
+
+    def add(
+        self,
+        source: int,
+        starts: IndexArray,
+        ends: IndexArray,
+        *,
+        declares: str = "",
+        lexicon: Lexicon | None = None,
+        translate: Callable[[Line], Iterable[tuple[int, Op]]] | None = None,
+    ) -> None:
+        """Translate parts of a file; what a file of declarations assigns, names have from the beginning."""
+        lexicon, translate = lexicon or self._dialect.lexicon, translate or self._dialect.translate
+        numerals = self.numerals[source]
+        lines = np.searchsorted(self.sources[source].starts, starts, side="right")
+        shapes, first = numerals.shapes(starts, ends)
+        known: dict[str, list[tuple[int, Op]]] = {}
+        if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
+            reason = f"a statement of more than {_MAX_STATEMENT} characters"
+            self.refuse(int(lines[long[0]]), reason, "split it", source)
+        for shape, line, number in zip(shapes, lines.tolist(), first.tolist(), strict=True):
+            ops = known.get(shape)
+            if ops is None:
+                try:
+                    ops = list(translate(lexicon.line(shape)))
+                except Misread as fault:
+                    self.refuse(line, fault.reason, fault.remedy, source)
+                if len(known) < _MAX_SHAPES:
+                    known[shape] = ops
+            for below, op in ops:
+                if isinstance(op, Assign) and (declares or op.declares):
+                    self._declare(Place(source, line + below, number, numerals.values), op, op.declares or declares)
+                elif not declares:
+                    self._places.append((source, line + below, number))
+                    self._ops.append(op)
+
+    def shared(self, source: int, reason: str) -> None:
+        """Leave the targets of a file."""
+        self._shared[source] = reason
+
+    def _declare(self, place: Place, op: Assign, kind: str) -> None:
+        name = place.name(op.name)
+        held = self._value(place, name, op.value, {})
+        if self.initial.setdefault(name, held) != held:
+            self.initial[name] = Cause(place.line, f"{name} is declared twice", CONSTANT, place.source)
+        if kind == "constant":
+            self.steady.add(name)
+
+    def _place(self, i: int) -> Place:
+        source, line, first = self._places[i]
+        return Place(source, line, first, self.numerals[source].values)
+
+    # control flow: ways that are not taken do no harm, missing ones would
+
+    def _divide(self) -> None:
+        """Divide what is done into blocks."""
+        routines = [(i, op) for i, op in enumerate(self._ops) if isinstance(op, Flow) and op.kind in _ROUTINES]
+        for i, op in routines:
+            if op.name in self._entry:
+                self._stop(i, f"the routine {shown(str(op.name))} is defined twice", "send one program")
+            self._routine(str(op.name) or f"handler {i}", aside=op.kind == "aside")
+        block, nests, outer = self._routine(""), list[_Nest](), list[_Block]()
+        labels: dict[tuple[str, str], _Block] = {}
+        jumps: list[tuple[int, _Block]] = []
+        for i, op in enumerate(self._ops):
+            if isinstance(op, Call) and op.name in self._entry and not op.attached:
+                block.called = str(op.name)
+                self._callers[block.called].append(block)
+                block = self._after(block)
+            elif isinstance(op, Call) and op.quiet and op.name not in self._entry:
+                continue
+            elif not isinstance(op, Flow):
+                block.ops.append(i)
+                if not isinstance(op, Move | Use | Keep):
+                    block.effects.append(i)
+            elif op.kind in _ROUTINES:
+                outer.append(block)
+                block = self._entry[str(op.name) or f"handler {i}"]
+            elif op.kind in {"if", "loop", "repeat"}:
+                head = self._after(block)
+                behind = _Block(block.routine)
+                self._blocks.append(behind)
+                nests.append(_Nest(op.kind, head, behind, i, len(outer)))
+                block = self._after(head)
+            elif op.kind == "label":
+                block = labels[block.routine, self._place(i).name(op.name)] = self._after(block)
+            elif op.kind in {"jump", "return", "leave"}:
+                loops = [each for each in nests if each.kind != "if" and each.outer == len(outer)]
+                if op.kind == "jump":
+                    jumps.append((i, block))
+                else:
+                    inner = op.kind == "leave" and loops[-1:]
+                    block.following += [inner[0].behind, inner[0].head] if inner else [self._exit[block.routine]]
+                block = self._after(block)
+            elif op.kind in {"end", "any"} and outer and not (nests and nests[-1].outer == len(outer)):
+                block.following.append(self._exit[block.routine])
+                block = outer.pop()
+            elif op.kind in {"turn", "default", "close", "any"} and nests and nests[-1].outer == len(outer):
+                nest = nests[-1]
+                block.following.append(nest.behind)
+                if op.kind in {"turn", "default"}:
+                    nests[-1] = nest._replace(kind="whole") if op.kind == "default" else nest
+                    block = self._after(nest.head)
+                    continue
+                if nest.kind in {"loop", "repeat"}:
+                    block.following.append(nest.head)
+                if nest.kind in {"loop", "if"}:
+                    nest.head.following.append(nest.behind)
+                block = nests.pop().behind
+            else:
+                self._stop(i, "here ends what does not begin", "write both ends of branches, loops and routines")
+        if nests:
+            self._stop(nests[-1].line, "a branch or a loop has no end", "write its end")
+        for each in (block, *outer):
+            each.following.append(self._exit[each.routine])
+        for i, block in jumps:
+            name = self._place(i).name(self._ops[i].name)  # type: ignore[union-attr]
+            own = {label: each for (routine, label), each in labels.items() if routine == block.routine}
+            if not own:
+                self._stop(i, f"a jump to {shown(name)}, which is nowhere", "write the label")
+            block.following += [own[name]] if name in own else own.values()
+
+    def _stop(self, i: int, reason: str, remedy: str) -> NoReturn:
+        self.refuse(self._places[i][1], reason, remedy, self._places[i][0])
+
+    def _routine(self, name: str, *, aside: bool = False) -> _Block:
+        self._entry[name], self._exit[name] = _Block(name), _Block(name)
+        self._blocks += [self._entry[name], self._exit[name]]
+        self._aside |= {name} if aside else set()
+        return self._entry[name]
+
+    def _after(self, block: _Block) -> _Block:
+        new = _Block(block.routine)
+        self._blocks.append(new)
+        block.following.append(new)
+        return new
+
+    # what holds for all of the program
+
+    def _collect(self) -> None:
+        places = ((self._place(i), op) for i, op in enumerate(self._ops) if isinstance(op, Assign))
+        declared = {place.name(op.name) for place, op in places if isinstance(op.value, Named)}
+        for i, op in enumerate(self._ops):
+            if isinstance(op, Use):
+                self._used.update(dict.fromkeys(op.names, self._places[i][1]))
+            elif isinstance(op, Assign):
+                place = self._place(i)
+                self._givers[place.name(op.name)].append(place.line)
+            elif isinstance(op, Havoc):
+                place = self._place(i)
+                self._causes.append(place.cause(op.reason, op.remedy))
+                self._changed.update({place.name(name): self._causes[-1] for name in op.names})
+            elif isinstance(op, Call) and (not op.quiet or op.name in self._entry):
+                source, line, _ = self._places[i]
+                cause = Cause(line, f"{shown(str(op.name))} is given it, and may change it", CONSTANT, source)
+                self._changed.update(dict.fromkeys(op.passed, cause))
+                self._anytime.update(dict.fromkeys(op.passed, cause))
+                if op.name in self._entry:
+                    self._aside |= {str(op.name)} if op.attached else set()
+                elif self._place(i).name(op.name) in declared:
+                    pass
+                elif unknown := self._unknown(i, op.name):
+                    self._causes.append(unknown)
+                    if op.attached:
+                        self._anytime[UNKNOWN] = unknown
+                else:
+                    said = f"{op.name} is called; the request states that it neither moves the robot nor changes its frames"
+                    self.columns.remark(line, said)
+        self._summarise()
+        for name in self._aside:
+            self._anytime.update(self._changes[name])
+
+    def _unknown(self, i: int, called: Name) -> Cause | None:
+        """Return why nothing is known behind a call of a routine that is not in the program; None if vouched for."""
+        source, line, _ = self._places[i]
+        name = self._place(i).name(called)
+        if name.upper() in self._allowed:
+            return None
+        reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
+        remedy = f"if it does neither, name it in `leave_alone`: [{shown(name)}]"
+        return Cause(line, reason, remedy, source)
+
+    def _summarise(self) -> None:
+        """Find what each routine, and those that it calls, may change."""
+        calls: dict[str, set[str]] = defaultdict(set)
+        for block in self._blocks:
+            if block.called:
+                calls[block.called].add(block.routine)
+            for i in block.effects:
+                state: State = {}
+                self._step(state, i)
+                for name, (_, line) in state.items():
+                    reason = f"{name} changes while the program runs"
+                    cause = Cause(line, reason, "give it once, in numbers", self._places[i][0])
+                    held = state[name][0]
+                    self._changes[block.routine][name] = held if isinstance(held, Cause) else cause
+        waiting = deque(self._changes)
+        while waiting:
+            routine = waiting.popleft()
+            own = self._changes[routine]
+            for caller in calls[routine]:
+                if not own.keys() <= self._changes[caller].keys():
+                    self._changes[caller] = own | self._changes[caller]
+                    waiting.append(caller)
+
+    # propagation
+
+    def _run(self) -> None:
+        """Propagate states over all ways, to a fixed point."""
+        waiting: deque[_Block] = deque()
+        main = next((name for name in self._entry if name and name not in self._aside), "")
+        if main and (self._dialect.callers or not self._callers[main]):
+            self._anytime.update(self._changes[""])
+        for name, entry in self._entry.items():
+            outside = self._dialect.callers or name in {"", main}
+            if outside and (not self._callers[name] or self._dialect.callers):
+                entry.state = {}
+            elif not self._callers[name] or name in self._aside:
+                reason = f"{shown(name)} is not called here: its frames are those of whoever calls it"
+                entry.state = {UNKNOWN: (Cause(0, reason, "set the frames in the routine, before its moves"), 0)}
+            if entry.state is not None:
+                waiting.append(entry)
+        while waiting:
+            block = waiting.popleft()
+            state = self._state_behind(block)
+            if block.called:
+                self._lead(self._entry[block.called], state, waiting)
+                returned = self._exit[block.called].state
+                if returned is None:
+                    continue
+                changed = self._changes[block.called]
+                state = dict(returned) if UNKNOWN in changed else {
+                    **state, **{name: self._look(returned, name) for name in changed}
+                }
+            for each in block.following:
+                self._lead(each, state, waiting)
+            if block is self._exit[block.routine]:
+                waiting.extend(each for each in self._callers[block.routine] if each.state is not None)
+
+    def _state_behind(self, block: _Block) -> State:
+        state = block.state or {}
+        if block.effects:
+            self._toil(len(state))
+            state = dict(state)
+            for i in block.effects:
+                self._step(state, i)
+        return state
+
+    def _lead(self, block: _Block, state: State, waiting: deque[_Block]) -> None:
+        """Join a state into a block; look at it again if it changes."""
+        known = block.state
+        if known is None:
+            block.state = state
+        elif known is state:
+            return
+        else:
+            joined = dict(known)
+            self._toil(len(state) + len(known))
+            for name in {**known, **state}:
+                (one, line), (other, later) = self._look(known, name), self._look(state, name)
+                if one != other and not isinstance(one, Cause) and not self._same(one, other):
+                    line, reason = max(line, later), f"{_shown(name)} changes while the program runs: a branch, a loop or a call leads here with another one"
+                    cause = other if isinstance(other, Cause) else Cause(line, reason, "set it once, before branches, loops and calls")
+                    joined[name] = cause, line
+            if joined == known:
+                return
+            block.state = joined
+        waiting.append(block)
+
+    def _same(self, one: Held, other: Held) -> bool:
+        """Return whether numbers at two places of the text are one pose."""
+        if not (isinstance(one, Given) and isinstance(other, Given)):
+            return False
+        poses = self._pose(one), self._pose(other)
+        return all(pose is not None for pose in poses) and np.array_equal(*poses)  # type: ignore[arg-type]
+
+    def _toil(self, names: int) -> None:
+        self._work += names + 1
+        if self._work > _MAX_WORK:
+            self.refuse(None, "the program has too many branches and names", "split it")
+
+    def _step(self, state: State, i: int) -> None:
+        """Carry out an assignment, or what is not known."""
+        op, place = self._ops[i], self._place(i)
+        if isinstance(op, Assign):
+            name = place.name(op.name)
+            state[name] = self._value(place, name, op.value, state), place.line
+        elif isinstance(op, Havoc):
+            cause = place.cause(op.reason, op.remedy)
+            if not op.names:
+                self._forget(state, cause)
+            for each in op.names:
+                state[place.name(each)] = cause, place.line
+        elif isinstance(op, Call) and not op.attached and (unknown := self._unknown(i, op.name)):
+            self._forget(state, unknown)
+
+    def _forget(self, state: State, cause: Cause) -> None:
+        kept = {name: held for name, held in state.items() if name in self.steady}
+        state.clear()
+        state.update(kept)
+        state[UNKNOWN] = cause, cause.line
+
+    def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
+        if isinstance(value, Literal):
+            label = name if self._dialect.is_frame(name) else f"{name} of line {place.line}"
+            return Given(label, place.source, place.line, place.first, value)
+        held: Held = place.name(value.name)
+        if "\0" in held:
+            return Cause(place.line, "the number of a frame is not a whole number", CONSTANT, place.source)
+        for _ in range(isinstance(value, Copy) + (isinstance(value, Copy) and value.through)):
+            if isinstance(held, str):
+                held = self._look(state, held)[0]
+        return held
+
+    def _look(self, state: State, name: str) -> tuple[Held, int]:
+        """Return what a name has in a state, and the line that gave it."""
+        if name in self._dialect.constants:
+            return name, 0
+        held = self._anytime.get(name)
+        if held is None and name not in self.steady:
+            held = self._anytime.get(UNKNOWN)
+        if held is None and name in state:
+            return state[name]
+        if held is None and UNKNOWN in state and name not in self.steady:
+            held = state[UNKNOWN][0]
+        if isinstance(held, Cause):
+            return (held._replace(shows=self.written.get(name, name)) if self._dialect.is_frame(name) else held), held.line
+        if name == UNKNOWN:
+            return "", 0
+        if (held := self.initial.get(name)) is not None and name not in self._givers and name not in self._changed:
+            return held, 0
+        if (active := self._dialect.active.get(name)) is not None:
+            return active, 0
+        if name in self._givers or name in self._changed:
+            line = self._givers[name][0] if name in self._givers else self._changed[name].line
+            return Cause(line, f"{name} changes while the program runs", "give it once, in numbers"), 0
+        if self._dialect.is_frame(name):
+            return name, 0
+        return Cause(0, f"{shown(name)} is not given by constant numbers"), 0
+
+    # judgement
+
+    def program(self) -> Program:
+        """Interpret the program; return what of it is certain, and what is left.
+
+        Raises:
+            ProgramError: the text is not understood, or nothing of it is certain.
+        """
+        self._divide()
+        self._collect()
+        self._run()
+        judged: list[tuple[int, int, Move, list[Given], list[Frames], Cause | None]] = []
+        for block in self._blocks:
+            state, place = self._reached(block), 0
+            while place < len(block.ops):
+                i = block.ops[place]
+                op = self._ops[i]
+                place += 1
+                if isinstance(op, Move):
+                    first = place
+                    while op.repeats and place < len(block.ops) and self._ops[block.ops[place]] is op and block.ops[place] == i + place - first + 1:
+                        place += 1
+                    judged.append((i, place - first + 1, op, *self._judged(op, i, state)))
+                elif isinstance(op, Keep):
+                    self.columns.remark(self._places[i][1], op.text)
+                else:
+                    self._step(state, i)
+        judged.sort(key=lambda each: each[0])
+        for i, count, op, targets, frames, cause in judged:
+            places = np.array(self._places[i : i + count])
+            self.columns.move(op, places[:, 1], places[:, 2], targets, frames, cause)
+        return self.columns.program(self._used, self._causes)
+
+    def _reached(self, block: _Block) -> State:
+        if block.state is None:
+            reason = "no way that the program takes leads here"
+            return {UNKNOWN: (Cause(0, reason, "omit the move"), 0)}
+        return dict(block.state) if block.effects else block.state
+
+    def _judged(self, op: Move, i: int, state: State) -> tuple[list[Given], list[Frames], Cause | None]:
+        """Return targets and frames of a move, and why it is left."""
+        place = self._place(i)
+        cause = place.cause(op.reason, op.remedy) if op.reason else None
+        targets: list[Given] = []
+        frames: list[Frames] = []
+        for target, base, tool in zip(op.targets, op.bases, op.tools, strict=True):
+            held = self._target(place, target, state)
+            both = tuple(self._frame(place, each, state) for each in (base, tool))
+            frames.append((both[0], both[1]))
+            for each in (*both, held):
+                cause = cause or (each if isinstance(each, Cause) else None)
+            if isinstance(held, Given):
+                targets.append(held)
+        for name, frame in zip(op.agree, frames[0] if frames else (), strict=False):
+            held = self._look(state, name)[0]
+            if isinstance(held, Cause):
+                cause = cause or held
+            elif held not in {self._dialect.active[name], frame.name if isinstance(frame, FrameName) else ""}:
+                reason = f"the target is recorded with another {name} than the active one"
+                cause = cause or Cause(place.line, reason, "activate the frame that it is recorded with", place.source)
+        if cause is not None and not cause.line:
+            cause = cause._replace(line=place.line, source=place.source)
+        return targets, frames, cause
+
+    def _target(self, place: Place, target: Literal | Name, state: State) -> Given | Cause:
+        if isinstance(target, Literal):
+            return Given("", place.source, place.line, place.first, target)
+        name = place.name(target)
+        held = self._look(state, name)[0]
+        lines = self._givers.get(name, [])
+        if name in self._changed or len(lines) + (name in self.initial) > 1:
+            held = self._changed.get(name) or f"it gets numbers on line {lines[-1]}"
+        reason = held.reason if isinstance(held, Cause) and held.line else held if isinstance(held, str) and held != name else ""
+        if isinstance(held, Given) and held.source in self._shared:
+            return Cause(place.line, self._shared[held.source], self._dialect.remedy, place.source)
+        if isinstance(held, Given):
+            return held._replace(label=name)
+        reason = f": {reason}" if reason else ""
+        return Cause(place.line, f"the target {shown(name)} is not given by constant numbers{reason}", self._dialect.remedy, place.source)
+
+    def _frame(self, place: Place, value: Value, state: State) -> FrameName | Cause:
+        held = self._value(place, "", value, state)
+        if isinstance(value, Literal) and isinstance(held, Given):
+            held = held._replace(label=f"frame of line {place.line}")
+        if isinstance(held, Cause):
+            return held
+        if isinstance(held, str):
+            return FrameName(self.written.get(held, held), self._dialect.constants.get(held))
+        pose = self._pose(held)
+        if pose is None:
+            return Cause(held.line, f"{held.label} is no whole frame in numbers", "give the whole frame in numbers", held.source)
+        return FrameName(self.written.get(held.label, held.label), pose)
+
+    def _pose(self, held: Given) -> FloatArray | None:
+        """Return the pose (4, 4) [m] of numbers, the product of several; None if they are none."""
+        notation = held.literal.notation
+        if notation is None or not notation.has_pose:
+            return None
+        key = held.source, held.first + held.literal.numbers[0]
+        if key not in self._poses:
+            self._poses[key] = self._product(held, notation)
+        return self._poses[key]
+
+    def _product(self, held: Given, notation: Notation) -> FloatArray | None:
+        places = held.first + np.array(held.literal.numbers, dtype=np.intp)
+        values = self.numerals[held.source].values[places].reshape(-1, 3 + notation.count)
+        if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values).all():
+            return None
+        return np.asarray(reduce(np.matmul, notation.poses(values)))
+
+
+def _shown(name: str) -> str:
+    return "whatever an unknown routine may change" if name == UNKNOWN else name
