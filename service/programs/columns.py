@@ -119,18 +119,22 @@ class Columns:
         if len(self._visits) + len(lines) * len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
             self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
         if cause is not None:
-            names = ", ".join(each.label for each in targets if each.label)
+            names = ", ".join(each.label or "in numbers" for each in targets)
             base, tool = ([_name(pair[k]) for pair in frames[-1:]] for k in (0, 1))
             for line in lines.tolist():
                 own = cause._replace(line=line) if cause.line == lines[0] else cause
-                left = Left(line, names, base[0] if base else "", tool[0] if tool else "", cause.reason, cause.remedy)
+                left = Left(
+                    line, names, base[0] if base else "", tool[0] if tool else "", cause.reason, cause.remedy
+                )
                 self._left.append((left, own))
             for target in targets:
                 if target.label:
                     self._doubts.setdefault(self._target(target, None, int(lines[0])), cause)
             return
         begin = len(self._names)
-        self._visits.extend([self._target(each, pair, int(lines[0])) for each, pair in zip(targets, frames, strict=True)])
+        self._visits.extend(
+            [self._target(each, pair, int(lines[0])) for each, pair in zip(targets, frames, strict=True)]
+        )
         self._moves.extend((int(lines[0]), _MOTIONS[op.motion], len(self._visits)))
         if len(lines) > 1:
             self._repeat(lines, first, len(self._names) - begin)
@@ -151,7 +155,7 @@ class Columns:
         self._names += [""] * (more * targets)
 
     def _target(self, target: Given, frames: Frames | None, used: int) -> int:
-        """Add a target, or find it by the place of its numbers; one that moves use in two frames is in doubt."""
+        """Add a target, or find it by the place of its numbers; in two frames it is in doubt."""
         literal = self._literals.setdefault(target.literal, len(self._literals))
         base, tool = (-1, -1) if frames is None else (self._frame(frames[0]), self._frame(frames[1]))
         key = target.source, target.first, literal
@@ -193,22 +197,29 @@ class Columns:
         """
         for index, name in enumerate(self._names):
             if name in used and name:
-                reason = f"the numbers of {shown(name)} are used in another way, too, on line {used[name]}"
+                use = f"the numbers of {shown(name)} are used on line {used[name]}, too"
+                reason = f"{use}, where it is not certain what they mean"
                 self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
         rows = _columns(self._targets, _WIDTH)
         targets = self._filled(rows)
         moves = Moves(*_columns(self._moves, 3), *_columns(self._visits, 1))
         kept = self._certain(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
-        faults = [Fault(self._sources[cause.source].name, cause.line, cause.reason, cause.remedy) for _, cause in left]
+        faults = [
+            Fault(self._sources[cause.source].name, cause.line, cause.reason, cause.remedy)
+            for _, cause in left
+        ]
         if not kept.any():
             faults += [] if left else [Fault(self._sources[each.source].name, *each[:3]) for each in causes]
             remedy = "send a program with moves to targets given by numbers"
-            faults += [] if faults else [Fault(self._sources[0].name, None, "the program has no target", remedy)]
-            raise ProgramError(
-                sorted(dict.fromkeys(faults), key=lambda each: each.line or 0), left=[each for each, _ in left]
+            faults += (
+                [] if faults else [Fault(self._sources[0].name, None, "the program has no target", remedy)]
             )
-        if not kept.all():
+            raise ProgramError(
+                sorted(dict.fromkeys(faults), key=lambda each: each.line or 0),
+                left=[each for each, _ in left],
+            )
+        if left:
             moves, targets = _kept(moves, targets, kept)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
         refusal = tuple(sorted(dict.fromkeys(faults), key=lambda each: each.line or 0))
@@ -241,7 +252,7 @@ class Columns:
 
     def _filled(self, rows: IndexArray) -> Targets:
         """Return the targets; those whose numbers are none, or that move external axes, are in doubt."""
-        source, line, first, used, known, base, tool = rows
+        source, line, first, _, known, base, tool = rows
         literals, count = list(self._literals), len(line)
         ordinals = np.full((len(literals), _STATED + _MAX_AXES), -1)
         for row, each in zip(ordinals, literals, strict=True):
@@ -249,7 +260,8 @@ class Columns:
             row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
             row[_STATED : _STATED + len(each.external)] = each.external[:_MAX_AXES]
         targets = Targets(
-            self._names, source, line, known, literals, base, tool, [frame for _, frame in self._frames.values()],
+            self._names, source, line, known, literals, base, tool,
+            [frame for _, frame in self._frames.values()],
             np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
         )  # fmt: skip
         out, unlike, moved = np.zeros((3, count), dtype=np.bool_)
@@ -274,7 +286,11 @@ class Columns:
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (moved, "an external axis or another group moves", "external axes have to stand still while a program is corrected"),
+            (
+                moved,
+                "an external axis or another group moves",
+                "external axes have to stand still while a program is corrected",
+            ),
         ):
             for i in np.flatnonzero(faults).tolist():
                 self._doubts.setdefault(i, Cause(int(line[i]), reason, remedy))
@@ -290,8 +306,8 @@ def _kept(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targe
     columns = (targets.source, targets.line, targets.literal)
     source, line, literal = (each[rows] for each in columns)
     return Moves(moves.line[kept], moves.motion[kept], np.cumsum(counts), places), Targets(
-        names, source, line, literal, targets.literals, targets.base[rows], targets.tool[rows], targets.frames,
-        targets.values[rows], targets.spans[rows],
+        names, source, line, literal, targets.literals, targets.base[rows], targets.tool[rows],
+        targets.frames, targets.values[rows], targets.spans[rows],
     )  # fmt: skip
 
 

@@ -57,9 +57,7 @@ class ProgramError(FilesError):
         left: moves that are not certain.
     """
 
-    def __init__(
-        self, faults: Sequence[Fault], count: int | None = None, left: Sequence[Left] = ()
-    ) -> None:
+    def __init__(self, faults: Sequence[Fault], count: int | None = None, left: Sequence[Left] = ()) -> None:
         first, self.left = faults[0], tuple(left)
         self.faults = tuple(faults[:MAX_FAULTS])
         self.count = len(faults) if count is None else count

@@ -1,6 +1,6 @@
 """The one interpreter: constants propagated over the control flow of a program in the intermediate language.
 
-A state holds what names have on every way to a statement: numbers in the text, a name, or why it is not known.
+A state holds what names have on every way to a statement: numbers in the text, a name, or why it is unknown.
 Where ways meet, what differs is not known; loops and calls run to a fixed point.
 """
 
@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict, deque
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import Final, NamedTuple, NoReturn, TypeAlias
+from operator import itemgetter
+from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -37,9 +38,9 @@ from jointstiff.service.programs.language import (
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Program, Source
+from jointstiff.service.programs.ways import Block, Stray, Ways
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
-_ROUTINES: Final = {"routine", "aside"}
 _MAX_SHAPES: Final = 10_000
 """Shapes of statements that are remembered."""
 _MAX_STATEMENT: Final = 16_384
@@ -90,26 +91,8 @@ class Dialect:
     remedy: str = CONSTANT  # what to do where a target is not understood
 
 
-@dataclass(slots=True, eq=False)
-class _Block:
-    """Statements that are carried out one after the other, and where the program goes on."""
-
-    routine: str
-    ops: list[int] = field(default_factory=list)  # indices of what is done
-    effects: list[int] = field(default_factory=list)  # those of them that change a state
-    following: list[_Block] = field(default_factory=list)
-    called: str = ""  # routine of the program that is called behind them
-    state: State | None = None  # joined from all ways that lead here
-
-
-class _Nest(NamedTuple):
-    """A branch or a loop that is open."""
-
-    kind: str
-    head: _Block
-    behind: _Block
-    line: int
-    outer: int  # routines that are open around it
+_Block: TypeAlias = Block[State]
+_Verdict: TypeAlias = tuple[int, int, Move, list[Given], list[Frames], Cause | None]
 
 
 class Machine:
@@ -132,15 +115,16 @@ class Machine:
         self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
         self._causes: list[Cause] = []  # whatever is not understood
         self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
-        self._blocks: list[_Block] = []
-        self._entry: dict[str, _Block] = {}
-        self._exit: dict[str, _Block] = {}
-        self._aside: set[str] = set()  # routines that may run at any time
         self._callers: dict[str, list[_Block]] = defaultdict(list)
         self._changes: dict[str, dict[str, Cause]] = defaultdict(dict)  # what a routine may change
         self._poses: dict[tuple[int, int], FloatArray | None] = {}
+        self._earlier: Cause | None = (
+            None  # what may have changed the data of the controller in an earlier run
+        )
         self._work = 0
-        self._shared: dict[int, str] = {}  # files that other programs use, too, and what to say of their targets
+        self._shared: dict[
+            int, str
+        ] = {}  # files that other programs use, too, and what to say of their targets
         self.written: dict[str, str] = {}  # names of frames as the program writes them
 
     # reading
@@ -164,10 +148,10 @@ class Machine:
         numerals = self.numerals[source]
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         shapes, first = numerals.shapes(starts, ends)
-        known: dict[str, list[tuple[int, Op]]] = {}
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
             reason = f"a statement of more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
+        known: dict[str, list[tuple[int, Op]]] = {}
         for shape, line, number in zip(shapes, lines.tolist(), first.tolist(), strict=True):
             ops = known.get(shape)
             if ops is None:
@@ -177,12 +161,18 @@ class Machine:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(known) < _MAX_SHAPES:
                     known[shape] = ops
-            for below, op in ops:
-                if isinstance(op, Assign) and (declares or op.declares):
-                    self._declare(Place(source, line + below, number, numerals.values), op, op.declares or declares)
-                elif not declares:
-                    self._places.append((source, line + below, number))
-                    self._ops.append(op)
+            self._take(ops, source, line, number, declares)
+
+    def _take(
+        self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
+    ) -> None:
+        for below, op in ops:
+            if isinstance(op, Assign) and (declares or op.declares):
+                place = Place(source, line + below, number, self.numerals[source].values)
+                self._declare(place, op, op.declares or declares)
+            elif not declares:
+                self._places.append((source, line + below, number))
+                self._ops.append(op)
 
     def shared(self, source: int, reason: str) -> None:
         """Leave the targets of a file."""
@@ -200,91 +190,6 @@ class Machine:
         source, line, first = self._places[i]
         return Place(source, line, first, self.numerals[source].values)
 
-    # control flow: ways that are not taken do no harm, missing ones would
-
-    def _divide(self) -> None:
-        """Divide what is done into blocks."""
-        routines = [(i, op) for i, op in enumerate(self._ops) if isinstance(op, Flow) and op.kind in _ROUTINES]
-        for i, op in routines:
-            if op.name in self._entry:
-                self._stop(i, f"the routine {shown(str(op.name))} is defined twice", "send one program")
-            self._routine(str(op.name) or f"handler {i}", aside=op.kind == "aside")
-        block, nests, outer = self._routine(""), list[_Nest](), list[_Block]()
-        labels: dict[tuple[str, str], _Block] = {}
-        jumps: list[tuple[int, _Block]] = []
-        for i, op in enumerate(self._ops):
-            if isinstance(op, Call) and op.name in self._entry and not op.attached:
-                block.called = str(op.name)
-                self._callers[block.called].append(block)
-                block = self._after(block)
-            elif isinstance(op, Call) and op.quiet and op.name not in self._entry:
-                continue
-            elif not isinstance(op, Flow):
-                block.ops.append(i)
-                if not isinstance(op, Move | Use | Keep):
-                    block.effects.append(i)
-            elif op.kind in _ROUTINES:
-                outer.append(block)
-                block = self._entry[str(op.name) or f"handler {i}"]
-            elif op.kind in {"if", "loop", "repeat"}:
-                head = self._after(block)
-                behind = _Block(block.routine)
-                self._blocks.append(behind)
-                nests.append(_Nest(op.kind, head, behind, i, len(outer)))
-                block = self._after(head)
-            elif op.kind == "label":
-                block = labels[block.routine, self._place(i).name(op.name)] = self._after(block)
-            elif op.kind in {"jump", "return", "leave"}:
-                loops = [each for each in nests if each.kind != "if" and each.outer == len(outer)]
-                if op.kind == "jump":
-                    jumps.append((i, block))
-                else:
-                    inner = op.kind == "leave" and loops[-1:]
-                    block.following += [inner[0].behind, inner[0].head] if inner else [self._exit[block.routine]]
-                block = self._after(block)
-            elif op.kind in {"end", "any"} and outer and not (nests and nests[-1].outer == len(outer)):
-                block.following.append(self._exit[block.routine])
-                block = outer.pop()
-            elif op.kind in {"turn", "default", "close", "any"} and nests and nests[-1].outer == len(outer):
-                nest = nests[-1]
-                block.following.append(nest.behind)
-                if op.kind in {"turn", "default"}:
-                    nests[-1] = nest._replace(kind="whole") if op.kind == "default" else nest
-                    block = self._after(nest.head)
-                    continue
-                if nest.kind in {"loop", "repeat"}:
-                    block.following.append(nest.head)
-                if nest.kind in {"loop", "if"}:
-                    nest.head.following.append(nest.behind)
-                block = nests.pop().behind
-            else:
-                self._stop(i, "here ends what does not begin", "write both ends of branches, loops and routines")
-        if nests:
-            self._stop(nests[-1].line, "a branch or a loop has no end", "write its end")
-        for each in (block, *outer):
-            each.following.append(self._exit[each.routine])
-        for i, block in jumps:
-            name = self._place(i).name(self._ops[i].name)  # type: ignore[union-attr]
-            own = {label: each for (routine, label), each in labels.items() if routine == block.routine}
-            if not own:
-                self._stop(i, f"a jump to {shown(name)}, which is nowhere", "write the label")
-            block.following += [own[name]] if name in own else own.values()
-
-    def _stop(self, i: int, reason: str, remedy: str) -> NoReturn:
-        self.refuse(self._places[i][1], reason, remedy, self._places[i][0])
-
-    def _routine(self, name: str, *, aside: bool = False) -> _Block:
-        self._entry[name], self._exit[name] = _Block(name), _Block(name)
-        self._blocks += [self._entry[name], self._exit[name]]
-        self._aside |= {name} if aside else set()
-        return self._entry[name]
-
-    def _after(self, block: _Block) -> _Block:
-        new = _Block(block.routine)
-        self._blocks.append(new)
-        block.following.append(new)
-        return new
-
     # what holds for all of the program
 
     def _collect(self) -> None:
@@ -299,29 +204,36 @@ class Machine:
             elif isinstance(op, Havoc):
                 place = self._place(i)
                 self._causes.append(place.cause(op.reason, op.remedy))
+                self._earlier = self._earlier or (None if op.names else self._causes[-1])
                 self._changed.update({place.name(name): self._causes[-1] for name in op.names})
-            elif isinstance(op, Call) and (not op.quiet or op.name in self._entry):
-                source, line, _ = self._places[i]
-                cause = Cause(line, f"{shown(str(op.name))} is given it, and may change it", CONSTANT, source)
-                self._changed.update(dict.fromkeys(op.passed, cause))
-                self._anytime.update(dict.fromkeys(op.passed, cause))
-                if op.name in self._entry:
-                    self._aside |= {str(op.name)} if op.attached else set()
-                elif self._place(i).name(op.name) in declared:
-                    pass
-                elif unknown := self._unknown(i, op.name):
-                    self._causes.append(unknown)
-                    if op.attached:
-                        self._anytime[UNKNOWN] = unknown
-                else:
-                    said = f"{op.name} is called; the request states that it neither moves the robot nor changes its frames"
-                    self.columns.remark(line, said)
+            elif isinstance(op, Call) and (not op.quiet or op.name in self._ways.entry):
+                self._collect_call(i, op, declared)
         self._summarise()
-        for name in self._aside:
+        for name in self._ways.aside:
             self._anytime.update(self._changes[name])
 
+    def _collect_call(self, i: int, op: Call, declared: Collection[str]) -> None:
+        source, line, _ = self._places[i]
+        cause = Cause(line, f"{shown(str(op.name))} is given it, and may change it", CONSTANT, source)
+        self._changed.update(dict.fromkeys(op.passed, cause))
+        self._anytime.update(dict.fromkeys(op.passed, cause))
+        if op.name in self._ways.entry:
+            self._ways.aside |= {str(op.name)} if op.attached else set()
+        elif self._place(i).name(op.name) in declared:
+            pass
+        elif unknown := self._unknown(i, op.name):
+            self._causes.append(unknown)
+            self._earlier = self._earlier or unknown
+            if op.attached:
+                self._anytime[UNKNOWN] = unknown
+        else:
+            said = (
+                f"{op.name} is called; the request states that it neither moves the robot nor changes frames"
+            )
+            self.columns.remark(line, said)
+
     def _unknown(self, i: int, called: Name) -> Cause | None:
-        """Return why nothing is known behind a call of a routine that is not in the program; None if vouched for."""
+        """Return why nothing is known behind a call of an unknown routine; None if vouched for."""
         source, line, _ = self._places[i]
         name = self._place(i).name(called)
         if name.upper() in self._allowed:
@@ -333,7 +245,7 @@ class Machine:
     def _summarise(self) -> None:
         """Find what each routine, and those that it calls, may change."""
         calls: dict[str, set[str]] = defaultdict(set)
-        for block in self._blocks:
+        for block in self._ways.blocks:
             if block.called:
                 calls[block.called].add(block.routine)
             for i in block.effects:
@@ -357,35 +269,41 @@ class Machine:
 
     def _run(self) -> None:
         """Propagate states over all ways, to a fixed point."""
-        waiting: deque[_Block] = deque()
-        main = next((name for name in self._entry if name and name not in self._aside), "")
+        waiting = deque(self._entered())
+        while waiting:
+            block = waiting.popleft()
+            state: State | None = self._state_behind(block)
+            if block.called and state is not None:
+                self._lead(self._ways.entry[block.called], state, waiting)
+                state = self._returned(block.called, state)
+            for each in block.following if state is not None else ():
+                self._lead(each, state or {}, waiting)
+            if block is self._ways.exit[block.routine]:
+                waiting.extend(each for each in self._callers[block.routine] if each.state is not None)
+
+    def _entered(self) -> Iterator[_Block]:
+        """Yield where the program, or a routine of it that others call, begins."""
+        main = next((name for name in self._ways.entry if name and name not in self._ways.aside), "")
         if main and (self._dialect.callers or not self._callers[main]):
             self._anytime.update(self._changes[""])
-        for name, entry in self._entry.items():
+        for name, entry in self._ways.entry.items():
             outside = self._dialect.callers or name in {"", main}
             if outside and (not self._callers[name] or self._dialect.callers):
                 entry.state = {}
-            elif not self._callers[name] or name in self._aside:
+            elif not self._callers[name] or name in self._ways.aside:
                 reason = f"{shown(name)} is not called here: its frames are those of whoever calls it"
-                entry.state = {UNKNOWN: (Cause(0, reason, "set the frames in the routine, before its moves"), 0)}
-            if entry.state is not None:
-                waiting.append(entry)
-        while waiting:
-            block = waiting.popleft()
-            state = self._state_behind(block)
-            if block.called:
-                self._lead(self._entry[block.called], state, waiting)
-                returned = self._exit[block.called].state
-                if returned is None:
-                    continue
-                changed = self._changes[block.called]
-                state = dict(returned) if UNKNOWN in changed else {
-                    **state, **{name: self._look(returned, name) for name in changed}
+                entry.state = {
+                    UNKNOWN: (Cause(0, reason, "set the frames in the routine, before its moves"), 0)
                 }
-            for each in block.following:
-                self._lead(each, state, waiting)
-            if block is self._exit[block.routine]:
-                waiting.extend(each for each in self._callers[block.routine] if each.state is not None)
+            if entry.state is not None:
+                yield entry
+
+    def _returned(self, routine: str, state: State) -> State | None:
+        """Return the state behind a call; None if no way leads back yet."""
+        returned, changed = self._ways.exit[routine].state, self._changes[routine]
+        if returned is None or UNKNOWN in changed:
+            return returned
+        return {**state, **{name: self._look(returned, name) for name in changed}}
 
     def _state_behind(self, block: _Block) -> State:
         state = block.state or {}
@@ -409,8 +327,15 @@ class Machine:
             for name in {**known, **state}:
                 (one, line), (other, later) = self._look(known, name), self._look(state, name)
                 if one != other and not isinstance(one, Cause) and not self._same(one, other):
-                    line, reason = max(line, later), f"{_shown(name)} changes while the program runs: a branch, a loop or a call leads here with another one"
-                    cause = other if isinstance(other, Cause) else Cause(line, reason, "set it once, before branches, loops and calls")
+                    line, reason = (
+                        max(line, later),
+                        f"{_shown(name)} changes while the program runs: by a branch, a loop or a call",
+                    )
+                    cause = (
+                        other
+                        if isinstance(other, Cause)
+                        else Cause(line, reason, "set it once, before branches, loops and calls")
+                    )
                     joined[name] = cause, line
             if joined == known:
                 return
@@ -466,27 +391,37 @@ class Machine:
         """Return what a name has in a state, and the line that gave it."""
         if name in self._dialect.constants:
             return name, 0
-        held = self._anytime.get(name)
-        if held is None and name not in self.steady:
-            held = self._anytime.get(UNKNOWN)
+        steady = name in self.steady
+        held: Held | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
         if held is None and name in state:
             return state[name]
-        if held is None and UNKNOWN in state and name not in self.steady:
+        if held is None and UNKNOWN in state and not steady:
             held = state[UNKNOWN][0]
         if isinstance(held, Cause):
-            return (held._replace(shows=self.written.get(name, name)) if self._dialect.is_frame(name) else held), held.line
+            return (
+                held._replace(shows=self.written.get(name, name)) if self._dialect.is_frame(name) else held
+            ), held.line
         if name == UNKNOWN:
             return "", 0
-        if (held := self.initial.get(name)) is not None and name not in self._givers and name not in self._changed:
-            return held, 0
+        return self._at_first(name), 0
+
+    def _at_first(self, name: str) -> Held:
+        """Return what a name has when the program begins."""
+        if (
+            (held := self.initial.get(name)) is not None
+            and name not in self._givers
+            and name not in self._changed
+        ):
+            earlier = None if name in self.steady else self._earlier
+            return earlier or held
         if (active := self._dialect.active.get(name)) is not None:
-            return active, 0
+            return active
         if name in self._givers or name in self._changed:
             line = self._givers[name][0] if name in self._givers else self._changed[name].line
-            return Cause(line, f"{name} changes while the program runs", "give it once, in numbers"), 0
+            return Cause(line, f"{name} changes while the program runs", "give it once, in numbers")
         if self._dialect.is_frame(name):
-            return name, 0
-        return Cause(0, f"{shown(name)} is not given by constant numbers"), 0
+            return name
+        return Cause(0, f"{shown(name)} is not given by constant numbers")
 
     # judgement
 
@@ -496,30 +431,46 @@ class Machine:
         Raises:
             ProgramError: the text is not understood, or nothing of it is certain.
         """
-        self._divide()
+        try:
+            kinds = enumerate(self._ops)
+            names = [self._place(i).name(op.name) if isinstance(op, Flow) else "" for i, op in kinds]
+            self._ways = Ways[State](self._ops, names)
+        except Stray as fault:
+            source, line, _ = self._places[fault.place]
+            self.refuse(line, fault.reason, fault.remedy, source)
+        for block in self._ways.blocks:
+            if block.called:
+                self._callers[block.called].append(block)
         self._collect()
         self._run()
-        judged: list[tuple[int, int, Move, list[Given], list[Frames], Cause | None]] = []
-        for block in self._blocks:
-            state, place = self._reached(block), 0
-            while place < len(block.ops):
-                i = block.ops[place]
-                op = self._ops[i]
-                place += 1
-                if isinstance(op, Move):
-                    first = place
-                    while op.repeats and place < len(block.ops) and self._ops[block.ops[place]] is op and block.ops[place] == i + place - first + 1:
-                        place += 1
-                    judged.append((i, place - first + 1, op, *self._judged(op, i, state)))
-                elif isinstance(op, Keep):
-                    self.columns.remark(self._places[i][1], op.text)
-                else:
-                    self._step(state, i)
-        judged.sort(key=lambda each: each[0])
+        judged = sorted(
+            (each for block in self._ways.blocks for each in self._verdicts(block)), key=itemgetter(0)
+        )
+        for i, _, op, *_, cause in judged:
+            own = [] if cause is None else [each for each in op.targets if not isinstance(each, Literal)]
+            self._used.update((self._place(i).name(name), self._places[i][1]) for name in own)
         for i, count, op, targets, frames, cause in judged:
             places = np.array(self._places[i : i + count])
             self.columns.move(op, places[:, 1], places[:, 2], targets, frames, cause)
         return self.columns.program(self._used, self._causes)
+
+    def _verdicts(self, block: _Block) -> Iterator[_Verdict]:
+        """Yield index and count of the moves of a block, with what is known of them."""
+        state, place = self._reached(block), 0
+        while place < len(block.ops):
+            begin, i = place, block.ops[place]
+            op = self._ops[i]
+            place += 1
+            if isinstance(op, Keep):
+                self.columns.remark(self._places[i][1], op.text)
+            elif not isinstance(op, Move):
+                self._step(state, i)
+            else:
+                while op.repeats and place < len(block.ops) and self._ops[block.ops[place]] is op:
+                    if block.ops[place] != i + place - begin:
+                        break
+                    place += 1
+                yield i, place - begin, op, *self._judged(op, i, state)
 
     def _reached(self, block: _Block) -> State:
         if block.state is None:
@@ -533,6 +484,7 @@ class Machine:
         cause = place.cause(op.reason, op.remedy) if op.reason else None
         targets: list[Given] = []
         frames: list[Frames] = []
+        held: Held
         for target, base, tool in zip(op.targets, op.bases, op.tools, strict=True):
             held = self._target(place, target, state)
             both = tuple(self._frame(place, each, state) for each in (base, tool))
@@ -545,9 +497,13 @@ class Machine:
             held = self._look(state, name)[0]
             if isinstance(held, Cause):
                 cause = cause or held
-            elif held not in {self._dialect.active[name], frame.name if isinstance(frame, FrameName) else ""}:
+            elif held != self._dialect.active[name] and not (
+                isinstance(frame, FrameName) and held == frame.name
+            ):
                 reason = f"the target is recorded with another {name} than the active one"
-                cause = cause or Cause(place.line, reason, "activate the frame that it is recorded with", place.source)
+                cause = cause or Cause(
+                    place.line, reason, "activate the frame that it is recorded with", place.source
+                )
         if cause is not None and not cause.line:
             cause = cause._replace(line=place.line, source=place.source)
         return targets, frames, cause
@@ -560,13 +516,24 @@ class Machine:
         lines = self._givers.get(name, [])
         if name in self._changed or len(lines) + (name in self.initial) > 1:
             held = self._changed.get(name) or f"it gets numbers on line {lines[-1]}"
-        reason = held.reason if isinstance(held, Cause) and held.line else held if isinstance(held, str) and held != name else ""
+        reason = (
+            held.reason
+            if isinstance(held, Cause) and held.line
+            else held
+            if isinstance(held, str) and held != name
+            else ""
+        )
         if isinstance(held, Given) and held.source in self._shared:
             return Cause(place.line, self._shared[held.source], self._dialect.remedy, place.source)
         if isinstance(held, Given):
             return held._replace(label=name)
         reason = f": {reason}" if reason else ""
-        return Cause(place.line, f"the target {shown(name)} is not given by constant numbers{reason}", self._dialect.remedy, place.source)
+        return Cause(
+            place.line,
+            f"the target {shown(name)} is not given by constant numbers{reason}",
+            self._dialect.remedy,
+            place.source,
+        )
 
     def _frame(self, place: Place, value: Value, state: State) -> FrameName | Cause:
         held = self._value(place, "", value, state)
@@ -578,7 +545,12 @@ class Machine:
             return FrameName(self.written.get(held, held), self._dialect.constants.get(held))
         pose = self._pose(held)
         if pose is None:
-            return Cause(held.line, f"{held.label} is no whole frame in numbers", "give the whole frame in numbers", held.source)
+            return Cause(
+                held.line,
+                f"{held.label} is no whole frame in numbers",
+                "give the whole frame in numbers",
+                held.source,
+            )
         return FrameName(self.written.get(held.label, held.label), pose)
 
     def _pose(self, held: Given) -> FloatArray | None:

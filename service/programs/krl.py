@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
@@ -27,8 +27,8 @@ from jointstiff.service.programs.language import (
     Use,
     Value,
     attached,
-    complete,
     calls,
+    complete,
     parts,
     unknown,
 )
@@ -39,8 +39,8 @@ POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
 _FIELDS: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
-# Facts. Sources: KUKA System Software 8.x, operating and programming instructions for system integrators (KSS);
-# bas.src of the controller (BAS).
+# Facts. Sources: KUKA System Software 8.x, programming instructions for system integrators (KSS); the
+# controller's bas.src (BAS).
 _BAS: Final[dict[str, tuple[Op, ...]]] = {
     # BAS: INITMOV sets the null base and tool 1
     "INITMOV": (Assign("$BASE", Copy("BASE_DATA[0]")), Assign("$TOOL", Copy("TOOL_DATA[1]"))),
@@ -75,7 +75,9 @@ _LEXICON: Final = Lexicon(
     functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE|STR\w++"
     r"|S(?:VEL|ACC|APO|ORI|JERK|GEAR|LOAD|IPO|CIRC)\w*+|USE_CM_PRO_VALUES",
 )
-_REMEDY: Final = "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers, and send the .dat that declares them"
+_REMEDY: Final = (
+    "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers, and send the .dat that declares them"
+)
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _MAX_DEPTH: Final = 16
 """Braces within one another; a controller's own structures have three."""
@@ -89,8 +91,14 @@ _STATEMENTS: Final = tuple(
     (kind, re.compile(pattern))
     for kind, pattern in (
         ("routine", rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? ({_NAME})(?:\((.*)\))?(?: ?PUBLIC)?"),
-        ("none", r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0"),
-        ("none", r"(?:EXT|EXTFCT|EXTP|EXTFCTP|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*"),
+        (
+            "none",
+            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
+        ),
+        (
+            "none",
+            r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*",
+        ),
         ("end", r"END|ENDFCT"),
         ("if", r"IF ?(.*?) ?THEN|SWITCH ?(.+)"),
         ("turn", r"ELSE|CASE ?(.+)"),
@@ -105,12 +113,16 @@ _STATEMENTS: Final = tuple(
         ("uses", r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))"),
         ("interrupt", rf"(?:GLOBAL )?INTERRUPT DECL \0 WHEN (.+?) DO ({_NAME})\((.*)\)"),
         ("interruptible", r"INTERRUPT ON (\0)"),
-        ("trigger", rf"TRIGGER WHEN (.+?) DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)"),
+        (
+            "trigger",
+            rf"TRIGGER WHEN (.+?) DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)",
+        ),
         ("bas", r"BAS\(#(\w+)(?:,(.+))?\)"),
         ("spline", rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (.*))?{_BLEND}"),
         (
             "declared",
-            rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|E?6?POS|E?6?AXIS|FRAME|[FPL]DAT|LOAD)) ({_NAME}.*)",
+            rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"
+            rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) ({_NAME}.*)",
         ),
         ("called", rf"({_NAME})\((.*)\)"),
         ("assigned", rf"({_NAME})((?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(.*)"),
@@ -144,57 +156,63 @@ def _ops(line: Line) -> list[Op]:
     for kind, pattern in _STATEMENTS:
         if match := pattern.fullmatch(text):
             return _statement(line, kind, match)
-    relative = "a relative move" if "_REL" in text else "the statement is unknown: it may move the robot, targets or frames"
-    raise Misread(relative if not _MOTION.match(text) or "_REL" in text else
-                  "the target is not a whole pose or a whole set of angles in numbers, or the text after it is unknown")
+    relative = (
+        "a relative move"
+        if "_REL" in text
+        else "the statement is unknown: it may move the robot, targets or frames"
+    )
+    raise Misread(
+        relative
+        if not _MOTION.match(text) or "_REL" in text
+        else "the target is not a whole pose or set of angles in numbers, or the text after it is unknown"
+    )
 
 
 def _statement(line: Line, kind: str, match: re.Match[str]) -> list[Op]:
-    given = [each for each in match.groups() if each]
-    expressions = [] if kind in {"routine", "label", "jump", "declared", "assigned", "called"} else given
-    if kind == "routine":
-        names = frozenset(re.findall(rf"({_NAME})(?::\w+)?", match[2] or ""))
-        return [Flow(kind, match[1]), *([Havoc(names, "a parameter of the routine", _REMEDY)] if names else [])]
-    if kind in {"label", "jump"}:
-        return [Flow(kind, match[1])]
-    if kind == "bas":
-        return _bas(line, match)
-    if kind == "declared":
-        return _declared(line, match)
-    if kind == "assigned":
-        return _assigned(line, match)
-    if kind == "called":
-        if re.fullmatch(_LEXICON.reserved, match[1]):
-            raise Misread(f"{match[1]} is not a routine")
-        return _LEXICON.expression(match[0])
-    if kind == "spline":
-        return _settings(match[2] or "")[0]
-    if kind == "interrupt":
-        handler = [] if match[2] == "IR_STOPM" else [Call(match[2], attached=True)]  # BAS: IR_STOPM waits
-        uses = attached(_LEXICON.expression(match[1])) + attached(_LEXICON.expression(match[3], empty=True))
-        name = "INTERRUPT %s", line.ordinal(match[0].index("\0"))
-        return [Assign(name, Named(name)), *handler, *uses]
-    if kind == "interruptible":
-        return [Call(("INTERRUPT %s", line.ordinal(match.start(1))), attached=True)]
-    if kind == "trigger":
-        handler = [Call(match[4], attached=True)] if match[4] else []
-        condition = match[1].replace(" DELAY=", "+DELAY=").replace("DISTANCE=", "").replace("PATH=", "")
-        rest = [each for each in (match[2], match[3], match[5], match[6]) if each]
-        found = _LEXICON.expression(condition.replace("DELAY=", ""))
-        for each in rest:
-            found += attached(_LEXICON.expression(each.replace("=", "+", 1), empty=True))
-        return [*found, *handler]
-    if kind == "loop" and match[2]:
-        expressions = re.split(" ?TO | ?STEP ", match[3])
-    found = [op for each in expressions for op in _LEXICON.expression(each)]
-    if kind == "loop" and match[1] or kind == "turn":
-        found = attached(found)
+    if kind in _RULES:
+        return _RULES[kind](line, match)
+    found = [op for each in match.groups() if each for op in _LEXICON.expression(each)]
     if kind in {"none", "uses"}:
         return [] if kind == "none" else found
-    behind = [Havoc(frozenset({match[2]}), f"{match[2]} counts a loop", _REMEDY)] if kind == "loop" and match[2] else []
     if kind == "turn":
-        return [Flow(kind), *found]
-    return [*found, Flow(kind), *behind]
+        return [Flow(kind), *attached(found)]
+    return [*found, Flow(kind)]
+
+
+def _routine(_line: Line, match: re.Match[str]) -> list[Op]:
+    names = frozenset(re.findall(rf"({_NAME})(?::\w+)?", match[2] or ""))
+    return [
+        Flow("routine", match[1]),
+        *([Havoc(names, "a parameter of the routine", _REMEDY)] if names else []),
+    ]
+
+
+def _loop(_line: Line, match: re.Match[str]) -> list[Op]:
+    if match[1]:
+        return [*attached(_LEXICON.expression(match[1])), Flow("loop")]
+    bounds = [op for each in re.split(" ?TO | ?STEP ", match[3]) for op in _LEXICON.expression(each)]
+    return [*bounds, Flow("loop"), Havoc(frozenset({match[2]}), f"{match[2]} counts a loop", _REMEDY)]
+
+
+def _called(_line: Line, match: re.Match[str]) -> list[Op]:
+    if re.fullmatch(_LEXICON.reserved, match[1]):
+        raise Misread(f"{match[1]} is not a routine")
+    return _LEXICON.expression(match[0])
+
+
+def _interrupt(line: Line, match: re.Match[str]) -> list[Op]:
+    handler = [] if match[2] == "IR_STOPM" else [Call(match[2], attached=True)]  # BAS: IR_STOPM waits
+    uses = attached([*_LEXICON.expression(match[1]), *_LEXICON.expression(match[3], empty=True)])
+    name = "INTERRUPT %s", line.ordinal(match[0].index("\0"))
+    return [Assign(name, Named(name)), *handler, *uses]
+
+
+def _trigger(_line: Line, match: re.Match[str]) -> list[Op]:
+    condition = match[1].replace(" DELAY=", "+DELAY=").replace("DISTANCE=", "").replace("PATH=", "")
+    found = _LEXICON.expression(condition.replace("DELAY=", ""))
+    for each in filter(None, (match[2], match[3], match[5], match[6])):
+        found += attached(_LEXICON.expression(each.replace("=", "+", 1), empty=True))
+    return [*found, *([Call(match[4], attached=True)] if match[4] else [])]
 
 
 def _bas(line: Line, match: re.Match[str]) -> list[Op]:
@@ -235,7 +253,7 @@ def _literal(line: Line, start: int, end: int) -> Literal | None:
 
 
 def _given(line: Line, name: Name, start: int, end: int) -> list[Op]:
-    """Return what a name gets by numbers or names: a pose, or the frames of FDAT; nothing if it is computed."""
+    """Return what a name gets by numbers or names: a pose, or the frames of FDAT; else nothing."""
     text = line.text[start:end]
     literal = _literal(line, start, end)
     if literal is not None and literal.notation is not None:
@@ -274,7 +292,14 @@ def _set(name: Name, value: str, frames: tuple[Name, ...] = ()) -> list[Op]:
     if value.startswith("{"):
         found = [op for op in _LEXICON.expression(_SEPARATED.sub(",", value)) if not isinstance(op, Use)]
     remedy = _FRAME_REMEDY if frames or "_DATA" in shown else _REMEDY
-    return [*found, Havoc(frozenset(frames or {name}), f"{shown} changes while the program runs: it is computed, or set in part", remedy)]
+    return [
+        *found,
+        Havoc(
+            frozenset(frames or {name}),
+            f"{shown} changes while the program runs: it is computed, or set in part",
+            remedy,
+        ),
+    ]
 
 
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
@@ -282,30 +307,34 @@ _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ 
 
 def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
     name, index, value = match[1], match[2], match[3]
-    start, end = match.span(3)
-    uses = _LEXICON.expression(index.strip("[]").replace("][", ",").replace("].", "+"), empty=True) if "[" in index else []
     if not value:
         raise Misread("the statement is not complete")
-    if name == "FDAT_ACT":
-        return (not index and _given(line, name, start, end)) or _set(name, value, ("FDAT_ACT.BASE", "FDAT_ACT.TOOL"))
-    if name in {"$BASE", "$TOOL"}:
-        if not index and re.fullmatch(rf"{name[1:]}_DATA\[\0\]", value):
-            return [Assign(name, Copy((f"{name[1:]}_DATA[%s]", line.ordinal(end - 2))))]
-        if not index and re.fullmatch(_NAME, value):
-            return [Use(frozenset({value})), Assign(name, Copy(value))]
-        given = [] if index else _given(line, name, start, end)
-        return given if len(given) == 1 else _set(name, value)
-    if name in {"BASE_DATA", "TOOL_DATA"}:
-        if not index.startswith("[\0]"):
-            raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
-        data = f"{name}[%s]", line.ordinal(match.start(2) + 1)
-        given = [] if index != "[\0]" else _given(line, data, start, end)
-        return given if len(given) == 1 else _set(data, value)
+    if name in {"FDAT_ACT", "$BASE", "$TOOL", "BASE_DATA", "TOOL_DATA"}:
+        return _frame(line, match)
     if _MOVING.match(match[0]):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
+    inner = index.strip("[]").replace("][", ",").replace("].", "+")
+    uses = _LEXICON.expression(inner, empty=True) if "[" in index else []
     if name.startswith("$"):
         return [*uses, *(op for op in _set(name, value) if not isinstance(op, Havoc))]
-    return [*uses, *(([] if index else _given(line, name, start, end)) or _set(name, value))]
+    return [*uses, *(([] if index else _given(line, name, *match.span(3))) or _set(name, value))]
+
+
+def _frame(line: Line, match: re.Match[str]) -> list[Op]:
+    """Take an assignment to the active frames, to those that wait, or to the data of one."""
+    name, index, value = match[1], match[2], match[3]
+    target: Name = name
+    if name.endswith("_DATA"):
+        if not index.startswith("[\0]"):
+            raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
+        target, index = (f"{name}[%s]", line.ordinal(match.start(2) + 1)), index.removeprefix("[\0]")
+    elif not index and re.fullmatch(rf"{re.escape(name[1:])}_DATA\[\0\]", value):
+        return [Assign(name, Copy((f"{name[1:]}_DATA[%s]", line.ordinal(match.end(3) - 2))))]
+    elif not index and name != "FDAT_ACT" and re.fullmatch(_NAME, value):
+        return [Use(frozenset({value})), Assign(name, Copy(value))]
+    given = [] if index else _given(line, target, *match.span(3))
+    waiting = ("FDAT_ACT.BASE", "FDAT_ACT.TOOL") if name == "FDAT_ACT" else ()
+    return given if len(given) == 1 + bool(waiting) else _set(target, value, waiting)
 
 
 def _move(line: Line, match: re.Match[str]) -> list[Op]:
@@ -314,7 +343,9 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
     names = [line.text[slice(*span)] for span in spans]
     found, own = _settings(match[5] or "")
     if len(spans) != 1 + (motion is Motion.CIRCULAR):
-        raise Misread("the target is not given by numbers: an arc has two, other moves one, and nothing follows them")
+        raise Misread(
+            "the target is not given by numbers: an arc has two, other moves one, and nothing follows them"
+        )
     if any(map(_KEPT.fullmatch, names)):
         if len(names) > 1:
             raise Misread("an arc through a position stored in the controller")
@@ -357,6 +388,22 @@ def _settings(text: str) -> tuple[list[Op], str]:
     return found, frames.get("$TOOL", "")
 
 
+_RULES: Final[Mapping[str, Callable[[Line, re.Match[str]], list[Op]]]] = {
+    "routine": _routine,
+    "label": lambda _, match: [Flow("label", match[1])],
+    "jump": lambda _, match: [Flow("jump", match[1])],
+    "loop": _loop,
+    "bas": _bas,
+    "declared": _declared,
+    "assigned": _assigned,
+    "called": _called,
+    "spline": lambda _, match: _settings(match[2] or "")[0],
+    "interrupt": _interrupt,
+    "interruptible": lambda line, match: [
+        Call(("INTERRUPT %s", line.ordinal(match.start(1))), attached=True)
+    ],
+    "trigger": _trigger,
+}
 DIALECT: Final = Dialect(
     _LEXICON,
     _translate,
@@ -371,7 +418,9 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Read a .src, and the .dat files beside it."""
     for index, source in enumerate(sources):
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
-        own = not re.search(r"(?im)^[ \t]*+DEFDAT[ \t]++\w++[ \t]++PUBLIC\b|config\.dat$", f"{source.text}\n{source.name}")
+        own = not re.search(
+            r"(?im)^[ \t]*+DEFDAT[ \t]++\w++[ \t]++PUBLIC\b|config\.dat$", f"{source.text}\n{source.name}"
+        )
         kind = "constant" if own else "variable"  # no other program changes a .dat that is not public
         machine.add(index, source.starts, source.ends, declares=kind if declares else "")
         if source.name.lower().endswith("config.dat"):

@@ -1,7 +1,7 @@
 """Words of the intermediate language, and the normal form of a statement that the readers translate.
 
-The normal form has no comments, one blank between words and none elsewhere, and `\\0` in place of each number: it
-is the same for all statements of one shape, so that a shape is translated once, in linear time.
+The normal form has no comments, one blank between words and none elsewhere, and NUL in place of each number:
+it is the same for all statements of one shape, so that a shape is translated once, in linear time.
 Possessive are repeated characters only, no groups: Python before 3.11.5 keeps what a failed group had taken.
 """
 
@@ -97,8 +97,8 @@ class Keep(NamedTuple):
 class Flow(NamedTuple):
     """A branch, loop, jump or routine begins or ends.
 
-    The kinds are `if`, `loop` and `repeat` (carried out once at least), `turn`, `default`, `close`, `leave`, `label`,
-    `jump`, `return`, `routine`, `aside` (a routine that may run at any time), `end`, and `any` of `close` and `end`.
+    The kinds are `if`, `loop` and `repeat` (carried out once at least), `turn`, `default`, `close`, `leave`,
+    `label`, `jump`, `return`, `routine`, `aside` (may run at any time), `end`, `any` of `close` and `end`.
     """
 
     kind: str
@@ -200,7 +200,7 @@ class Lexicon:
         return Line("".join(pieces), tuple(ordinals), tuple(places), tuple(breaks))
 
     def expression(self, text: str, *, empty: bool = False) -> list[Op]:
-        """Return what an expression uses and calls; operands and operators alternate, so that nothing hides in it.
+        """Return what an expression uses and calls; operands and operators alternate: nothing hides in it.
 
         Raises:
             Misread: it is none.
@@ -229,28 +229,40 @@ def attached(ops: list[Op]) -> list[Op]:
     return [op._replace(attached=True) if isinstance(op, Call) else op for op in ops]
 
 
-def unknown(line: Line, motion: re.Pattern[str], fault: Misread, remedy: str, place: int = 0) -> list[tuple[int, Op]]:
-    """Return what a statement may do that is not understood: everything, and each word of a motion is a move."""
+def unknown(
+    line: Line, motion: re.Pattern[str], fault: Misread, remedy: str, place: int = 0
+) -> list[tuple[int, Op]]:
+    """Return what a statement may do that is not understood: all, and each word of a motion is a move."""
     first, text = line.text.count("\0", 0, place), line.text
     ordinals = iter(line.ordinals[first:])
     quoted = re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", shown(text[place:].replace("\0", "@#@")))
     reason, remedy = f"{quoted}: {fault.reason}", fault.remedy or remedy
     hidden = _QUOTED.sub(lambda match: "_" * len(match[0]), text)
     moves = (line.below(match.start()) for match in motion.finditer(hidden, place))
-    named = frozenset(_NAME.findall(hidden[place:])) or frozenset({"_"})
+    words_of = _NAME.findall(hidden[place:])
+    named = frozenset([*words_of, *(word.upper() for word in words_of), "_"])
     left = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-    return [(line.below(place), Havoc(frozenset(), reason, remedy)), (line.below(place), Havoc(named, reason, remedy)), *((below, left) for below in moves)]
+    return [
+        (line.below(place), Havoc(frozenset(), reason, remedy)),
+        (line.below(place), Havoc(named, reason, remedy)),
+        *((below, left) for below in moves),
+    ]
 
 
-def complete(line: Line, motion: re.Pattern[str], ops: list[tuple[int, Op]], remedy: str) -> list[tuple[int, Op]]:
-    """Return what a statement does; everything, where a word of a motion stands in it that is none of its moves."""
+def complete(
+    line: Line, motion: re.Pattern[str], ops: list[tuple[int, Op]], remedy: str
+) -> list[tuple[int, Op]]:
+    """Return what a statement does; all, where a word of a motion in it is none of its moves."""
     moves = sum(isinstance(op, Move | Keep) for _, op in ops)
     if len(motion.findall(_QUOTED.sub("", line.text))) <= moves:
         return ops
     return unknown(line, motion, Misread("a move stands where none is expected"), remedy)
 
 
-_FAULT: Final = re.compile(r"[\w\0\"'] [\w\0\"'$#]|[)\]}] ?[\w\0\"$#]|[^\w\0\s$#\"'.+\-*/<>=:,()\[\]{}\\!%?&|;]|[=*/.<>,+-]$")
+# A sign before a number belongs to it, so that an operand may stand before it.
+_FAULT: Final = re.compile(
+    r"[\w\0\"'] [\w\"'$#]|[)\]}] ?[\w\"$#]|[^\w\0\s$#\"'.+\-*/<>=:,()\[\]{}\\!%?&|;]|[=*/.<>,+-]$"
+)
 _NAME: Final = re.compile(r"(?<![\w$.#'\"])\$?[^\W\d]\w*+")
 _CALLED: Final = re.compile(r"(\$?[^\W\d][\w.]*+) ?\(")
 _PAIRS: Final = {")": "(", "]": "[", "}": "{"}

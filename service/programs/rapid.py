@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
@@ -23,8 +23,8 @@ from jointstiff.service.programs.language import (
     Op,
     Use,
     attached,
-    complete,
     calls,
+    complete,
     parts,
     unknown,
 )
@@ -39,8 +39,8 @@ _BEHIND: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
 """Arguments behind the tool of MoveLDO and the like."""
 # Optional arguments of moves by which the target stays where it is; \Corr and \Track move it
 _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
-# Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no target,
-# no frame and no variable of the program changes by them
+# Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
+# target, no frame and no variable of the program changes by them
 _QUIET: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
@@ -75,7 +75,9 @@ _LITERALS: Final = (
     ("wobjdata", re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSES},{_POSES}\]', re.IGNORECASE)),
     ("tooldata", re.compile(rf"\[TRUE,{_POSES},.*\]", re.IGNORECASE)),
 )
-_MOVE: Final = re.compile(r"(?:Move(?:Abs(J)|([LJC])(DO|AO|GO|Sync)?)|Trigg([LJC]))(?=[\\ \[,])(.*)", re.IGNORECASE)
+_MOVE: Final = re.compile(
+    r"(?:Move(?:Abs(J)|([LJC])(DO|AO|GO|Sync)?)|Trigg([LJC]))(?=[\\ \[,])(.*)", re.IGNORECASE
+)
 _MOTION: Final = re.compile(
     r"\b(?:Move(?:[LJC](?:DO|AO|GO|Sync)?|AbsJ|ExtJ)|Trigg[LJC])(?!\w)", re.IGNORECASE
 )
@@ -83,7 +85,7 @@ _HEADERS: Final = tuple(
     (kind, re.compile(pattern, re.IGNORECASE))
     for kind, pattern in (
         ("none", rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE"),
-        ("none", rf"(?:LOCAL )?RECORD (?:[^\W\d]\w*+ [^\W\d]\w*+;)*ENDRECORD"),
+        ("none", r"(?:LOCAL )?RECORD (?:[^\W\d]\w*+ [^\W\d]\w*+;)*ENDRECORD"),
         ("routine", rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) ({_WORD})\(([^()]*)\)"),
         ("aside", rf"(?:LOCAL )?TRAP ({_WORD})"),
         ("end", r"ENDPROC|ENDFUNC|ENDTRAP"),
@@ -91,7 +93,7 @@ _HEADERS: Final = tuple(
         ("if", r"IF ?((?:(?!THEN\b|;).)*?) ?THEN\b"),
         ("turn", r"ELSEIF ?((?:(?!THEN\b|;).)*?) ?THEN\b|ELSE\b|CASE ?([^:;]*):"),
         ("default", r"DEFAULT ?:"),
-        ("test", rf"TEST ?((?:(?!\bCASE\b|\bDEFAULT\b|;).)+?) ?(?=CASE\b|DEFAULT\b|ENDTEST\b)"),
+        ("test", r"TEST ?((?:(?!\bCASE\b|\bDEFAULT\b|;).)+?) ?(?=CASE\b|DEFAULT\b|ENDTEST\b)"),
         ("for", rf"FOR ({_WORD}) FROM ?((?:(?!\bDO\b|;).)+?) ?DO\b"),
         ("loop", r"WHILE ?((?:(?!\bDO\b|;).)+?) ?DO\b"),
         ("close", r"(?:ENDIF|ENDFOR|ENDWHILE|ENDTEST)\b"),
@@ -117,10 +119,7 @@ def _statements(line: Line) -> Iterator[tuple[int, Op]]:
                 ((kind, match) for kind, pattern in _HEADERS if (match := pattern.match(text, place))), None
             )
             if header is None:
-                if not text.endswith(";"):
-                    raise Misread("this text is unknown, or a semicolon is missing before it")
-                for op in _instruction(line, place):
-                    yield below, op
+                yield from ((below, op) for op in _instruction(line, place))
                 return
             place = header[1].end()
             for op in _header(*header):
@@ -138,11 +137,20 @@ def _header(kind: str, match: re.Match[str]) -> list[Op]:
     if kind == "label":
         return [Flow(kind, match[1].upper())]
     if kind in {"routine", "aside"}:
-        names = frozenset(re.findall(rf"({_WORD})(?=,|\||$|\{{)", match[2] or "")) if kind == "routine" else frozenset()
+        names = (
+            frozenset(re.findall(rf"({_WORD})(?=,|\||$|\{{)", match[2] or ""))
+            if kind == "routine"
+            else frozenset()
+        )
         own = frozenset(name.upper() for name in names)
-        return [Flow(kind, match[1].upper()), *([Havoc(own, "a parameter of the routine", _REMEDY)] if own else [])]
+        return [
+            Flow(kind, match[1].upper()),
+            *([Havoc(own, "a parameter of the routine", _REMEDY)] if own else []),
+        ]
     if kind == "for":
-        bounds = [op for each in re.split(" ?TO | ?STEP ", match[2], flags=re.I) for op in _LEXICON.expression(each)]
+        bounds = [
+            op for each in re.split(" ?TO | ?STEP ", match[2], flags=re.I) for op in _LEXICON.expression(each)
+        ]
         name = match[1].upper()
         return [*bounds, Flow("loop"), Havoc(frozenset({name}), f"{name} counts a loop", _REMEDY)]
     given = [op for each in match.groups() if each for op in _LEXICON.expression(each)]
@@ -152,37 +160,36 @@ def _header(kind: str, match: re.Match[str]) -> list[Op]:
 
 
 def _instruction(line: Line, place: int) -> list[Op]:
-    text = line.text[:-1]  # without the semicolon
-    if match := _MOVE.fullmatch(text, place):
-        return _move(line, match)
-    if match := re.compile(rf"(?:(LOCAL|TASK) )?(CONST|PERS|VAR) ({_WORD}) (.*)", re.I).fullmatch(text, place):
-        return _declared(line, match)
-    if match := re.compile(rf"({_WORD})((?:\{{[^{{}}:]*\}}|\.\w+)*):=(.*)").fullmatch(text, place):
-        return _assigned(line, match)
-    if match := re.compile(r"RETURN ?(.*)|(?:RAISE|RETRY|TRYNEXT|EXIT)\b ?(.*)", re.I).fullmatch(text, place):
-        return [*_LEXICON.expression(match[1] or match[2] or "", empty=True), Flow("return")]
-    if match := re.compile(rf"GOTO ({_WORD})", re.I).fullmatch(text, place):
-        return [Flow("jump", match[1].upper())]
-    if match := re.compile(rf"CONNECT {_WORD} WITH ({_WORD})", re.I).fullmatch(text, place):
-        return [Call(match[1].upper(), attached=True)]
-    match = re.compile(rf"({_WORD}) ?(.*)").fullmatch(text, place)
-    if match is None or re.match(_LEXICON.reserved + r"\b", match[1], re.I):
-        after = "a move, a call or an assignment after IF" if match and match[1].upper() == "IF" else ""
-        raise Misread(after or "the statement is unknown: it may move the robot, targets or frames",
-                      "write IF ... THEN ... ENDIF" if after else "")
-    for pattern, reason in _REFUSED:
-        if pattern.match(match[1].upper()) and not re.fullmatch(_QUIET, match[1].upper()):
-            move = [Move(Motion.LINEAR, (), reason=reason, remedy="write it as MoveL, MoveJ or MoveC")]
-            return [Havoc(frozenset(), f"{match[1]}: {reason}", "omit it"), *(move if "process" in reason else [])]
-    arguments = re.sub(r"\\(\w+)(:=)?", r",\1,", match[2]).strip(",")
-    arguments = re.sub(r",{2,}", ",", arguments)
+    if not line.text.endswith(";"):
+        raise Misread("this text is unknown, or a semicolon is missing before it")
+    text = line.text[:-1]
+    for pattern, rule in _RULES:
+        if match := pattern.fullmatch(text, place):
+            return rule(line, match)
+    return _other(re.compile(rf"({_WORD}) ?(.*)").fullmatch(text, place))
+
+
+def _other(match: re.Match[str] | None) -> list[Op]:
+    """Take an instruction of the controller, or a call."""
+    if match is None or re.match(_LEXICON.reserved + r"\b", match[1], re.IGNORECASE):
+        if match and match[1].upper() == "IF":
+            raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
+        raise Misread("the statement is unknown: it may move the robot, targets or frames")
+    name = match[1].upper()
+    quiet = re.fullmatch(_QUIET, name) is not None
+    refused = next((reason for pattern, reason in _REFUSED if not quiet and pattern.match(name)), "")
+    if refused:
+        move = [Move(Motion.LINEAR, (), reason=refused, remedy="write it as MoveL, MoveJ or MoveC")]
+        return [
+            Havoc(frozenset(), f"{match[1]}: {refused}", "omit it"),
+            *(move if "process" in refused else []),
+        ]
+    arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", match[2])).strip(",")
     found = _LEXICON.expression(arguments, empty=True)
-    names = frozenset(name for op in found if isinstance(op, Use) for name in op.names)
-    if re.fullmatch(_QUIET, match[1].upper()):
-        return [*found, Call(match[1].upper(), quiet=True)]
-    if re.fullmatch("INCR|DECR|ADD|CLEAR", match[1].upper()):  # they change their first argument
+    names = frozenset(each for op in found if isinstance(op, Use) for each in op.names)
+    if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
         return [*found, Havoc(names, f"{match[1]} changes it while the program runs", _REMEDY)]
-    return [*found, Call(match[1].upper(), names)]
+    return [*found, Call(name, frozenset() if quiet else names, quiet=quiet)]
 
 
 def _literal(line: Line, start: int, end: int, *kinds: str) -> Literal | None:
@@ -218,7 +225,8 @@ def _declared(line: Line, match: re.Match[str]) -> list[Op]:
     if literal is not None:
         return [Assign(name.upper(), literal, "constant" if constant else "variable")]
     found = _LEXICON.expression(value) if equals else []
-    shown = f"{name} is not a fixed {'frame' if 'data' in kind else 'target'} in numbers, or changes while the program runs"
+    what = "frame" if "data" in kind else "target"
+    shown = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
     return [*sizes, *found, Havoc(frozenset({name.upper()}), shown, _FRAME_REMEDY)]
 
 
@@ -227,25 +235,53 @@ def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
     start, end = match.span(3)
     if re.fullmatch(_LEXICON.reserved, name, re.I):
         raise Misread("the statement is unknown")
-    literal = None if parts_of else _literal(line, start, end, "wobjdata", "tooldata", "robtarget", "jointtarget")
+    literal = (
+        None if parts_of else _literal(line, start, end, "wobjdata", "tooldata", "robtarget", "jointtarget")
+    )
     if literal is not None:
         return [Assign(name.upper(), literal)]
-    uses = _LEXICON.expression(parts_of.replace("{", ",[").replace("}", "]").lstrip(","), empty=True) if "{" in parts_of else []
+    uses = (
+        _LEXICON.expression(parts_of.replace("{", ",[").replace("}", "]").lstrip(","), empty=True)
+        if "{" in parts_of
+        else []
+    )
     reason = f"{name} changes while the program runs"
     return [*uses, *_LEXICON.expression(value), Havoc(frozenset({name.upper()}), reason, _FRAME_REMEDY)]
 
 
 def _move(line: Line, match: re.Match[str]) -> list[Op]:
     letter = (match[1] or match[2] or match[4]).upper()
-    count, trigger, behind = 1 + (letter == "C"), bool(match[4]), _BEHIND.get((match[3] or "").upper(), 0)
-    found: list[Op] = []
-    frame = "WOBJ0"
-    written: list[tuple[int, int]] = []
-    text, start = line.text[: match.end(5)], match.start(5)
+    count, behind = 1 + (letter == "C"), _BEHIND.get((match[3] or "").upper(), 0)
+    last = count + 2 + bool(match[4])  # place of the tool
+    spans, frame, found = _arguments(line.text[: match.end(5)], match.start(5))
+    given = [line.text[slice(*each)] for each in spans]
+    if len(given) != last + 1 + behind or not re.fullmatch(_WORD, given[last]):
+        reason = "the target is not given by numbers, or the move names no speed, zone and tool"
+        raise Misread(
+            reason, "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
+        )
+    targets: list[Literal | Name] = []
+    for span, each in zip(spans[:count], given, strict=False):
+        literal = _literal(line, *span, "robtarget", "jointtarget")
+        if literal is None and not re.fullmatch(_WORD, each):
+            raise Misread("the target is not given by numbers", _REMEDY)
+        targets.append(each.upper() if literal is None else literal)
+    found += [op for each in given[count:last] + given[last + 1 :] for op in _LEXICON.expression(each)]
+    if calls(found):
+        raise Misread("the move computes something", "write speed, zone and tool by their names")
+    process = [Call(given[-1].strip('"').upper(), attached=True)] if behind == 1 else []
+    frames = (Copy(frame.upper()),) * count, (Copy(given[last].upper()),) * count
+    plain = all(isinstance(each, Literal) for each in targets) and not found and not process
+    return [*found, *process, Move(_MOTIONS[letter], tuple(targets), *frames, repeats=plain)]
+
+
+def _arguments(text: str, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
+    """Return where the arguments of a move stand, its work object, and what its options use."""
+    frame, found, spans = "WOBJ0", list[Op](), list[tuple[int, int]]()
     for i, (first, last) in enumerate(parts(text, start)):
         own, *options = parts(text[:last], first, "\\")
         if text[slice(*own)].strip() or (i and not options):
-            written.append((own[0] + (text[own[0] : own[0] + 1] == " "), own[1]))
+            spans.append((own[0] + (text[own[0] : own[0] + 1] == " "), own[1]))
         for option in options:
             name, _, value = text[slice(*option)].partition(":=")
             if not _OPTIONS.fullmatch(name.upper()):
@@ -255,26 +291,23 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
                 if not re.fullmatch(_WORD, value):
                     raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
                 frame = value
-    given = [text[slice(*each)] for each in written]
-    if len(given) != count + 3 + trigger + behind or not re.fullmatch(_WORD, tool := given[count + 2 + trigger]):
-        raise Misread("the target is not given by numbers, or the move names no speed, zone and tool",
-                      "write speed, zone and tool by their names, and \\WObj:= if there is a work object")
-    targets: list[Literal | Name] = []
-    for (first, last), each in zip(written, given[:count], strict=False):
-        literal = _literal(line, first, last, "robtarget", "jointtarget")
-        if literal is None and not re.fullmatch(_WORD, each):
-            raise Misread("the target is not given by numbers", _REMEDY)
-        targets.append(each.upper() if literal is None else literal)
-    for k, each in enumerate(given[count:], count):
-        found += [] if k == count + 2 + trigger else _LEXICON.expression(each)
-    if calls(found):
-        raise Misread("the move computes something", "write speed, zone and tool by their names")
-    process = [Call(given[-1].strip('"').upper(), attached=True)] if behind == 1 else []
-    frames = (Copy(frame.upper()),) * count, (Copy(tool.upper()),) * count
-    plain = all(isinstance(each, Literal) for each in targets) and not found and not process
-    return [*found, *process, Move(_MOTIONS[letter], tuple(targets), *frames, repeats=plain)]
+    return spans, frame, found
 
 
+_RULES: Final[tuple[tuple[re.Pattern[str], Callable[[Line, re.Match[str]], list[Op]]], ...]] = (
+    (_MOVE, _move),
+    (re.compile(rf"(?:(LOCAL|TASK) )?(CONST|PERS|VAR) ({_WORD}) (.*)", re.IGNORECASE), _declared),
+    (re.compile(rf"({_WORD})((?:\{{[^{{}}:]*\}}|\.\w+)*):=(.*)"), _assigned),
+    (
+        re.compile(r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", re.IGNORECASE),
+        lambda _, match: [*_LEXICON.expression(match[1] or "", empty=True), Flow("return")],
+    ),
+    (re.compile(rf"GOTO ({_WORD})", re.IGNORECASE), lambda _, match: [Flow("jump", match[1].upper())]),
+    (
+        re.compile(rf"CONNECT {_WORD} WITH ({_WORD})", re.IGNORECASE),
+        lambda _, match: [Call(match[1].upper(), attached=True)],
+    ),
+)
 DIALECT: Final = Dialect(
     _LEXICON,
     _translate,
@@ -285,7 +318,10 @@ DIALECT: Final = Dialect(
 )
 _ENDS: Final = re.compile(r"\"[^\"\r\n]*+\"|![^\r\n]*+|(;)")
 """The end of a statement, and texts and comments, in which a semicolon is none."""
-_FRAMES: Final = re.compile(rf"\b(?:tooldata|wobjdata)\s++({_WORD})|,\s*+({_WORD})\s*+\\\s*+WObj\s*+:=\s*+({_WORD})|,\s*+({_WORD})\s*+[;\\]", re.IGNORECASE)
+_FRAMES: Final = re.compile(
+    rf"\b(?:tooldata|wobjdata)\s++({_WORD})|,\s*+({_WORD})\s*+\\\s*+WObj\s*+:=\s*+({_WORD})|,\s*+({_WORD})\s*+[;\\]",
+    re.IGNORECASE,
+)
 
 
 def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:

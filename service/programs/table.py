@@ -88,13 +88,14 @@ def _columns(machine: Machine, line: int, header: str, delimiter: str) -> tuple[
     kinds = [each for each in _KINDS if names.keys() >= set(each.split())]
     if len({_KINDS[each][0] is Orientation.JOINTS for each in kinds}) > 1:
         machine.refuse(line, "the table has both poses and joint angles", "omit one of them")
-    for kind in kinds[:1]:
-        notation = _notation(*_KINDS[kind], [units[name] for name in kind.split()])
-        if notation is not None:
-            return notation, [names[name] for name in kind.split()], len(cells)
+    if not kinds:
+        reason = f"the header {shown(header)} does not name the coordinates of the targets"
+        machine.refuse(line, reason, _REMEDY)
+    notation = _notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
+    if notation is None:
         reason = "the columns of the targets have no units, different ones, or those of another quantity"
         machine.refuse(line, reason, _REMEDY)
-    machine.refuse(line, f"the header {shown(header)} does not name the coordinates of the targets", _REMEDY)
+    return notation, [names[name] for name in kinds[0].split()], len(cells)
 
 
 def _notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,6 @@ import numpy as np
 from jointstiff.service.programs.interpreter import Dialect, Machine
 from jointstiff.service.programs.language import (
     Assign,
-    Call,
     Copy,
     Flow,
     Havoc,
@@ -24,8 +23,8 @@ from jointstiff.service.programs.language import (
     Use,
     Value,
     attached,
-    complete,
     calls,
+    complete,
     parts,
     unknown,
 )
@@ -37,7 +36,7 @@ JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=
 _MOTIONS: Final = {
     "movej": Motion.JOINT, "movel": Motion.LINEAR, "movep": Motion.LINEAR, "movec": Motion.CIRCULAR
 }  # fmt: skip
-# Facts. Source: Universal Robots, The URScript programming language 5.11, modules motion, internals, interfaces, math.
+# Facts. Source: Universal Robots, The URScript programming language 5.11.
 # Routines that move the robot where no target in numbers says.
 _MOVING: Final = re.compile(
     r"(?:servo|speed)[jlc]|\w*(?:force|freedrive|teach)_mode|tool_contact|optimove[jl]|\w*(?:conveyor|path_offset)\w*"
@@ -106,34 +105,36 @@ def _ops(line: Line) -> list[Op]:
             return _statement(line, kind, match)
     word = re.match(_WORD, line.text)
     tool = "the tool is not given by numbers" if word and word[0] == "set_tcp" else ""
-    raise Misread(tool or "the statement is unknown: it may move the robot, its targets or its tool",
-                  "write set_tcp(p[x, y, z, rx, ry, rz])" if tool else "")
+    raise Misread(
+        tool or "the statement is unknown: it may move the robot, its targets or its tool",
+        "write set_tcp(p[x, y, z, rx, ry, rz])" if tool else "",
+    )
 
 
 def _statement(line: Line, kind: str, match: re.Match[str]) -> list[Op]:
-    if kind == "move":
-        return _move(line, match)
-    if kind == "assigned":
-        return _assigned(line, match)
-    if kind == "routine":
-        names = frozenset(re.findall(rf"(?:^|,)({_WORD})", match[2]))
-        own = [Havoc(names, "a parameter of the routine", _REMEDY)] if names else []
-        given = [op for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", match[2]) for op in _LEXICON.expression(each)]
-        return [*attached(given), Flow("routine" if match[0].startswith("def") else "aside", match[1]), *own]
-    if kind == "tool":
-        return [Assign("TCP", Literal(POSE, line.ordinals[:6]))]
-    if kind == "call":
-        if re.fullmatch(_LEXICON.reserved, match[1]):
-            raise Misread("the statement is unknown")
-        moves = Move(Motion.LINEAR, (), reason=f"{match[1]} moves the robot without a target", remedy="use movej, movel, movep or movec")
-        ops = _LEXICON.expression(match[0])
-        return [*ops, moves] if _MOVING.fullmatch(match[1]) else ops
+    if kind in _RULES:
+        return _RULES[kind](line, match)
     given = [op for each in match.groups() if each for op in _LEXICON.expression(each)]
-    if kind in {"loop", "turn"}:
-        given = attached(given)
-    if kind == "none":
-        return []
-    return [Flow(kind), *given] if kind == "turn" else [*given, Flow(kind)]
+    if kind in {"none", "turn"}:
+        return [] if kind == "none" else [Flow(kind), *attached(given)]
+    return [*(attached(given) if kind == "loop" else given), Flow(kind)]
+
+
+def _routine(_line: Line, match: re.Match[str]) -> list[Op]:
+    names = frozenset(re.findall(rf"(?:^|,)({_WORD})", match[2]))
+    own = [Havoc(names, "a parameter of the routine", _REMEDY)] if names else []
+    defaults = re.findall(r"=([^,]+(?:\([^()]*\))?)", match[2])
+    given = [op for each in defaults for op in _LEXICON.expression(each)]
+    return [*attached(given), Flow("routine" if match[0].startswith("def") else "aside", match[1]), *own]
+
+
+def _called(_line: Line, match: re.Match[str]) -> list[Op]:
+    name = match[1]
+    if re.fullmatch(_LEXICON.reserved, name):
+        raise Misread("the statement is unknown")
+    reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
+    left = [Move(Motion.LINEAR, (), reason=reason, remedy=remedy)] if _MOVING.fullmatch(name) else []
+    return [*_LEXICON.expression(match[0]), *left]
 
 
 def _literal(line: Line, start: int, end: int) -> Literal | None:
@@ -154,7 +155,11 @@ def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
         return [Assign(name, literal)]
     found = _LEXICON.expression(index.strip("[]").replace("][", ","), empty=True) if "[" in index else []
     value = re.sub(r"\bp(?=\[)", "", value)
-    return [*found, *_LEXICON.expression(value), Havoc(frozenset({name}), f"{name} gets what is no number", _REMEDY)]
+    return [
+        *found,
+        *_LEXICON.expression(value),
+        Havoc(frozenset({name}), f"{name} gets what is no number", _REMEDY),
+    ]
 
 
 def _move(line: Line, match: re.Match[str]) -> list[Op]:
@@ -176,7 +181,11 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
         found += _LEXICON.expression(re.sub("^(?:a|v|t|r|mode)=", "", text[start:end]))
     if calls(found):
         raise Misread("the move calls a routine")
-    plain = not found and all(isinstance(each, Literal) for each in targets) and not any(isinstance(each, Literal) for each in bases)
+    plain = (
+        not found
+        and all(isinstance(each, Literal) for each in targets)
+        and not any(isinstance(each, Literal) for each in bases)
+    )
     return [*found, Move(motion, tuple(targets), tuple(bases), (Copy("TCP"),) * count, repeats=plain)]
 
 
@@ -202,6 +211,13 @@ def _target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal 
     return text if literal is None else literal, Copy("robot base")
 
 
+_RULES: Final[Mapping[str, Callable[[Line, re.Match[str]], list[Op]]]] = {
+    "move": _move,
+    "assigned": _assigned,
+    "routine": _routine,
+    "call": _called,
+    "tool": lambda line, _: [Assign("TCP", Literal(POSE, line.ordinals[:6]))],
+}
 DIALECT: Final = Dialect(
     _LEXICON,
     _translate,

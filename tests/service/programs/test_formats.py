@@ -189,7 +189,8 @@ def test_ur_frames_of_pose_trans():
         ("a.src", "DEF a()\nCIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "arc"),
         (
             "a.src",
-            "DEF a()\nBASE_DATA[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n$BASE=BASE_DATA[1]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND",
+            "DEF a()\nBASE_DATA[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n$BASE=BASE_DATA[1]\n"
+            "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND",
             2,
             "no whole frame",
         ),
@@ -304,8 +305,16 @@ LIN = "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}"
 @pytest.mark.parametrize(
     ("name", "content", "line"),
     [
-        ("a.src", f"DEF a()\n{FREE_FRAMES}\nIF x THEN\ns()\nENDIF\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", 10),
-        ("a.src", f"DEF a()\n{FREE_FRAMES}\nLOOP\n{LIN}\ns()\nENDLOOP\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", 10),
+        (
+            "a.src",
+            f"DEF a()\n{FREE_FRAMES}\nIF x THEN\ns()\nENDIF\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",
+            10,
+        ),
+        (
+            "a.src",
+            f"DEF a()\n{FREE_FRAMES}\nLOOP\n{LIN}\ns()\nENDLOOP\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",
+            10,
+        ),
         ("a.src", f"DEF a()\n{FREE_FRAMES}\ns()\n$BASE=BASE_DATA[2]\ns()\nEND\nDEF s()\n{LIN}\nEND", 5),
         ("a.src", f"DEF a()\n{LIN}\nEND\nDEF s()\n{LIN}\nEND", 5),
         ("a.script", "def a():\n  movel(p[1,2,3,0,0,0])\nend\ndef b():\n  movel(p[1,2,3,0,0,0])\nend\n", 5),
@@ -321,13 +330,19 @@ def test_frames_that_depend_on_the_way_the_program_takes_are_refused(name, conte
         (f"DEF a()\n{FREE_FRAMES}\n{LIN}\ns()\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", [1, 2]),
         (f"DEF a()\ns()\n{FREE_FRAMES}\n{LIN}\nEND\nDEF s()\nEND", [1]),
         (f"DEF a()\n{FREE_FRAMES}\nLOOP\n$BASE=BASE_DATA[2]\n{LIN}\nENDLOOP\nEND", [2]),
-        (f"DEF a()\n{FREE_FRAMES}\nIF x THEN\n$BASE=BASE_DATA[2]\n{LIN}\n$BASE=BASE_DATA[1]\nENDIF\n{LIN}\nEND", [2, 1]),
+        (
+            f"DEF a()\n{FREE_FRAMES}\nIF x THEN\n$BASE=BASE_DATA[2]\n{LIN}\n"
+            f"$BASE=BASE_DATA[1]\nENDIF\n{LIN}\nEND",
+            [2, 1],
+        ),
     ],
 )
 def test_frames_are_followed_over_calls_and_loops(content, bases):
     program = read_program([("a.src", content.encode())])
     targets = targets_of(program)
-    assert [targets[move.targets[0]].base.name for move in moves_of(program)] == [f"BASE_DATA[{i}]" for i in bases]
+    assert [targets[move.targets[0]].base.name for move in moves_of(program)] == [
+        f"BASE_DATA[{i}]" for i in bases
+    ]
 
 
 @pytest.mark.timeout(30)
@@ -343,7 +358,7 @@ def test_large_files_of_nothing_are_refused_soon(name, content):
 
 @pytest.mark.parametrize("number", ["1e400", "1.5"])
 def test_the_number_of_a_frame_is_whole(number):
-    text = f"DEF a()\nFDAT_ACT={{TOOL_NO {number},BASE_NO 1}}\nBAS(#FRAMES)\nLIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND"
+    text = f"DEF a()\nFDAT_ACT={{TOOL_NO {number},BASE_NO 1}}\nBAS(#FRAMES)\n{LIN}\nEND"
     assert refusal("a.src", text).faults[0].line == 2
 
 

@@ -254,7 +254,9 @@ def test_ur_frames_that_are_set_one_after_the_other():
 
 def test_ur_frames_that_a_loop_sets_are_refused():
     """The frame of the first pass is another one than that of the passes behind it."""
-    text = POSTED_UR.replace("  movel(pose_trans", "  while True:\n  movel(pose_trans", 1).replace("end\n", "end\nend\n", 1)
+    text = POSTED_UR.replace("  movel(pose_trans", "  while True:\n  movel(pose_trans", 1).replace(
+        "end\n", "end\nend\n", 1
+    )
     assert refusal("a.script", text).line == 10
 
 

@@ -542,7 +542,10 @@ def test_what_is_certain_by_now_is_corrected(program, frames):
     """Refused once: frames over loops, jumps and calls of the program's own."""
     name, text = program
     targets = read_program([(name, text.encode())]).targets
-    assert [(targets.frames[b].name, targets.frames[t].name) for b, t in zip(targets.base, targets.tool, strict=True)] == frames
+    assert [
+        (targets.frames[b].name, targets.frames[t].name)
+        for b, t in zip(targets.base, targets.tool, strict=True)
+    ] == frames
 
 
 LAYOUTS = [
