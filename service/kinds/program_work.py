@@ -14,8 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.assessment import Assessment, combined
-from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,

@@ -48,7 +48,7 @@ _STATED: Final = NUMBERS + WORDS
 
 
 class Cause(NamedTuple):
-    """Why something is not known: a line, and what to do."""
+    """Reason why something is not known: a line, and what to do."""
 
     line: int
     reason: str

@@ -16,7 +16,7 @@ State = TypeVar("State")
 
 @dataclass(slots=True, eq=False)
 class Block(Generic[State]):
-    """What is done one after the other, and where the program goes on."""
+    """Block of what is done one after the other, and where the program goes on."""
 
     routine: str
     ops: list[int] = field(default_factory=list)  # indices of what is done
