@@ -211,7 +211,7 @@ def test_rapid_tool_set_in_numbers_before_the_moves():
         (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "after IF"),
         (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),  # noqa: E501
         (f"t1.tframe := [[0,0,9],[1,0,0,0]];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
-        (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 4, "changes"),
+        (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 5, "changes"),
     ],
 )  # fmt: skip
 def test_rapid_frames_and_moves_in_branches_are_refused(body, line, words):
@@ -253,11 +253,10 @@ def test_ur_frames_that_are_set_one_after_the_other():
 
 
 def test_ur_frames_that_a_loop_sets_are_refused():
-    """The frame of the first pass is another one than that of the passes behind it."""
-    text = POSTED_UR.replace("  movel(pose_trans", "  while True:\n  movel(pose_trans", 1).replace(
+    text = POSTED_UR.replace("  ref_frame = p[0.7", "  while True:\n  ref_frame = p[0.7").replace(
         "end\n", "end\nend\n", 1
     )
-    assert refusal("a.script", text).line == 10
+    assert refusal("a.script", text).line == 8
 
 
 @pytest.mark.parametrize("call", ["servoj([0,0,0,0,0,0], t=0.1)", "force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0])"])
