@@ -15,14 +15,7 @@ from jointstiff.service.api import admin, health, jobs, resources, runs, uploads
 from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.health import Metrics, Watch
-from jointstiff.service.api.middleware import (
-    COMPRESSED_BYTES,
-    PACKED,
-    AnswerHeaders,
-    Guard,
-    Methods,
-    Observed,
-)
+from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, Guard, Methods, Observed
 from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.jobs.life import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
@@ -146,9 +139,8 @@ def create_app(
     app.add_middleware(Methods, routes=app.routes)
     public_paths(app.routes)  # now, as middleware is made with the first request
     app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
-    app.add_middleware(AnswerHeaders)
-    app.state.metrics = Metrics()
-    app.add_middleware(Observed, metrics=app.state.metrics)
+    app.state.metrics = metrics = Metrics()
+    app.add_middleware(Observed, metrics=metrics)
     return app
 
 

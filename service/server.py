@@ -193,7 +193,7 @@ def _showing(metrics: Metrics, host: str, port: int, silence: float = SILENT_SEC
 
 def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     """Return the state of the service as its last look saw it, as far as it is known."""
-    seen = app.state.watch.seen()
+    seen = app.state.watch.seen
     state: dict[str, float] = {
         "database_up": seen is not None and seen.error is None,
         "failing_workers": app.state.failing_workers(),

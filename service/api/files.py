@@ -284,13 +284,5 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
   was sent"""
 
 
-class FilesDescription(NamedTuple):
-    """The description of the files, for OpenAPI."""
-
-    description: str
-    answers: dict[int | str, dict[str, Any]]
-
-
-FILES: Final = FilesDescription(
-    _description(), {200: {"description": "The file.", "content": _media_types()}}
-)
+FILES_DESCRIPTION: Final = _description()
+FILES: Final[dict[int | str, dict[str, Any]]] = {200: {"description": "The file.", "content": _media_types()}}

@@ -86,23 +86,13 @@ async def get_live() -> Response:
 
 @router.get("/v1", dependencies=[VIEWER], include_in_schema=False)
 def get_index() -> dict[str, str]:
-    """Return the addresses of the API; the page for people is at /."""
+    """Return where the API is described, and the kinds of jobs; the page for people is at /."""
     return {
         "name": "Jointstiff",
         "version": JOINTSTIFF_VERSION,
         "description": "/openapi.json",
         "health": "/health",
-        "robots": "/v1/robots",
-        "measurement_sets": "/v1/measurement-sets",
         **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},
-        "campaigns": "/v1/campaigns",
-        "deflections": "/v1/deflections",
-        "imports": "/v1/imports",
-        "kinematics": "/v1/kinematics",
-        "catalogue": "/v1/catalogue",
-        "session": "/v1/session",
-        "keys": "/v1/keys",
-        "audit": "/v1/audit",
     }
 
 
@@ -131,19 +121,15 @@ class Watch:
         """
         self._store = store
         self._keyring = keyring
-        self._seen: Seen | None = None
+        self.quota_bytes = store.quota.most  # size that the database may have; None for any
+        self.seen: Seen | None = None  # outcome of the last look
         self._unwritable: StoreError | None = None
         self._proved = 0.0
         self._ended = threading.Event()
 
-    @property
-    def quota_bytes(self) -> int | None:
-        """Return the size that the database may have; None for any."""
-        return self._store.quota.most
-
     def __enter__(self) -> Watch:
         self._ended.clear()
-        self._seen = self._look()
+        self.seen = self._look()
         self._proved = time.monotonic()
         self._threads = [
             threading.Thread(target=act, daemon=True) for act in (self._renew, self._prove_again)
@@ -156,11 +142,7 @@ class Watch:
         self._ended.set()
         for thread in self._threads:  # one in the middle of a look would use a store that is closed
             thread.join(_GOODBYE_SECONDS)
-        self._seen = None
-
-    def seen(self) -> Seen | None:
-        """Return the outcome of the last look; None if there was none yet."""
-        return self._seen
+        self.seen = None
 
     async def latest(self) -> Seen:
         """Return the outcome of the last look.
@@ -168,7 +150,7 @@ class Watch:
         Raises:
             StoreError: the database did not answer the last look, or has not for `STALE_SECONDS`.
         """
-        seen = self._seen
+        seen = self.seen
         if seen is None:
             seen = await run_sync(self._look)
         if seen.error is not None:
@@ -184,11 +166,11 @@ class Watch:
             StoreError: the database did not answer the last look, or could not be written.
         """
         seen = await self.latest()
-        if self._seen is None:
+        if self.seen is None:
             await run_sync(self._prove)
         if self._unwritable is not None:
             raise self._unwritable.with_traceback(None)
-        if self._seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
+        if self.seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
             raise StoreUnavailableError(
                 "a write to the database does not finish", "find the program that locks it"
             )
@@ -215,7 +197,7 @@ class Watch:
         while not self._ended.wait(LOOK_SECONDS):
             seen = self._look()
             if not self._ended.is_set():
-                self._seen = seen
+                self.seen = seen
 
     def _look(self) -> Seen:
         try:
@@ -227,7 +209,7 @@ class Watch:
         except StoreError as error:
             return Seen(time.monotonic(), error=error)
         except Exception:  # the thread has to go on; it may work again at the next look
-            if self._seen is None or self._seen.error is None:  # not at each look again
+            if self.seen is None or self.seen.error is None:  # not at each look again
                 _logger.exception("unexpected failure of a check of the database")
             failed = StoreUnavailableError("the check of the database failed", "try again; see the log")
             return Seen(time.monotonic(), error=failed)

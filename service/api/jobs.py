@@ -27,8 +27,8 @@ from jointstiff.service.api.answers import (
 )
 from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies
 from jointstiff.service.api.events import Followers
-from jointstiff.service.api.examples import JOB_CHANGES, shown
-from jointstiff.service.api.files import FILES, content_of, stored_content
+from jointstiff.service.api.examples import EXAMPLES, shown
+from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, stored_content
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
@@ -142,7 +142,9 @@ router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["jobs"], route_class=BodyRo
 
 
 @router.patch("", dependencies=[OPERATOR], response_model=ANY_JOB)
-def change_job(parts: PartsOf, job_id: JobId, body: Annotated[JobChange, shown(JOB_CHANGES)]) -> Response:
+def change_job(
+    parts: PartsOf, job_id: JobId, body: Annotated[JobChange, shown(EXAMPLES["job_changes"])]
+) -> Response:
     """Cancel, delete or restore a job of any kind, and get it.
 
     The workers of a cancelled job stop at their next step; one that has ended stays as it is. A deleted job
@@ -193,9 +195,9 @@ async def follow_job(
     "/files/{name}",
     dependencies=[VIEWER],
     name="get_job_file",
-    description=FILES.description,
+    description=FILES_DESCRIPTION,
     response_class=Response,
-    responses=FILES.answers | NOT_MODIFIED | problems(409),
+    responses=FILES | NOT_MODIFIED | problems(409),
 )
 async def get_job_file(
     request: Request,

@@ -157,25 +157,6 @@ PACKED: Final = (
 """Types of answers that are sent as they are, whatever their size."""
 
 
-class AnswerHeaders:
-    """Middleware that gives each answer the headers it lacks."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
-
-        async def sent(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in ANSWER_HEADERS.items():
-                    headers.setdefault(name, value)
-            await send(message)
-
-        await self._app(scope, receive, sent if scope["type"] == "http" else send)
-
-
 KNOWN_ID: Final = "jointstiff.request_id"
 """Identifier in the scope of a request that another process forwards, which counts and logs it."""
 _COUNTED: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
@@ -184,7 +165,10 @@ _logger = logging.getLogger(ACCESS_LOGGER)
 
 
 class Observed:
-    """Middleware around all others: names each request, counts it, and logs it as JSON if asked to."""
+    """Middleware around all others: names each request, counts it, and logs it as JSON if asked to.
+
+    It gives each answer the headers that it lacks.
+    """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         """Wrap an application."""
@@ -207,7 +191,9 @@ class Observed:
         async def sent(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message)[REQUEST_ID_HEADER] = identifier
+                headers = MutableHeaders(scope=message)
+                for name, value in {**ANSWER_HEADERS, REQUEST_ID_HEADER: identifier}.items():
+                    headers.setdefault(name, value)
             await send(message)
             status = message.get("status", status)  # now, as the connection may have refused it
 

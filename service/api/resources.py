@@ -43,7 +43,7 @@ from jointstiff.service.api.answers import (
     unchanging,
 )
 from jointstiff.service.api.bodies import BodyRoute, Key
-from jointstiff.service.api.examples import MEASUREMENT_SETS, ROBOT_CHANGES, ROBOTS, SET_CHANGES, shown
+from jointstiff.service.api.examples import EXAMPLES, shown
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.resources.measurement_sets import assembled
@@ -64,7 +64,9 @@ trends = APIRouter(tags=["trends"], route_class=BodyRoute)
     response_model=Robot,
     responses=LOCATION,
 )
-def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], key: Key) -> Response:
+def create_robot(
+    parts: PartsOf, body: Annotated[RobotRequest, shown(EXAMPLES["robots"])], key: Key
+) -> Response:
     """Store a robot.
 
     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
@@ -113,7 +115,7 @@ def get_robot(request: Request, parts: PartsOf, robot_id: Id) -> Response:
 def change_robot(
     parts: PartsOf,
     robot_id: Id,
-    body: Annotated[RobotChange, shown(ROBOT_CHANGES)],
+    body: Annotated[RobotChange, shown(EXAMPLES["robot_changes"])],
 ) -> Response:
     """Change a robot's name, archive it, delete it, or restore it.
 
@@ -172,7 +174,7 @@ def compute_kinematics(
 )
 def create_measurement_set(
     parts: PartsOf,
-    body: Annotated[MeasurementSetRequest, shown(MEASUREMENT_SETS)],
+    body: Annotated[MeasurementSetRequest, shown(EXAMPLES["measurement_sets"])],
     key: Key,
 ) -> Response:
     """Store a measurement set.
@@ -215,7 +217,7 @@ def get_measurement_set(request: Request, parts: PartsOf, set_id: Id) -> Respons
 def change_measurement_set(
     parts: PartsOf,
     set_id: Id,
-    body: Annotated[SetChange, shown(SET_CHANGES)],
+    body: Annotated[SetChange, shown(EXAMPLES["set_changes"])],
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, archive it, delete it, or restore it.
 

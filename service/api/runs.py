@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Annotated, Any, Final, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
@@ -22,7 +22,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies
-from jointstiff.service.api.examples import CAMPAIGNS, DEFLECTIONS, shown
+from jointstiff.service.api.examples import EXAMPLES, shown
 from jointstiff.service.api.files import authorisations_of, run_subject
 from jointstiff.service.api.jobs import AskedBy, JobId, JobRoute, Wait, Work, answer
 from jointstiff.service.jobs.life import Parts
@@ -38,17 +38,6 @@ from jointstiff.service.security.access import ADMIN, OPERATOR, asked_of
 from jointstiff.service.store.collection import Collection, NumberTakenError
 from jointstiff.service.store.records import AuthorisationRecord, IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
-
-_EXAMPLE: Final = {
-    "kind": "exchange_columns",
-    "observations": [],
-    "joints": ["joint_2", "joint_3"],
-    "joint_map": [],
-    "offset": [],
-    "target": None,
-    "correction": [],
-    "unit": None,
-}
 
 Part = TypeVar("Part", bound=Message)
 
@@ -67,7 +56,7 @@ async def apply_action(
     request: Request,
     parts: PartsOf,
     run_id: JobId,
-    body: Annotated[Action, shown({"two columns": _EXAMPLE})],
+    body: Annotated[Action, shown(EXAMPLES["actions"])],
     work: Work,
     asked_by: AskedBy,
     query: Wait,
@@ -167,7 +156,7 @@ def _key(content: str) -> IdempotencyKey:
 async def create_campaign(
     request: Request,
     parts: PartsOf,
-    body: Annotated[Campaign, shown(CAMPAIGNS)],
+    body: Annotated[Campaign, shown(EXAMPLES["campaigns"])],
     key: Key,
     work: Work,
     asked_by: AskedBy,
@@ -278,7 +267,7 @@ def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
 
 @authorisations.post("/v1/deflections", dependencies=[OPERATOR], response_model=DeflectionResult)
 async def compute_deflections(
-    request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, shown(DEFLECTIONS)]
+    request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, shown(EXAMPLES["deflections"])]
 ) -> Response:
     """Predict deflection, rotation and Cartesian compliance by the model of a run. Nothing is stored.
 

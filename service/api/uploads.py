@@ -22,7 +22,7 @@ from jointstiff.service.api.bodies import (
     large_bodies,
     without_collections,
 )
-from jointstiff.service.api.examples import IMPORTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import AskedBy, JobRoute, Wait, answer
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs.life import Parts
@@ -36,7 +36,7 @@ from jointstiff.solver.errors import RequestError
 _NAME: Final = TypeAdapter(Name)
 
 _DEFAULTS: Final = ImportRequest()
-_IMPORT: Final = IMPORTS["one table"]
+_IMPORT: Final = EXAMPLES["imports"]["one table"]
 
 BINARY: Final[dict[str, JsonValue]] = {
     "type": "string",

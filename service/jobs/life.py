@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -33,7 +33,7 @@ from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJ
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.measurement_sets import MeasurementSets, Resources
 from jointstiff.service.resources.robots import Robots
-from jointstiff.service.store.jobs import OPEN_STATES, JobStatus
+from jointstiff.service.store.jobs import OPEN_STATES
 from jointstiff.service.store.records import IdempotencyKey, JobRecord
 from jointstiff.service.store.store import Store
 from jointstiff.service.versions import versions
@@ -149,22 +149,6 @@ class Jobs:
         items = [self.kind.summary.model_validate(entry.summary) for entry in page.records]
         return Page(items=items, next=page.next)
 
-    def status(self, job_id: str) -> JobStatus:
-        """Return state and progress of a job, without a look at its document.
-
-        Raises:
-            NotFoundError: there is no such job.
-        """
-        self._refuse_odd(job_id)
-        status = self.log.status(job_id)
-        if status is None:
-            raise NotFoundError(self.kind.resource, job_id)
-        return status
-
-    def statuses(self, job_ids: Collection[str]) -> Mapping[str, JobStatus]:
-        """Return state and progress of those of some jobs that exist, by id."""
-        return self.log.statuses(job_ids)
-
     def cancel(self, job_id: str) -> Job:
         """End a job where it stands; a job that has ended stays as it is.
 
@@ -183,7 +167,6 @@ class Jobs:
             NotFoundError: there is no such job.
             NotEndedError: it has not ended.
         """
-        self._refuse_odd(job_id)
         self.deletions.delete(job_id, datetime.now(UTC))
 
     def restore(self, job_id: str) -> str:
@@ -192,7 +175,6 @@ class Jobs:
         Raises:
             NotFoundError: there is no such job, or it has been removed for good.
         """
-        self._refuse_odd(job_id)
         self.deletions.restore(job_id)
         return self.document(job_id)
 
@@ -239,11 +221,6 @@ class Jobs:
             return job
         progress = job.progress.model_copy(update={"done": self.log.done(record.id)})
         return job.model_copy(update={"state": record.state, "progress": progress})
-
-    def _refuse_odd(self, job_id: str) -> None:
-        """Refuse an id that a database may not even take as a text; none of ours is."""
-        if not (job_id.isascii() and job_id.isprintable()):
-            raise NotFoundError(self.kind.resource, job_id)
 
     def _read(self, record: JobRecord) -> Job:
         job: Job = self.kind.message.model_validate_json(record.document)

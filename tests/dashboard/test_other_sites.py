@@ -11,7 +11,7 @@ import httpx2
 import pytest
 from support.browsing import post
 
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TRY = """async ([service, run, robot]) => {
@@ -80,7 +80,7 @@ def test_nothing_is_read_posted_or_deleted(origin, browser, api, other_site):
         page.goto("data:text/html,<!doctype html>")
     else:
         page.goto(other_site)
-    robot = json.dumps(ROBOTS["modified DH"] | {"name": "stolen"})
+    robot = json.dumps(EXAMPLES["robots"]["modified DH"] | {"name": "stolen"})
     assert page.evaluate(TRY, [service, run, robot]) == ""
     page.close()
     assert [api.get(f"/v1/runs/{run}").json(), api.get("/v1/robots").json()] == before

@@ -14,7 +14,7 @@ import pytest
 from support.browsing import DASHBOARD, post, run_npm
 from support.guide_files import ROOT
 
-from jointstiff.service.api.examples import IMPORTS, MEASUREMENT_SETS, ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -45,14 +45,14 @@ def url(services):
 def bodies(url):
     """The documented bodies by address, with ids of what is stored."""
     documents = {
-        "/v1/robots": ROBOTS,
-        "/v1/measurement-sets": MEASUREMENT_SETS,
-        "/v1/imports": IMPORTS,
+        "/v1/robots": EXAMPLES["robots"],
+        "/v1/measurement-sets": EXAMPLES["measurement_sets"],
+        "/v1/imports": EXAMPLES["imports"],
         **{f"/v1/{kind.collection}": kind.examples for kind in KINDS if not kind.is_form},
     }
     found = {path: list(examples.values()) for path, examples in documents.items()}
     found["/v1/robots"].append(documented_robot())
-    found["/v1/kinematics"] = [{"robot": ROBOTS["modified DH"]}]
+    found["/v1/kinematics"] = [{"robot": EXAMPLES["robots"]["modified DH"]}]
     text = json.dumps(found)
     for placeholder, identifier in stored(url).items():
         text = text.replace(placeholder, identifier)

@@ -48,10 +48,10 @@ def test_a_run_ends_and_its_steps_are_removed_later(database_url):
         run = parts.jobs["run"].create(RunRequest.model_validate(body), None)
 
         with working(database_url, "worker"):
-            until(lambda: not parts.jobs["run"].status(run.id).goes_on, seconds=60)
+            until(lambda: not parts.jobs["run"].log.status(run.id).goes_on, seconds=60)
             until(lambda: queue.statuses([run.id])[run.id] == "SUCCESS")
             assert parts.jobs["run"].current(run.id).state == "succeeded"
-            assert parts.jobs["run"].status(run.id).done == 40_000
+            assert parts.jobs["run"].log.status(run.id).done == 40_000
             workflows, steps = rows_of(store, database_url)
             assert workflows > 1
             assert steps > workflows

@@ -15,7 +15,7 @@ from starlette.requests import HTTPConnection
 from support.in_process import Client
 
 from jointstiff.service.api import health
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.app import create_app
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.security import access
@@ -144,7 +144,7 @@ def test_an_operation_without_a_role_is_not_composed(monkeypatch, store):
 
 def test_open_services_demand_no_key_but_issue_none_either(store):
     client = Client(store)
-    assert client.request("POST", "/v1/robots", json=ROBOTS["modified DH"]).status_code == 201
+    assert client.request("POST", "/v1/robots", json=EXAMPLES["robots"]["modified DH"]).status_code == 201
     for method, path in (("POST", "/v1/keys"), ("GET", "/v1/keys"), ("GET", "/v1/audit")):
         answer = client.request(method, path, json={"name": "x", "role": "admin"})
         assert answer.status_code == 403
@@ -347,7 +347,7 @@ def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, s
 
 
 def test_who_changes_what_stands_in_the_audit(client, store):
-    robot = ROBOTS["modified DH"]
+    robot = EXAMPLES["robots"]["modified DH"]
     assert client.request("POST", "/v1/robots", json=robot, headers=bearer("operator")).status_code == 201
     assert client.request("POST", "/v1/robots", json=robot, headers=bearer("viewer")).status_code == 403
     assert client.request("POST", "/v1/robots", json=robot).status_code == 401
@@ -413,7 +413,9 @@ def test_an_unexpected_failure_stands_in_the_audit(client, store, monkeypatch):
 
     monkeypatch.setattr("jointstiff.service.resources.robots.Robots.create", fail)
     with pytest.raises(ZeroDivisionError):
-        client.request("POST", "/v1/robots", json=ROBOTS["modified DH"], headers=bearer("operator"))
+        client.request(
+            "POST", "/v1/robots", json=EXAMPLES["robots"]["modified DH"], headers=bearer("operator")
+        )
     assert store.audit.page(1)[0][0].status == 500
 
 

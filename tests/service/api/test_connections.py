@@ -20,7 +20,7 @@ from support.processes import until
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.logs import ACCESS_LOGGER
 from jointstiff.service.security.keys import mint
 from jointstiff.service.security.origin import Posture
@@ -230,7 +230,7 @@ def test_unfinished_bodies_are_bounded_together(serve, connect):
         assert f"\r\n{name}: {value}\r\n".encode() in answer
     for connection in connections[:3]:
         connection.close()
-    robot = ROBOTS["modified DH"]
+    robot = EXAMPLES["robots"]["modified DH"]
     while (
         httpx2.post(f"{url}/v1/robots", json=robot).status_code == 503
     ):  # until the others are seen to be gone
@@ -241,7 +241,7 @@ def test_unfinished_bodies_are_bounded_together(serve, connect):
 def test_bodies_that_are_worked_on_count_until_they_are_done(leaves, tmp_path, connect):
     """Complete bodies of 90 kB wait for a locked database, their clients with them or not."""
     path = tmp_path / "jointstiff.db"
-    body = json.dumps(ROBOTS["modified DH"]).encode().ljust(90_000)
+    body = json.dumps(EXAMPLES["robots"]["modified DH"]).encode().ljust(90_000)
     request = b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
     request += b"Connection: close\r\nContent-Length: 90000\r\n\r\n" + body
     with (
@@ -272,7 +272,7 @@ def test_bodies_that_are_worked_on_count_until_they_are_done(leaves, tmp_path, c
 
 
 LARGE_ROBOT = {
-    "content": json.dumps(ROBOTS["modified DH"]).encode().ljust(90_000),
+    "content": json.dumps(EXAMPLES["robots"]["modified DH"]).encode().ljust(90_000),
     "headers": {"Content-Type": "application/json"},
     "timeout": 60,
 }
@@ -290,7 +290,7 @@ def test_large_bodies_wait_for_a_turn_and_others_do_not(serve, connect):
     url = serve(TURNS=1, BODY_RATE=1.0, TURN_SECONDS=0.3)
     holder = connect(url)
     holder.sendall(BODY + b" " * 90_000)
-    assert httpx2.post(f"{url}/v1/robots", json=ROBOTS["modified DH"]).status_code == 201
+    assert httpx2.post(f"{url}/v1/robots", json=EXAMPLES["robots"]["modified DH"]).status_code == 201
     too_large = LARGE_ROBOT | {"content": b" " * (MAX_ROBOT_BYTES + 1)}
     assert httpx2.post(f"{url}/v1/robots", **too_large).status_code == 413
     for undeclared in (False, True):
@@ -350,7 +350,7 @@ def test_a_body_that_proves_small_ends_its_turn(tmp_path, connect):
         closing(sqlite3.connect(path, isolation_level=None)) as other,
     ):
         other.execute("BEGIN IMMEDIATE")
-        robot, waiting = json.dumps(ROBOTS["modified DH"]).encode(), connect(url)
+        robot, waiting = json.dumps(EXAMPLES["robots"]["modified DH"]).encode(), connect(url)
         head = b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
         chunked = head + b"Transfer-Encoding: chunked\r\n\r\n"
         waiting.sendall(chunked + b"%x\r\n%s\r\n0\r\n\r\n" % (len(robot), robot))

@@ -11,12 +11,12 @@ import pytest
 from sqlalchemy import event
 from support.in_process import Client
 
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.doctor import examine
 
-ROBOT = ROBOTS["modified DH"]
+ROBOT = EXAMPLES["robots"]["modified DH"]
 
 
 @contextmanager

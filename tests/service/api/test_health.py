@@ -17,14 +17,14 @@ from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
 from jointstiff.service.api.answers import ANSWER_HEADERS
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.store.store import Store
 
-ROBOT = ROBOTS["modified DH"]
+ROBOT = EXAMPLES["robots"]["modified DH"]
 
 
 def test_health_is_answered_while_all_threads_wait_for_the_database(tmp_path):

@@ -13,7 +13,7 @@ from support.in_process import Client
 from support.processes import until
 
 from jointstiff.service.api import limited
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.security.keys import mint
 from jointstiff.service.security.origin import Posture
@@ -21,7 +21,7 @@ from jointstiff.service.store.store import Store
 
 pytestmark = pytest.mark.process
 JSON = {"Content-Type": "application/json"}
-LARGE = json.dumps(ROBOTS["modified DH"]).encode().ljust(limited.LIMITED_BYTES + 1)
+LARGE = json.dumps(EXAMPLES["robots"]["modified DH"]).encode().ljust(limited.LIMITED_BYTES + 1)
 
 
 @pytest.fixture(scope="module")

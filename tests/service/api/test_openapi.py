@@ -10,7 +10,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotRequest
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.api.examples import CAMPAIGNS, DEFLECTIONS, IMPORTS, MEASUREMENT_SETS, ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.resources.imports import import_files
@@ -40,10 +40,10 @@ def test_the_description_is_answered_as_it_was_first_written(openapi):
 
 def test_examples_are_valid():
     for model, documented in (
-        (RobotRequest, ROBOTS),
-        (Campaign, CAMPAIGNS),
-        (MeasurementSetRequest, MEASUREMENT_SETS),
-        (DeflectionRequest, DEFLECTIONS),
+        (RobotRequest, EXAMPLES["robots"]),
+        (Campaign, EXAMPLES["campaigns"]),
+        (MeasurementSetRequest, EXAMPLES["measurement_sets"]),
+        (DeflectionRequest, EXAMPLES["deflections"]),
         *((kind.request, kind.examples) for kind in KINDS if not kind.is_form),
     ):
         for example in documented.values():
@@ -59,7 +59,7 @@ def test_imports_are_described_and_their_example_is_complete(openapi):
     assert form["properties"]["files"]["examples"]
     assert "ImportRequest" in openapi["components"]["schemas"]
     assert {"200", "413", "415", "422"} <= operation["responses"].keys()
-    for example in IMPORTS.values():
+    for example in EXAMPLES["imports"].values():
         files = [SourceFile(f"{i}.csv", text.encode()) for i, text in enumerate(example["files"])]
         assert import_files(files, ImportRequest.model_validate(example["options"])).measurement_set
 

@@ -11,7 +11,7 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.schemas.finding import Problem
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.cli.app import app as command
 from jointstiff.service.logs import LogFormat
 from jointstiff.service.security.keys import mint
@@ -19,7 +19,7 @@ from jointstiff.service.security.origin import Posture
 from jointstiff.service.server import _configuration
 from jointstiff.service.store.store import Store
 
-ROBOT = ROBOTS["modified DH"]
+ROBOT = EXAMPLES["robots"]["modified DH"]
 
 
 @pytest.fixture(scope="module")

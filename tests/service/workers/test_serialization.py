@@ -88,10 +88,10 @@ def test_a_pickle_planted_in_the_database_is_not_run_and_its_job_ends(database_u
         engine.dispose()
         assert names == {"jointstiff_json"}
         with working(database_url, "worker"):
-            until(lambda: not runs.status(planted.id).goes_on, seconds=60)
-            until(lambda: not runs.status(other.id).goes_on, seconds=60)
-        assert runs.status(planted.id).state == "failed"
-        assert runs.status(other.id).state == "succeeded"
+            until(lambda: not runs.log.status(planted.id).goes_on, seconds=60)
+            until(lambda: not runs.log.status(other.id).goes_on, seconds=60)
+        assert runs.log.status(planted.id).state == "failed"
+        assert runs.log.status(other.id).state == "succeeded"
     assert not (tmp_path / "ran").exists()
 
 
