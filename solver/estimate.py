@@ -27,7 +27,7 @@ from jointstiff.solver.fitting.method import (
 from jointstiff.solver.fitting.observability import Excitation, Observability
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import keep_for, regressor_blocks
+from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.errors import TERMS
 from jointstiff.solver.terms.springs import NEGLECTED_STIFFNESS, complementary_stiffness
 
@@ -132,6 +132,7 @@ class _Pass:
     """One fit of a whole set."""
 
     measurements: Measurements  # as they were weighted
+    balanced: FloatArray | None  # (n,) compliances that bend the robot [rad/(N·m)]; None without K_c
     observability: Observability  # in the unloaded configurations; the first pass settles it for all
     triangles: MethodTriangles  # of what was fitted
     fit: Fit
@@ -179,7 +180,7 @@ def _fit(
             )
         rows = settings.prior.rows(sigma)
         fit = replace(fit_method(triangles, observability.null, settings.constraints, rows), alone=fit)
-    return _Pass(measurements, observability, triangles, fit, largest, robust, targets)
+    return _Pass(measurements, compliance, observability, triangles, fit, largest, robust, targets)
 
 
 def _weights(
@@ -246,8 +247,6 @@ def _iterate_to_convergence(
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
         if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
-            for each in (measurements, last.measurements):  # a robust loss weighs a copy of the set
-                keep_for(robot, each, at.fit.compliance, last.fit.compliance)
             return last, rounds
         at = last
     raise SolverError(
@@ -315,6 +314,7 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
     estimate = Estimate(
         joints=evidence.verdicts(),
         compliance=fit.compliance,
+        balanced=last.balanced,
         covariance=covariance,
         sigma=scale.sigma,
         sigma_given=scale.given,
@@ -344,9 +344,8 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     terms = [TERMS[name] for name, size in sizes.items() if any(size)]
     if common is None or not terms:
         return CommonErrors({}, np.zeros((robot.n, 0)))
-    balanced = last.fit.compliance if settings.complementary_stiffness else None
     responses = last.triangles.responses(
-        regressor_blocks(robot, last.measurements, balanced),
+        regressor_blocks(robot, last.measurements, last.balanced),
         terms,
         last.fit.compliance,
         np.flatnonzero(~last.observability.null),

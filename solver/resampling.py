@@ -120,13 +120,12 @@ def gram_blocks(
         measurements: N observations.
         settings: method, weighting and K_c; all else plays no part.
         estimate: of the full set: its characteristic length, if the weighting uses one, and the compliances
-            at which K_c is taken, so that the rows are linear.
+            that bend the robot, so that the rows are linear.
     """
     method = Method(robot, settings, estimate.characteristic_length)
-    compliance = estimate.compliance if settings.complementary_stiffness else None
     excitation = Excitation(robot.joint_names)
     fitted, regressors, deflections = [], [], []
-    for block in regressor_blocks(robot, measurements, compliance):
+    for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)
         whitened = whitened_rows(block, [JOINTS], estimate.compliance)
         fitted.append([rows.fitted for rows in method.rows(block, whitened)])

@@ -76,7 +76,7 @@ def assess_set(posted: Posted, method: str, truth: FloatArray) -> Assessed:
     findings = inspect(robot, m, degrees=posted.degrees)
     settings = Settings(METHODS[method], "covariance", Bounds.positive(robot.n), complementary_stiffness=True)
     estimate = identify(robot, m, settings)
-    prediction = predict(robot, m, estimate.compliance, complementary_stiffness=True)
+    prediction = predict(robot, m, estimate.compliance, balanced=estimate.balanced)
     assessment = assess(robot, m, settings, estimate, prediction, findings)
     known = [(j, joint) for j, joint in enumerate(estimate.joints) if joint.standard_uncertainty]
     u = np.array([joint.standard_uncertainty for _, joint in known])

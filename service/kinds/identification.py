@@ -316,19 +316,16 @@ class ByJoints(Work):
         budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
         if budget is not None and lacks:
             estimate = budget.widened(estimate, settings.bounds)
-        balanced = settings.complementary_stiffness
         prediction = predict(
             robot,
             measurements,
             estimate.compliance,
-            complementary_stiffness=balanced,
+            balanced=estimate.balanced,
             estimated=estimate.estimated,
         )
         encoders = None
         if measurements.encoders is not None:
-            encoders = predict_encoders(
-                robot, measurements, estimate.compliance, complementary_stiffness=balanced
-            )
+            encoders = predict_encoders(robot, measurements, estimate.compliance, estimate.balanced)
         assessment = prepared.assess(settings, estimate, prediction, screening)
         # Behind a mistake, what another reading would bring is not known.
         usable = assessment.verdict != "do_not_use"

@@ -102,12 +102,7 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
             u = joint.standard_uncertainty
             if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
                 nominal[j] = joint.compliance
-        prediction = predict(
-            robot,
-            prepared.measurements,
-            estimate.compliance,
-            complementary_stiffness=settings.complementary_stiffness,
-        )
+        prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
         screening = screen_estimate(robot, prepared.measurements, estimate)
         judgement = prepared.assess(settings, estimate, prediction, screening)
         assessment = to_assessment(judgement, estimate.joints)

@@ -473,9 +473,8 @@ def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) 
     robot, measurements, means = side.robot, side.measurements, []
     count = measurements.present.sum(axis=1)
     for compliance in compliances:
-        predicted = predict(
-            robot, measurements, compliance, complementary_stiffness=side.complementary_stiffness
-        ).predicted
+        balanced = compliance if side.complementary_stiffness else None
+        predicted = predict(robot, measurements, compliance, balanced=balanced).predicted
         means.append((np.linalg.norm(predicted, axis=2) * measurements.present).sum(axis=1) / count)
     blocks = regressor_blocks(robot, measurements)
     size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])

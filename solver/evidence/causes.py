@@ -312,8 +312,9 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     Without a balance under the load, or without residual freedom, no test is significant.
     """
     part, compliance = measurements.evenly(_TESTED), np.maximum(estimate.compliance, 0.0)
+    balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
-        block = next(regressor_blocks(robot, part, compliance))
+        block = next(regressor_blocks(robot, part, balanced))
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, {}, None)
     triangle = _triangle(block, compliance, estimate.observability.null)

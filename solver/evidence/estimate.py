@@ -358,6 +358,9 @@ class Estimate:
     #: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not observable are no
     #: estimates; `joints` withholds them.
     compliance: FloatArray
+    #: (n,) compliances that bent the robot in the last fit, all but `compliance` [rad/(N·m)]: what is
+    #: computed with them is linear in `compliance`; None without K_c
+    balanced: FloatArray | None
     #: (n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown
     covariance: FloatArray | None
     #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
@@ -774,7 +777,7 @@ def predict(
     measurements: Measurements,
     compliance: FloatArray,
     *,
-    complementary_stiffness: bool = False,
+    balanced: FloatArray | None = None,
     estimated: BoolArray | None = None,
 ) -> Prediction:
     """Predict the deflections of the targets, ``δp_X = A_X c`` (method.md §2).
@@ -783,16 +786,16 @@ def predict(
         robot: n joints.
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
-        complementary_stiffness: whether the load follows the deflection, as in the fit that found the
-            compliances: the deflections are then those of the exact balance, to third order.
+        balanced: (n,) compliances that bend the robot, as `Estimate.balanced`: the deflections are then
+            those of the exact balance, to third order. None leaves out how they move the load.
         estimated: (n,) joints with an estimate; all if None. The others contribute nothing by name.
 
     Raises:
-        SolverError: the load finds no balance with joints of that compliance.
+        SolverError: the load finds no balance with joints of those compliances.
     """
     named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
     predicted, along = [], []
-    for block in regressor_blocks(robot, measurements, compliance if complementary_stiffness else None):
+    for block in regressor_blocks(robot, measurements, balanced):
         predicted.append(block.A @ compliance)
         moved = block.A * named
         whole = moved.sum(axis=-1)
@@ -814,8 +817,7 @@ def predict_encoders(
     robot: Robot,
     measurements: Measurements,
     compliance: FloatArray,
-    *,
-    complementary_stiffness: bool = False,
+    balanced: FloatArray | None = None,
 ) -> FloatArray:
     """Predict the deflections of the joints behind their gearboxes, ``δθ = diag(τ) c`` (method.md §2).
 
@@ -823,10 +825,10 @@ def predict_encoders(
         robot: n joints.
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
-        complementary_stiffness: whether the load follows the deflection, as in the fit.
+        balanced: (n,) compliances that bend the robot, as `Estimate.balanced`; None without K_c.
 
     Returns:
         (N, n) [rad].
     """
-    blocks = regressor_blocks(robot, measurements, compliance if complementary_stiffness else None)
+    blocks = regressor_blocks(robot, measurements, balanced)
     return np.concatenate([block.torque * compliance for block in blocks])

@@ -256,17 +256,6 @@ def whole_block(
     return RegressorBlock(measurements=measurements, **fields)
 
 
-def keep_for(robot: Robot, measurements: Measurements, at: FloatArray, compliance: FloatArray) -> None:
-    """Let kept regressors at a compliance (n,) stand for one that was fitted to them.
-
-    They are those of the fit before, which hardly differ once the fits agree.
-    """
-    kept = _KEPT.get(measurements, {})
-    fields = kept.get(True)
-    if fields is not None and fields["robot"] is robot and np.array_equal(fields["compliance"], at):
-        kept[True] = fields | {"compliance": compliance.copy()}
-
-
 def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configurations:
     """Return the kinematics of a set without load, kept with a small one."""
     if len(measurements.joints) > _MOST_KEPT:

@@ -79,7 +79,7 @@ class TestWholePath:
                 truth.status,
                 truth.compliance,
             )
-        prediction = predict(robot, measurements, expected.compliance, complementary_stiffness=True)
+        prediction = predict(robot, measurements, expected.compliance, balanced=expected.balanced)
         assert run.result.rms_residual == prediction.rms_residual
         assert len(run.result.residuals) == 8 * 3
         assert run.result.joints[0].status == "not_observable"

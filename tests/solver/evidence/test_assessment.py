@@ -62,9 +62,7 @@ def assessed(robot, measurements, *, findings=None, prior=None, **options):
     if findings is None:
         findings = tuple(inspect(robot, measurements, degrees=False))
     found = identify(robot, measurements, settings)
-    prediction = predict(
-        robot, measurements, found.compliance, complementary_stiffness=settings.complementary_stiffness
-    )
+    prediction = predict(robot, measurements, found.compliance, balanced=found.balanced)
     return assess(robot, measurements, settings, found, prediction, findings), found
 
 

@@ -183,7 +183,7 @@ def test_a_joint_without_an_estimate_counts_as_rigid():
 def test_means_add_up_to_the_mean_length_of_the_prediction(included):
     robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=8, seed=1))
     compliance = estimate(robot, measurements).compliance
-    found = predict(robot, measurements, compliance, complementary_stiffness=included)
+    found = predict(robot, measurements, compliance, balanced=compliance if included else None)
     lengths = np.linalg.norm(found.predicted, axis=2)
     assert found.contributions.mean.sum() == pytest.approx(lengths[measurements.present].mean())
     np.testing.assert_allclose(found.contributions.by_observation.sum(axis=0), lengths.mean(axis=1))

@@ -25,9 +25,11 @@ from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.assessment import judge
+from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.estimate import predict
-from jointstiff.solver.resampling import ResamplingPlan, resample
+from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.springs import NEGLECTED_STIFFNESS, complementary_stiffness
@@ -141,7 +143,7 @@ class TestIncluded:
     def test_prediction_is_the_exact_balance(self, pulls):
         robot, measurements = pulls
         found = estimate(robot, measurements, complementary_stiffness="included")
-        included = predict(robot, measurements, found.compliance, complementary_stiffness=True)
+        included = predict(robot, measurements, found.compliance, balanced=found.compliance)
         linear = predict(robot, measurements, found.compliance)
         load = measurements.force, measurements.moment, LOAD_POINT
         unloaded, loaded = deflections(ARM, measurements.joints, *load, POINTS)
@@ -239,6 +241,28 @@ def test_the_same_set_has_the_same_regressors_and_others_have_their_own():
     other, _ = simulated(seed=8)
     (of_other,) = regressor_blocks(other, measurements)
     assert of_other.A is not first.A
+
+
+def test_nothing_depends_on_what_else_is_asked_of_the_same_set(pulls):
+    """A service asks one set several questions at once, and its regressors are kept with it."""
+    robot, settings = pulls[0], settings_of(pulls[0], complementary_stiffness="included")
+
+    def answers(*others):
+        measurements = replace(pulls[1])
+        found = identify(robot, measurements, settings)
+        answered = [found.compliance]
+        for question in (
+            lambda: predict(robot, measurements, found.compliance, balanced=found.balanced).predicted,
+            lambda: list(screen_estimate(robot, measurements, found).p_values.values()),
+            lambda: gram_blocks(robot, measurements, settings, found).regressor,
+        ):
+            for other in others:
+                list(regressor_blocks(robot, measurements, other))
+            answered.append(question())
+        return answered
+
+    for alone, together in zip(answers(), answers(np.full(robot.n, 1e-6)), strict=True):
+        np.testing.assert_array_equal(alone, together)
 
 
 def test_a_set_that_is_gone_leaves_nothing_behind():
