@@ -104,7 +104,7 @@ def create_app(
     app.state.gate = gate = Gate(store, keyring, watch.latest, posture.access)
     app.state.access = posture.access
     app.state.laboratory = laboratory or LaboratorySettings()
-    app.state.parts = Parts.of(store, enqueue)
+    app.state.parts = Parts(store, enqueue)
     app.state.limited_child = None
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0

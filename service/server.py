@@ -204,7 +204,7 @@ def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
         state |= {"workers": seen.workers, "stored_bytes": seen.stored_bytes}
         with suppress(StoreError):
             state["unfinished_jobs"] = sum(
-                len(jobs.log.open_jobs()) for jobs in app.state.parts.jobs.values()
+                len(jobs.records.open_jobs()) for jobs in app.state.parts.jobs.values()
             )
     if app.state.watch.quota_bytes is not None:
         state["quota_bytes"] = app.state.watch.quota_bytes

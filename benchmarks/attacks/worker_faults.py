@@ -46,9 +46,9 @@ if "jointstiff.service.workers" in sys.orig_argv:
 """
 _STEPS: Final = {
     "plan": "    life.Jobs.start = die\n",
-    "compute": "    log.JobLog.report = die\n",
+    "compute": "    log.JobRecords.report = die\n",
     "conclude": "    life.Jobs.conclude = die\n",
-    "fail": "    log.JobLog.report = refuse\n    life.Jobs.fail = fail\n",
+    "fail": "    log.JobRecords.report = refuse\n    life.Jobs.fail = fail\n",
 }
 """Code by which a worker dies in a step, each time."""
 _UNABLE: Final = """

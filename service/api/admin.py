@@ -153,19 +153,19 @@ def list_audit(parts: PartsOf, query: Annotated[AuditQuery, Query()]) -> Page[Au
     if query.format == "csv":
         headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
         return StreamingResponse(_table(parts.store, query.key_id), media_type="text/csv", headers=headers)
-    entries, cursor = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
-    return Page(items=[AuditItem(**asdict(entry)) for entry in entries], next=cursor)
+    page = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
+    return Page(items=[AuditItem(**asdict(entry)) for entry in page.records], next=page.next)
 
 
 def _table(store: Store, key_id: str | None) -> Iterator[str]:
     yield csv_rows([list(AuditItem.model_fields)])
-    cursor = None
+    page = store.audit.page(_PAGE, key_id=key_id)
     while True:
-        entries, cursor = store.audit.page(_PAGE, cursor, key_id=key_id)
-        rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in entries]
+        rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in page.records]
         yield csv_rows([guarded(value) for value in row.values()] for row in rows)
-        if cursor is None:
+        if page.next is None:
             return
+        page = store.audit.page(_PAGE, page.next, key_id=key_id)
 
 
 @webhooks.post("/webhooks", status_code=201, response_model=NewWebhook, responses=problems(409))

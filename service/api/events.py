@@ -170,7 +170,9 @@ def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | No
     kinds: dict[Jobs, list[str]] = {}
     for job_id, each in followed.items():
         kinds.setdefault(each.jobs, []).append(job_id)
-    statuses = {job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.log.statuses(ids).items()}
+    statuses = {
+        job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.records.statuses(ids).items()
+    }
     return {job_id: each.look(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
 
 

@@ -77,7 +77,7 @@ def stored_content(parts: Parts, jobs: Jobs, job_id: str, name: str, query: File
     if jobs.kind.name != Run.kind:
         return None
     if name == "authorisations.json":
-        jobs.record(job_id)
+        jobs.records.get(job_id)
         issued = AuthorisationList(items=authorisations_of(parts.store.authorisations.of(run_id=job_id)))
         return Content(issued.model_dump_json().encode(), "application/json")
     if number := _ISSUED.fullmatch(name):
@@ -99,7 +99,7 @@ def content_of(
     """
     make = _files(jobs.kind).get(name)
     if make is None:
-        jobs.record(job_id)
+        jobs.records.get(job_id)
         raise HTTPException(
             404, f"a {jobs.kind.name} has no such file; use one of {', '.join(names(jobs.kind))}"
         )
@@ -149,7 +149,7 @@ def _sheet(file: File, wanted: _Wanted) -> Content:
 
 def _job_report(wanted: _Wanted) -> Content:
     jobs, parts, job_id = wanted.jobs, wanted.parts, wanted.job.id
-    record = jobs.record(job_id)
+    record = jobs.records.get(job_id)
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
     answered = jobs.kind.answered(record.document)
     return _written(job_document(jobs.kind, wanted.job, answered, wanted.laboratory, about), wanted.name)

@@ -34,8 +34,7 @@ from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
-from jointstiff.service.store.jobs import OPEN_STATES
-from jointstiff.service.store.records import JobRecord
+from jointstiff.service.store.records import OPEN_STATES, JobRecord
 
 JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]
@@ -61,7 +60,7 @@ class JobRoute(BodyRoute):
         wait = float(request.query_params.get("wait", WaitQuery().wait))  # a number: it was answered 202
         job_id = response.headers["Location"].rpartition("/")[2]  # the body may be compressed
         jobs = await run_in_threadpool(request.app.state.parts.jobs_of, job_id)
-        record = await run_in_threadpool(jobs.record, job_id)
+        record = await run_in_threadpool(jobs.records.get, job_id)
         return await answer(jobs, record, wait, request.app.state.followers)
 
 
@@ -152,11 +151,11 @@ def change_job(
     """
     jobs = parts.jobs_of(job_id)
     if body.deleted is False:
-        jobs.restore(job_id)
-    if body.cancelled and jobs.goes_on(job_id):
+        jobs.records.restore(job_id)
+    if body.cancelled and jobs.records.goes_on(job_id):
         jobs.cancel(job_id)
     if body.deleted:
-        jobs.delete(job_id)
+        jobs.records.delete(job_id)
     return json_response(jobs.kind.answered(jobs.document(job_id, hidden=body.deleted is True)))
 
 
@@ -169,14 +168,14 @@ def change_job(
 )
 def delete_job(parts: PartsOf, job_id: JobId) -> Response:
     """Delete a job of any kind. It can be restored for 30 days. Cancel an unfinished one first."""
-    parts.jobs_of(job_id).delete(job_id)
+    parts.jobs_of(job_id).records.delete(job_id)
     return Response(status_code=204)
 
 
 async def _events(request: Request, parts: PartsOf, job_id: JobId) -> AsyncIterator[ServerSentEvent]:
     # Before the stream begins: a job that is not there is a 404, not an event.
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
-    await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
+    await run_in_threadpool(jobs.records.refuse_deleted, job_id)
     gate: Gate = request.app.state.gate
     followers: Followers = request.app.state.followers
     return followers.events(jobs, job_id, lambda: gate.still_opens(request, asked_of(request).key))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -16,7 +15,6 @@ from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.finding import ResultSummary
 from jointstiff.schemas.job import Job, JobState, Requester, Result
 from jointstiff.schemas.query import JobQuery
-from jointstiff.service.inputs import Stored
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.trend import Trends
@@ -31,10 +29,8 @@ from jointstiff.service.kinds.work import (
 )
 from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
-from jointstiff.service.resources.measurement_sets import MeasurementSets, Resources
-from jointstiff.service.resources.robots import Robots
-from jointstiff.service.store.jobs import OPEN_STATES
-from jointstiff.service.store.records import IdempotencyKey, JobRecord
+from jointstiff.service.resources.measurement_sets import Resources
+from jointstiff.service.store.records import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.service.store.store import Store
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
@@ -74,13 +70,11 @@ class Jobs:
             enqueue: leaves long jobs to workers; without it every job is carried out at once.
         """
         self.kind = kind  # their kind
-        self.log = resources.store.job_log(kind.resource)  # their changes until they end
-        self.deletions = resources.store.deletions(kind.resource)  # the deleted ones
+        self.records = resources.store.jobs(kind.resource)  # as they are stored
         # return the work of a stored job, for those who carry it out
         self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._work)
-        self._records = resources.store.jobs(kind.resource)
         self._webhooks = resources.store.webhooks
-        self._inputs = Stored(resources)
+        self._inputs = resources
         self._enqueue = enqueue
 
     def create(
@@ -94,17 +88,17 @@ class Jobs:
             IdempotencyConflictError: the key came before with another body.
             TooManyJobsError: `MAX_OPEN` of them have not ended.
         """
-        if key is not None and (before := self._records.find(key)) is not None:
+        if key is not None and (before := self.records.find(key)) is not None:
             return before
         work = self.kind.compute(self._inputs, request)
         job = new_job(self.kind.message, request, work, requested_by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
             done = record_of(self.kind, carry_out(job, work), work.robot_id)
-            return self._records.add(done, key, lambda connection: self._tell(connection, job.id))
-        if len(self.log.open_jobs()) >= MAX_OPEN:
+            return self.records.add(done, key, lambda connection: self._tell(connection, job.id))
+        if len(self.records.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
-        return self._records.add(
+        return self.records.add(
             record_of(self.kind, job, work.robot_id),
             key,
             lambda connection: enqueue(connection, self.kind.name, job.id),
@@ -116,15 +110,7 @@ class Jobs:
         Raises:
             NotFoundError: there is no such job.
         """
-        return self._as_now(self._records.get(job_id))
-
-    def record(self, job_id: str) -> JobRecord:
-        """Return a job as it is stored.
-
-        Raises:
-            NotFoundError: there is no such job.
-        """
-        return self._records.get(job_id)
+        return self._as_now(self.records.get(job_id))
 
     def document(self, job_id: str, *, hidden: bool = False) -> str:
         """Return the same as JSON: that of a job that has ended, as it was stored; a deleted one if asked to.
@@ -132,7 +118,7 @@ class Jobs:
         Raises:
             NotFoundError: there is no such job.
         """
-        record = self._records.get(job_id, hidden=hidden)
+        record = self.records.get(job_id, hidden=hidden)
         if record.state in OPEN_STATES:
             return self._as_now(record).model_dump_json()
         return record.document
@@ -143,7 +129,7 @@ class Jobs:
         Raises:
             CursorError: no page gave this cursor.
         """
-        page = self._records.page(
+        page = self.records.page(
             limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
         )
         items = [self.kind.summary.model_validate(entry.summary) for entry in page.records]
@@ -160,37 +146,15 @@ class Jobs:
             self._end(job_id, "cancelled")
         return self.current(job_id)
 
-    def delete(self, job_id: str) -> None:
-        """Hide a job that has ended from all who ask for it; to do so again changes nothing.
-
-        Raises:
-            NotFoundError: there is no such job.
-            NotEndedError: it has not ended.
-        """
-        self.deletions.delete(job_id, datetime.now(UTC))
-
-    def restore(self, job_id: str) -> str:
-        """Bring a deleted job back; to do so again changes nothing.
-
-        Raises:
-            NotFoundError: there is no such job, or it has been removed for good.
-        """
-        self.deletions.restore(job_id)
-        return self.document(job_id)
-
-    def goes_on(self, job_id: str) -> bool:
-        """Return whether a job has not ended."""
-        return self.log.state(job_id) in OPEN_STATES
-
     def start(self, job_id: str) -> None:
         """Write that a job is being carried out from now on."""
-        record = self._records.get(job_id)
+        record = self.records.get(job_id)
         job = self._read(record)
         started = job.provenance.model_copy(
             update={"started_at": max(datetime.now(UTC), job.provenance.created_at)}
         )
         job = job.model_copy(update={"state": "running", "provenance": started})
-        self.log.start(job_id, self._changes(job, record.robot_id))
+        self.records.start(job_id, self._changes(job, record.robot_id))
 
     def conclude(self, job_id: str, computed: Sequence[str]) -> None:
         """Put a job together from the encoded results of all its steps, in order, and end it."""
@@ -201,7 +165,7 @@ class Jobs:
 
     def fail(self, job_id: str, failure: Exception) -> None:
         """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
-        if not self.goes_on(job_id):
+        if not self.records.goes_on(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
             error = problem_of(failure)
@@ -219,7 +183,8 @@ class Jobs:
         job = self._read(record)
         if record.state not in OPEN_STATES or job.progress is None:
             return job
-        progress = job.progress.model_copy(update={"done": self.log.done(record.id)})
+        status = self.records.status(record.id)
+        progress = job.progress.model_copy(update={"done": status.done if status else 0})
         return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _read(self, record: JobRecord) -> Job:
@@ -259,7 +224,7 @@ class Jobs:
             }
             return self._changes(job.model_copy(update={**changes, **always}), before.robot_id)
 
-        self.log.end(job_id, state, final, lambda connection: self._tell(connection, job_id))
+        self.records.end(job_id, state, final, lambda connection: self._tell(connection, job_id))
 
     def _tell(self, connection: Connection, job_id: str) -> None:
         """Leave the end of a run to those who tell webhooks of it, in the transaction that writes it."""
@@ -296,15 +261,14 @@ def summary_of(kind: AnyKind, job: Job, robot_id: str | None) -> dict[str, Any]:
     return summary
 
 
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """The application's parts."""
+class Parts(Resources):
+    """The application's parts: the resources of a store, its jobs and trends."""
 
-    store: Store  # the store
-    robots: Robots  # its robots
-    sets: MeasurementSets  # its measurement sets
-    jobs: Mapping[str, Jobs]  # its jobs, by the name of their kind
-    trends: Trends  # trends of its robots
+    def __init__(self, store: Store, enqueue: Enqueue | None = None) -> None:
+        """Compose the parts on a store; without `enqueue` every job is carried out at once."""
+        super().__init__(store)
+        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # by the name of their kind
+        self.trends = Trends(store)  # of its robots
 
     def jobs_of(self, job_id: str) -> Jobs:
         """Return the jobs of the kind that a job is of; it may be deleted.
@@ -316,10 +280,3 @@ class Parts:
         if kind is None:
             raise NotFoundError(JOB, job_id)
         return self.jobs[kind]
-
-    @classmethod
-    def of(cls, store: Store, enqueue: Enqueue | None = None) -> Parts:
-        """Compose the parts on a store; without `enqueue` every job is carried out at once."""
-        resources = Resources.of(store)
-        jobs = {kind.name: Jobs(kind, resources, enqueue) for kind in KINDS}
-        return cls(store, resources.robots, resources.sets, jobs, Trends(store))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 from uuid import uuid4
 
 import numpy as np
@@ -15,7 +15,9 @@ from jointstiff.schemas import measurement as messages
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetChange, SetMetadata
+from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import (
     PreparedSet,
     check_set,
@@ -27,14 +29,16 @@ from jointstiff.service.conversion.prepared import (
 )
 from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.problems.errors import NotFoundError
-from jointstiff.service.resources.robots import Robots, described, succeeded_geometry
+from jointstiff.service.inputs import MeasuredRun
+from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.resources.robots import Robots, described, stored_job, succeeded_geometry
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord
 from jointstiff.service.store.store import Store
-from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.findings import drift_findings
 from jointstiff.solver.geometry.frames import BaseDrift
+from jointstiff.solver.robot.model import Robot
 
 FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""
@@ -50,7 +54,6 @@ class MeasurementSets:
     def __init__(self, store: Store, robots: Robots) -> None:
         self._store = store
         self._robots = robots
-        self._deletions = store.deletions(store.sets.resource)
         self._prepared = lru_cache(_CACHED)(self._prepare)
 
     def create(
@@ -105,7 +108,7 @@ class MeasurementSets:
             ReferencedError: it is to be deleted, and jobs refer to it.
         """
         if change.deleted is False:
-            self._deletions.restore(set_id)
+            self._store.sets.restore(set_id)
         changes = {name: getattr(change, name) for name in change.model_fields_set}
         kept = {"deleted", *(name for name in ("name", "archived") if changes.get(name) is None)}
         changes = {name: value for name, value in changes.items() if name not in kept}
@@ -121,7 +124,7 @@ class MeasurementSets:
             NotFoundError: there is no such set.
             ReferencedError: jobs refer to it.
         """
-        self._deletions.delete(set_id, datetime.now(UTC))
+        self._store.sets.delete(set_id)
         self._prepared.cache_clear()
 
     def document(self, set_id: str) -> messages.MeasurementSet:
@@ -169,19 +172,47 @@ class MeasurementSets:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class Resources:
-    """The resources of a store."""
+    """The robots and measurement sets of a store, and its runs: the inputs that requests name by id."""
 
-    store: Store  # the store
-    robots: Robots  # its robots
-    sets: MeasurementSets  # its measurement sets
+    def __init__(self, store: Store) -> None:
+        self.store = store  # the store
+        self.robots = Robots(store)  # its robots
+        self.sets = MeasurementSets(store, self.robots)  # its measurement sets
 
-    @classmethod
-    def of(cls, store: Store) -> Resources:
-        """Compose the resources on a store."""
-        robots = Robots(store)
-        return cls(store, robots, MeasurementSets(store, robots))
+    def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
+        """Return a stored robot, and the hash of its content."""
+        with _named_by(where):
+            return self.robots.load(robot_id)
+
+    def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
+        """Return a stored measurement set without the observations of some labels."""
+        with _named_by(where):
+            return self.sets.prepared(set_id, leave_out)
+
+    def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
+        """Yield the summaries of the newest jobs of a kind and a robot, 1,000 at most."""
+        jobs, cursor = self.store.jobs(Resource(message.kind, message.collection)), None
+        for _ in range(10):
+            page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
+            yield from (record.summary for record in page.records)
+            if (cursor := page.next) is None:
+                return
+
+    def run(self, run_id: str, where: str) -> MeasuredRun:
+        """Return a stored run with its measurement set."""
+        with _named_by(where):
+            run = stored_job(self.store, Run, run_id)
+            return MeasuredRun(run, self.sets.prepared(run.request.measurement_set_id))
+
+
+@contextmanager
+def _named_by(field: str) -> Iterator[None]:
+    """Refuse a request whose field names what is not there."""
+    try:
+        yield
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where=field) from error
 
 
 def assembled(record: MeasurementSetRecord) -> messages.MeasurementSet:

@@ -39,7 +39,6 @@ class Robots:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._stored = lru_cache(_CACHED)(self._load)
-        self._deletions = store.deletions(store.robots.resource)
 
     def create(
         self, request: messages.RobotDocument | messages.RobotRequest, key: IdempotencyKey | None
@@ -85,7 +84,7 @@ class Robots:
             ReferencedError: it is to be deleted, and measurement sets or jobs refer to it.
         """
         if change.deleted is False:
-            self._deletions.restore(robot_id)
+            self._store.robots.restore(robot_id)
         record = self._store.robots.change(
             robot_id,
             change.model_dump(exclude_none=True, exclude={"deleted"}),
@@ -103,7 +102,7 @@ class Robots:
             NotFoundError: there is no such robot.
             ReferencedError: measurement sets or jobs refer to it.
         """
-        self._deletions.delete(robot_id, datetime.now(UTC))
+        self._store.robots.delete(robot_id)
         self._stored.cache_clear()
 
     def load(self, robot_id: str) -> tuple[Robot, str]:

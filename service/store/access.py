@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from datetime import datetime, timedelta
 from typing import Any, Final
 
@@ -12,7 +12,13 @@ from sqlalchemy import ColumnElement, Connection, Delete, Select, and_, delete, 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
 from jointstiff.service.store.records import AccessKey, SessionRecord
-from jointstiff.service.store.tables import access_keys, access_links, access_sessions, wrong_keys
+from jointstiff.service.store.tables import (
+    access_keys,
+    access_links,
+    access_sessions,
+    of_records,
+    wrong_keys,
+)
 
 KEY: Final = Resource("key", "keys")
 MINUTE: Final = timedelta(minutes=1)
@@ -27,8 +33,8 @@ MOST_WRONG: Final = 20
 MOST_NETWORKS: Final = 1_024
 """Networks with wrong keys; those that were heard least recently are forgotten first."""
 
-_KEYS: Final = select(*(access_keys.c[field.name] for field in fields(AccessKey)))
-_SESSIONS: Final = select(*(access_sessions.c[field.name] for field in fields(SessionRecord)))
+_KEYS: Final = of_records(access_keys, AccessKey)
+_SESSIONS: Final = of_records(access_sessions, SessionRecord)
 
 
 class AccessKeys:

@@ -1,13 +1,13 @@
-"""The records of one kind: added, found, listed, deleted; and journals, to which records are only added."""
+"""The records of one table: added, found, listed, deleted; and journals, to which they are only added."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, fields
-from datetime import datetime, timedelta
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime, timedelta
 from types import MappingProxyType
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar
 
 from sqlalchemy import (
     Column,
@@ -28,7 +28,6 @@ from sqlalchemy import (
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems.errors import (
-    AuthorisedError,
     CursorError,
     DeletedError,
     IdempotencyConflictError,
@@ -39,7 +38,6 @@ from jointstiff.service.problems.errors import (
     StoreError,
 )
 from jointstiff.service.store.database import Database, Quota
-from jointstiff.service.store.jobs import OPEN_STATES
 from jointstiff.service.store.records import (
     AuditEntry,
     AuthorisationRecord,
@@ -47,14 +45,15 @@ from jointstiff.service.store.records import (
     IdempotencyKey,
     Record,
     RecordPage,
+    Row,
     TrendNote,
 )
 from jointstiff.service.store.tables import (
     authorisations,
     idempotency_keys,
-    job_steps,
     jobs,
     measurement_sets,
+    of_records,
     robots,
 )
 
@@ -76,8 +75,42 @@ KEEP_DELETED: Final = timedelta(days=30)
 _NAMED: Final = 5  # resources that a refusal to delete names
 
 
+def page_of(
+    database: Database,
+    table: Table,
+    record: type[Row],
+    where: Iterable[ColumnElement[bool]],
+    limit: int,
+    cursor: str | None,
+) -> RecordPage[Row]:
+    """Return one page of a table, newest first. Records that are added meanwhile do not disturb the next one.
+
+    Args:
+        database: of the table.
+        table: with a column `sequence`.
+        record: dataclass of the columns that are read.
+        where: conditions of the listing.
+        limit: how many records at most, one or more.
+        cursor: `next` of the page before; none for the first page.
+
+    Raises:
+        CursorError: no page gave this cursor.
+    """
+    sequence = table.c.sequence
+    before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
+    query = of_records(table, record).add_columns(sequence).where(sequence < before, *where)
+    ordered = query.order_by(sequence.desc()).limit(bindparam("limit", limit + 1, type_=Integer))
+    rows = [dict(row._mapping) for row in database.rows(ordered)]
+    numbers = [row.pop("sequence") for row in rows]
+    records = tuple(record(**row) for row in rows[:limit])
+    return RecordPage(records, str(numbers[limit - 1]) if len(rows) > limit else None)
+
+
 class Collection(Generic[Record, Entry]):
     """The records of one kind. Safe to use from several threads."""
+
+    _ended: ClassVar[Sequence[ColumnElement[bool]]] = ()
+    """Conditions on which a record can be deleted."""
 
     def __init__(
         self,
@@ -87,8 +120,9 @@ class Collection(Generic[Record, Entry]):
         record: type[Record],
         entry: type[Entry],
         quota: Quota,
+        *mine: ColumnElement[bool],
     ) -> None:
-        """Keep records in a table; of the table of jobs, those of the resource's kind."""
+        """Keep records in a table, those of some conditions."""
         self._quota = quota
         self.resource = resource  # their names in messages and addresses
         self._database, self._table = database, table
@@ -96,8 +130,7 @@ class Collection(Generic[Record, Entry]):
         self._entry: type[Entry] = entry
         shown, keys = table.c, idempotency_keys.c
         self._insert = insert(table)
-        self._mine = [table.c.kind == resource.name] if table is jobs else []
-        self._ended = [jobs.c.state.not_in(OPEN_STATES)] if table is jobs else []
+        self._mine = mine
         # columns that refer to other tables, with these; and columns of others that refer to this one
         self._references: list[tuple[Column[Any], Table]] = [
             (each, reference.column.table) for each in shown for reference in each.foreign_keys
@@ -105,7 +138,7 @@ class Collection(Generic[Record, Entry]):
         self._children: list[Column[Any]] = [
             each for child in (measurement_sets, jobs) for each in child.c if each.references(shown.id)
         ]
-        columns = [shown[field.name] for field in fields(record)]
+        columns = of_records(table, record).selected_columns
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
         self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
         self._by_id_or_hidden = self._exists.with_only_columns(*columns)
@@ -217,7 +250,7 @@ class Collection(Generic[Record, Entry]):
         deleted: bool = False,
         archived: bool = False,
     ) -> RecordPage[Entry]:
-        """Return one page, newest first. Records that are added meanwhile do not disturb the next one.
+        """Return one page, newest first, as `page_of` does.
 
         Args:
             limit: how many at most, one or more.
@@ -232,46 +265,34 @@ class Collection(Generic[Record, Entry]):
         """
         if limit < 1 or not all(map(self._narrows, [*filters, *spans])):
             raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
-        before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
         if not all(map(is_indexable, filters.values())):
             return RecordPage((), None)
         columns = self._table.c
-        query = (
-            select(columns.sequence, *(columns[field.name] for field in fields(self._entry)))
-            .where(columns.sequence < before, *self._mine, self._hidden if deleted else self._visible)
-            .where(true() if deleted or "archived" not in columns else columns.archived.is_(archived))
-            .where(*(columns[name] == value for name, value in sorted(filters.items())))
-            .where(*(columns[name] >= first for name, (first, _) in spans.items() if first is not None))
-            .where(*(columns[name] < end for name, (_, end) in spans.items() if end is not None))
-            .order_by(columns.sequence.desc())
-            .limit(bindparam("limit", limit + 1, type_=Integer))
-        )
-        rows = self._database.rows(query)
-        names = [field.name for field in fields(self._entry)]
-        records = tuple(self._entry(**dict(zip(names, row[1:], strict=True))) for row in rows[:limit])
-        return RecordPage(records, str(rows[limit - 1].sequence) if len(rows) > limit else None)
+        where = [*self._mine, self._hidden if deleted else self._visible]
+        if "archived" in columns and not deleted:
+            where.append(columns.archived.is_(archived))
+        where += [columns[name] == value for name, value in sorted(filters.items())]
+        where += [columns[name] >= first for name, (first, _) in spans.items() if first is not None]
+        where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
+        return page_of(self._database, self._table, self._entry, where, limit, cursor)
 
-    def delete(self, identifier: str, now: datetime) -> None:
+    def delete(self, identifier: str, now: datetime | None = None) -> None:
         """Hide a resource; of one that is hidden the time of the first deletion stays.
 
         Args:
             identifier: its id.
-            now: aware; from here on it is kept for `KEEP_DELETED`.
+            now: aware, from when on it is kept for `KEEP_DELETED`; the present if absent.
 
         Raises:
             NotFoundError: there is no such resource.
             NotEndedError: it is a job that has not ended.
             ReferencedError: others refer to it.
-            AuthorisedError: it is a run whose report was authorised.
         """
         self._refuse_unindexable(identifier)
         hide = update(self._table).where(*self._is(identifier), *self._ended, self._visible)
         with self._database.writing() as connection:
-            if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
+            if connection.execute(hide.values(deleted_at=now or datetime.now(UTC))).rowcount == 1:
                 self._refuse_referenced(connection, identifier)  # none comes from now on
-                own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
-                if self._table is jobs and connection.execute(own).one_or_none() is not None:
-                    raise AuthorisedError(identifier)
                 return
             hidden = select(self._hidden).where(*self._is(identifier))
             record = connection.execute(hidden).scalar_one_or_none()
@@ -306,7 +327,7 @@ class Collection(Generic[Record, Entry]):
             raise DeletedError(self.resource, identifier)
 
     def purge(self, before: datetime, limit: int) -> list[str]:
-        """Remove for good what was deleted before a time, with the keys and steps that name it.
+        """Remove for good what was deleted before a time, with the keys that name it.
 
         Args:
             before: aware.
@@ -326,14 +347,13 @@ class Collection(Generic[Record, Entry]):
             # Asked again in the transaction: one may have been restored meanwhile.
             remove = delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
             gone = [str(row.id) for row in connection.execute(remove).all()]
-            connection.execute(
-                delete(idempotency_keys).where(
-                    keys.resource == self.resource.collection, keys.resource_id.in_(gone)
-                )
-            )
-            if self._table is jobs:
-                connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
+            named = [keys.resource == self.resource.collection, keys.resource_id.in_(gone)]
+            connection.execute(delete(idempotency_keys).where(*named))
+            self._forget(connection, gone)
         return gone
+
+    def _forget(self, connection: Connection, gone: Sequence[str]) -> None:
+        """Remove what else is kept of records that are no more."""
 
     def _narrows(self, name: str) -> bool:
         """Return whether a listing can be narrowed by a column: only by one with an index."""
@@ -426,7 +446,7 @@ class Journal(Generic[Noted]):
         """Keep records in a table; without a quota they are added to a full database, too."""
         self._database, self._table, self._quota = database, table, quota
         self._record: type[Noted] = record
-        self._all = select(*(table.c[field.name] for field in fields(record)))
+        self._all = of_records(table, record)
 
     def add(self, record: Noted) -> Noted:
         """Add a record and return it.
@@ -446,31 +466,10 @@ class Journal(Generic[Noted]):
         query = self._all.filter_by(**values).order_by(self._table.c.sequence)
         return [self._record(*row) for row in self._database.rows(query)]
 
-    def page(
-        self, limit: int, cursor: str | None = None, **values: str | None
-    ) -> tuple[list[Noted], str | None]:
-        """Return one page, newest first, and the cursor of the next one.
-
-        Args:
-            limit: how many records at most, one or more.
-            cursor: that the page before returned; none for the first page.
-            values: column → value that it must have; None for any.
-
-        Raises:
-            CursorError: no page gave this cursor.
-        """
-        sequence = self._table.c.sequence
-        before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
-        query = (
-            select(*self._all.selected_columns, sequence)
-            .where(sequence < before)
-            .filter_by(**{name: value for name, value in values.items() if value is not None})
-            .order_by(sequence.desc())
-            .limit(limit + 1)
-        )
-        rows = self._database.rows(query)
-        shown = [self._record(*row[:-1]) for row in rows[:limit]]
-        return shown, str(rows[limit - 1].sequence) if len(rows) > limit else None
+    def page(self, limit: int, cursor: str | None = None, **values: str | None) -> RecordPage[Noted]:
+        """Return one page as `page_of` does, of records with these values in these columns; None for any."""
+        where = [self._table.c[name] == value for name, value in values.items() if value is not None]
+        return page_of(self._database, self._table, self._record, where, limit, cursor)
 
     def _insert(self, connection: Connection, record: Noted) -> Noted:
         connection.execute(insert(self._table).values(asdict(record)))

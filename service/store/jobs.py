@@ -1,23 +1,21 @@
-"""Changes of jobs until they end: state, and steps that are done; and the workers that live."""
+"""Jobs: records that change until they end, with the steps that are done; and the workers that live."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.problems.errors import Resource
-from jointstiff.service.store.database import Database
-from jointstiff.service.store.records import JobRecord
-from jointstiff.service.store.tables import heartbeats, job_steps, jobs
-
-OPEN_STATES: Final = ("queued", "running")
-"""States of a job that has not ended; all others are final."""
+from jointstiff.service.problems.errors import AuthorisedError, Resource
+from jointstiff.service.store.collection import Collection
+from jointstiff.service.store.database import Database, Quota
+from jointstiff.service.store.records import OPEN_STATES, JobEntry, JobRecord
+from jointstiff.service.store.tables import authorisations, heartbeats, job_steps, jobs, of_records
 
 JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""
@@ -28,7 +26,6 @@ _done: Final = (
     .scalar_subquery()
     .label("done")
 )
-_record: Final = [jobs.c[field.name] for field in fields(JobRecord)]
 _open: Final = jobs.c.state.in_(OPEN_STATES)
 
 
@@ -45,12 +42,14 @@ class JobStatus:
         return self.state in OPEN_STATES
 
 
-class JobLog:
-    """The changing side of the jobs of one kind. Every change is safe to repeat."""
+class JobRecords(Collection[JobRecord, JobEntry]):
+    """The jobs of one kind. Every change of one until it ends is safe to repeat."""
 
-    def __init__(self, database: Database, resource: Resource) -> None:
-        self._database = database
+    _ended = (~_open,)
+
+    def __init__(self, database: Database, resource: Resource, quota: Quota) -> None:
         self._kind = jobs.c.kind == resource.name
+        super().__init__(database, resource, jobs, JobRecord, JobEntry, quota, self._kind)
         self._standings = select(jobs.c.id, jobs.c.state, _done).where(
             self._kind, jobs.c.id.in_(bindparam("ids", expanding=True))
         )
@@ -59,15 +58,15 @@ class JobLog:
         """Return state and progress of a job; None if there is no such job."""
         return self.statuses([job_id]).get(job_id)
 
-    def statuses(self, job_ids: Collection[str]) -> dict[str, JobStatus]:
+    def statuses(self, job_ids: Iterable[str]) -> dict[str, JobStatus]:
         """Return state and progress of those of some jobs that exist, by id."""
         rows = self._database.rows(self._standings, {"ids": list(job_ids)})
         return {str(row.id): JobStatus(str(row.state), int(row.done)) for row in rows}
 
-    def state(self, job_id: str) -> str | None:
-        """Return the state of a job; None if there is no such job."""
-        rows = self._database.rows(select(jobs.c.state).where(self._is(job_id)))
-        return str(rows[0].state) if rows else None
+    def goes_on(self, job_id: str) -> bool:
+        """Return whether there is such a job, and it has not ended."""
+        status = self.status(job_id)
+        return status is not None and status.goes_on
 
     def open_jobs(self) -> list[str]:
         """Return the ids of the jobs that have not ended."""
@@ -75,7 +74,7 @@ class JobLog:
 
     def start(self, job_id: str, changes: JobChanges) -> None:
         """Write that a queued job is running."""
-        queued = update(jobs).where(self._is(job_id), jobs.c.state == "queued")
+        queued = update(jobs).where(*self._is(job_id), jobs.c.state == "queued")
         self._database.change(queued.values(**changes))
 
     def end(
@@ -97,12 +96,13 @@ class JobLog:
             Whether it was this call that ended it.
         """
         mine = self._is(job_id)
+        last = of_records(jobs, JobRecord).add_columns(_done).where(*mine)
         with self._database.writing() as connection:
-            ended = connection.execute(update(jobs).where(mine, _open).values(state=state)).rowcount == 1
+            ended = connection.execute(update(jobs).where(*mine, _open).values(state=state)).rowcount == 1
             if ended:  # no one else can end or start it any more
-                *before, done = connection.execute(select(*_record, _done).where(mine)).one()
+                *before, done = connection.execute(last).one()
                 final = changes(JobRecord(*before), int(done))
-                connection.execute(update(jobs).where(mine).values(**final))
+                connection.execute(update(jobs).where(*mine).values(**final))
                 also(connection)
         return ended
 
@@ -114,13 +114,8 @@ class JobLog:
         step = insert(job_steps).values(job_id=job_id, start=start, done=stop - start)
         with suppress(IntegrityError):
             self._database.change(
-                step, update(jobs).where(self._is(job_id), jobs.c.deaths > 0).values(deaths=0)
+                step, update(jobs).where(*self._is(job_id), jobs.c.deaths > 0).values(deaths=0)
             )
-
-    def done(self, job_id: str) -> int:
-        """Return the number of units of a job that are done."""
-        status = self.status(job_id)
-        return 0 if status is None else status.done
 
     def died(self, job_id: str) -> int:
         """Count a worker that died over a job.
@@ -129,16 +124,22 @@ class JobLog:
             How many have by now.
         """
         with self._database.writing() as connection:
-            connection.execute(update(jobs).where(self._is(job_id)).values(deaths=jobs.c.deaths + 1))
-            return int(connection.execute(select(jobs.c.deaths).where(self._is(job_id))).scalar_one())
+            dying = update(jobs).where(*self._is(job_id)).values(deaths=jobs.c.deaths + 1)
+            return int(connection.execute(dying.returning(jobs.c.deaths)).scalar_one())
 
     def forget_steps(self, job_ids: Sequence[str]) -> None:
         """Remove what was reported of some jobs."""
         steps = delete(job_steps).where(job_steps.c.job_id.in_(job_ids))
         self._database.change(steps, update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0))
 
-    def _is(self, job_id: Any) -> ColumnElement[bool]:  # noqa: ANN401 - an id, or a parameter
-        return and_(self._kind, jobs.c.id == job_id)
+    def _refuse_referenced(self, connection: Connection, identifier: str) -> None:
+        """Refuse to delete a run whose report was authorised."""
+        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
+        if connection.execute(own).one_or_none() is not None:
+            raise AuthorisedError(identifier)
+
+    def _forget(self, connection: Connection, gone: Sequence[str]) -> None:
+        connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
 
 
 SILENT: Final = timedelta(seconds=30)

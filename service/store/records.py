@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,15 +192,21 @@ class DeliveryRecord:
     error: str | None
 
 
+OPEN_STATES: Final = ("queued", "running")
+"""States of a job that has not ended; all others are final."""
+
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)
 Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, JobEntry)
 
 
+Row = TypeVar("Row")
+
+
 @dataclass(frozen=True, slots=True)
-class RecordPage(Generic[Entry]):
+class RecordPage(Generic[Row]):
     """One page of a listing, newest first."""
 
-    records: tuple[Entry, ...]
+    records: tuple[Row, ...]
     next: str | None  # cursor of the following page; none on the last one

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from collections.abc import Collection as Ids
 from datetime import timedelta
-from typing import Any, Final
+from functools import cache
+from typing import Final
 
 from sqlalchemy import case, func, select
 
@@ -20,12 +22,10 @@ from jointstiff.service.store.collection import (
     is_indexable,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
-from jointstiff.service.store.jobs import Heartbeats, JobLog
+from jointstiff.service.store.jobs import Heartbeats, JobRecords
 from jointstiff.service.store.records import (
     AuditEntry,
     AuthorisationRecord,
-    JobEntry,
-    JobRecord,
     MeasurementSetEntry,
     MeasurementSetRecord,
     RobotRecord,
@@ -61,6 +61,10 @@ class Store:
         # the measurement sets
         self.sets = Collection(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
+        )
+        # the jobs of a kind
+        self.jobs: Callable[[Resource], JobRecords] = cache(
+            lambda kind: JobRecords(database, kind, self.quota)
         )
         self.heartbeats = Heartbeats(database)  # of the workers
         self.keys = AccessKeys(database)  # that let their holders in
@@ -105,15 +109,6 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def jobs(self, kind: Resource) -> Collection[JobRecord, JobEntry]:
-        """Return the jobs of a kind."""
-        return Collection(self._database, kind, jobs, JobRecord, JobEntry, self.quota)
-
-    def deletions(self, kind: Resource) -> Collection[Any, Any]:
-        """Return the robots, measurement sets, or jobs of a kind, to delete and restore some."""
-        kept: dict[Resource, Collection[Any, Any]] = {ROBOT: self.robots, MEASUREMENT_SET: self.sets}
-        return kept.get(kind) or self.jobs(kind)
-
     def kind_of_job(self, job_id: str) -> str | None:
         """Return the name of the kind of a job, deleted or not; None if there is no such job."""
         if not is_indexable(job_id):
@@ -121,10 +116,6 @@ class Store:
         with self._database.reading() as connection:
             found = connection.execute(select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
         return None if found is None else str(found)
-
-    def job_log(self, kind: Resource) -> JobLog:
-        """Return the changing side of the jobs of a kind."""
-        return JobLog(self._database, kind)
 
     def trend_marks(self, robot_ids: Ids[str], least: int) -> dict[str, str]:
         """Return a hash of what the trends of some robots are made of, in three queries for all of them.

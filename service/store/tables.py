@@ -23,6 +23,7 @@ from sqlalchemy import (
     Integer,
     LargeBinary,
     MetaData,
+    Select,
     String,
     Table,
     TypeDecorator,
@@ -261,6 +262,12 @@ authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_
 webhooks = Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))
 deliveries = _numbered("deliveries", DeliveryRecord, filters=[("webhook_id", "state"), "subject"])
 Index(None, deliveries.c.webhook_id, deliveries.c.message_id, unique=True)
+
+
+def of_records(table: Table, record: type) -> Select[Any]:
+    """Return the query for a record's fields, in their order."""
+    return select(*(table.c[field.name] for field in fields(record)))
+
 
 # Named as Alembic names it, which made the first layouts, and is to make those after the first release.
 layouts = Table("alembic_version", metadata, Column("version_num", String(32), primary_key=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from datetime import datetime, timedelta
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from sqlalchemy import ColumnElement, Connection, and_, delete, exists, func, in
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
 from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
-from jointstiff.service.store.tables import deliveries, jobs, robots, webhooks
+from jointstiff.service.store.tables import deliveries, jobs, of_records, robots, webhooks
 
 WEBHOOK: Final = Resource("webhook", "webhooks")
 MOST: Final = 20
@@ -22,8 +22,8 @@ MOST: Final = 20
 _KEPT: Final = timedelta(days=30)
 _AT_ONCE: Final = 50
 
-_HOOKS: Final = select(*(webhooks.c[field.name] for field in fields(WebhookRecord)))
-_MESSAGES: Final = select(*(deliveries.c[field.name] for field in fields(DeliveryRecord)))
+_HOOKS: Final = of_records(webhooks, WebhookRecord)
+_MESSAGES: Final = of_records(deliveries, DeliveryRecord)
 _pending: Final = deliveries.c.state == "pending"
 
 

@@ -20,8 +20,13 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT
 from jointstiff.service.store.database import Database, open_existing
-from jointstiff.service.store.jobs import OPEN_STATES
-from jointstiff.service.store.records import AnyRecord, JobRecord, MeasurementSetRecord, RobotRecord
+from jointstiff.service.store.records import (
+    OPEN_STATES,
+    AnyRecord,
+    JobRecord,
+    MeasurementSetRecord,
+    RobotRecord,
+)
 from jointstiff.service.store.tables import (
     has_tables,
     idempotency_keys,

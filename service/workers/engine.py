@@ -261,7 +261,7 @@ class _Steps:
         @DBOS.step(name="plan")
         @_patient
         def plan(kind: str, job_id: str) -> list[list[Span]]:
-            if not jobs[kind].goes_on(job_id):  # cancelled, or deleted since
+            if not jobs[kind].records.goes_on(job_id):  # cancelled, or deleted since
                 return []
             jobs[kind].start(job_id)
             steps = jobs[kind].work(job_id).steps()
@@ -271,16 +271,16 @@ class _Steps:
         @DBOS.step(name="compute")
         @_patient
         def compute(kind: str, job_id: str, span: Span) -> str:
-            if not jobs[kind].goes_on(job_id):
+            if not jobs[kind].records.goes_on(job_id):
                 return ""
             computed = pack(jobs[kind].work(job_id).compute(span))
-            jobs[kind].log.report(job_id, *span)
+            jobs[kind].records.report(job_id, *span)
             return computed
 
         @DBOS.step(name="conclude")
         @_patient
         def conclude(kind: str, job_id: str, computed: list[str]) -> None:
-            if jobs[kind].goes_on(job_id):
+            if jobs[kind].records.goes_on(job_id):
                 jobs[kind].conclude(job_id, computed)
 
         @DBOS.step(name="fail")

@@ -120,12 +120,12 @@ class Recovery:
         computed = {job_of(name) for name in abandoned if pending[name][0] == "part"}
         for jobs in self._jobs.values():
             for job_id in {job_of(name) for name in abandoned}:
-                if not jobs.goes_on(job_id):
+                if not jobs.records.goes_on(job_id):
                     continue
                 waits = self._engine.queue.has_parts(job_id) and not jobs.is_computed(job_id)
                 if waits and job_id not in computed:
                     continue
-                if jobs.log.died(job_id) >= ATTEMPTS:
+                if jobs.records.died(job_id) >= ATTEMPTS:
                     jobs.fail(
                         job_id, WorkerLostError(f"{ATTEMPTS} workers died over one step of job {job_id}")
                     )
@@ -143,7 +143,7 @@ class Recovery:
         """End open jobs whose workflow has ended without ending them, or is gone, two looks in a row."""
         all_lost = set[str]()
         for jobs in self._jobs.values():
-            open_jobs = jobs.log.open_jobs()
+            open_jobs = jobs.records.open_jobs()
             statuses = dict.fromkeys(open_jobs, "unknown") | self._engine.queue.statuses(open_jobs)
             lost = {job for job, status in statuses.items() if status == "unknown" or is_ended(status)}
             for job_id in lost & self._lost:
@@ -157,13 +157,13 @@ class Recovery:
         ended = self._engine.queue.forget_ended(_KEPT, _REMOVED)
         if ended:
             for jobs in self._jobs.values():
-                jobs.log.forget_steps(ended)
+                jobs.records.forget_steps(ended)
 
     def _purge(self) -> None:
         """Remove for good what was deleted long ago."""
         before = self._now() - KEEP_DELETED
         for jobs in self._jobs.values():
-            jobs.deletions.purge(before, _REMOVED)
+            jobs.records.purge(before, _REMOVED)
         self._store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
         self._store.robots.purge(before, _REMOVED)
 
@@ -198,7 +198,7 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
     store = Store.open(database)
-    parts = Parts.of(store)
+    parts = Parts(store)
     jobs = parts.jobs
     store.heartbeats.beat(executor)  # before it takes any work
     engine = Engine(store, jobs, database, executor)

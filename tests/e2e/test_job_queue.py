@@ -40,7 +40,7 @@ def rows_of(store, database):
 def test_a_run_ends_and_its_steps_are_removed_later(database_url):
     document = simulate_campaign(default_arm(), load="pull", configurations=40, seed=1)
     with Store.open(database_url) as store, closing(JobQueue(store, database_url)) as queue:
-        parts = Parts.of(store, queue.enqueue)
+        parts = Parts(store, queue.enqueue)
         robot = parts.robots.create(RobotDocument.model_validate(document["robot"]), None)
         readings = document["measurement_set"] | {"robot_id": robot.id}
         stored = parts.sets.create(MeasurementSetRequest.model_validate(readings), None)
@@ -48,10 +48,10 @@ def test_a_run_ends_and_its_steps_are_removed_later(database_url):
         run = parts.jobs["run"].create(RunRequest.model_validate(body), None)
 
         with working(database_url, "worker"):
-            until(lambda: not parts.jobs["run"].log.status(run.id).goes_on, seconds=60)
+            until(lambda: not parts.jobs["run"].records.status(run.id).goes_on, seconds=60)
             until(lambda: queue.statuses([run.id])[run.id] == "SUCCESS")
             assert parts.jobs["run"].current(run.id).state == "succeeded"
-            assert parts.jobs["run"].log.status(run.id).done == 40_000
+            assert parts.jobs["run"].records.status(run.id).done == 40_000
             workflows, steps = rows_of(store, database_url)
             assert workflows > 1
             assert steps > workflows

@@ -12,12 +12,12 @@ from jointstiff.simulator import default_arm, simulate_campaign
 
 
 def runs_of(store, enqueue=None):
-    return Parts.of(store, enqueue).jobs["run"]
+    return Parts(store, enqueue).jobs["run"]
 
 
 def stored_set(store, **options):
     document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1, **options)
-    parts = Parts.of(store)
+    parts = Parts(store)
     robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
     readings = document["measurement_set"] | {"robot_id": robot.id}
     return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id

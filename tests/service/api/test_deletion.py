@@ -53,7 +53,7 @@ class TestStore:
         others = [dataclasses.replace(job, id=name) for name in ("before", "after")]
         for record in (others[0], job, others[1]):
             store.jobs(kind).add(record)
-        deletions = store.deletions(kind)
+        deletions = store.jobs(kind)
         for _ in range(2):
             deletions.delete(job.id, TIME)
             assert listed(store, kind) == ["after", "before"]
@@ -72,13 +72,13 @@ class TestStore:
     def test_a_job_that_goes_on_stays(self, store, job, state):
         store.jobs(RESOURCES[job.kind]).add(dataclasses.replace(job, state=state))
         with pytest.raises(NotEndedError) as caught:
-            store.deletions(RESOURCES[job.kind]).delete(job.id, TIME)
+            store.jobs(RESOURCES[job.kind]).delete(job.id, TIME)
         assert caught.value.remedy.startswith("cancel it first")
         assert listed(store, RESOURCES[job.kind]) == [job.id]
 
     @jobs
     def test_unknown(self, store, job):
-        deletions = store.deletions(RESOURCES[job.kind])
+        deletions = store.jobs(RESOURCES[job.kind])
         for act in (lambda: deletions.delete("u9", TIME), lambda: deletions.restore("u9")):
             with pytest.raises(NotFoundError) as caught:
                 act()
@@ -89,7 +89,7 @@ class TestStore:
         for number in range(6):
             store.jobs(RUNS).add(dataclasses.replace(RUN, id=f"u{number}"))
         for number in (0, 2, 3, 5):
-            store.deletions(RUNS).delete(f"u{number}", TIME)
+            store.jobs(RUNS).delete(f"u{number}", TIME)
         first = store.jobs(RUNS).page(limit=1, filters={"measurement_set_id": "s1"})
         second = store.jobs(RUNS).page(limit=1, filters={"measurement_set_id": "s1"}, cursor=first.next)
         assert [page.records[0].id for page in (first, second)] == ["u4", "u1"]
@@ -97,7 +97,7 @@ class TestStore:
 
     def test_a_key_answers_as_before_while_its_resource_is_deleted(self, store):
         store.jobs(RUNS).add(RUN, KEY)
-        store.deletions(RUNS).delete("u1", TIME)
+        store.jobs(RUNS).delete("u1", TIME)
         again = dataclasses.replace(RUN, id="u2")
         assert store.jobs(RUNS).find(KEY) == store.jobs(RUNS).add(again, KEY) == RUN
         assert listed(store, RUNS) == []
@@ -108,30 +108,31 @@ class TestStore:
         other = dataclasses.replace(job, id="other")
         store.jobs(kind).add(job, KEY)
         store.jobs(kind).add(other, IdempotencyKey("another key", "hash"))
-        log, deletions = store.job_log(kind), store.deletions(kind)
-        log.report(job.id, 0, 120)
-        deletions.delete(job.id, TIME)
-        deletions.delete(job.id, TIME + timedelta(days=20))  # which does not make it younger
-        assert deletions.purge(TIME, 9) == []
-        assert deletions.purge(TIME + timedelta(seconds=1), 9) == [job.id]
-        for find in (lambda: store.jobs(kind).get(job.id), lambda: deletions.restore(job.id)):
+        jobs = store.jobs(kind)
+        jobs.report(job.id, 0, 120)
+        jobs.delete(job.id, TIME)
+        jobs.delete(job.id, TIME + timedelta(days=20))  # which does not make it younger
+        assert jobs.purge(TIME, 9) == []
+        assert jobs.purge(TIME + timedelta(seconds=1), 9) == [job.id]
+        for find in (lambda: jobs.get(job.id), lambda: jobs.restore(job.id)):
             with pytest.raises(NotFoundError) as caught:
                 find()
             assert type(caught.value) is NotFoundError
         assert store.jobs(kind).find(KEY) is None
-        assert log.done(job.id) == 0
         assert store.jobs(kind).find(IdempotencyKey("another key", "hash")) == other
         assert store.jobs(kind).add(dataclasses.replace(job, id="anew"), KEY).id == "anew"
+        jobs.add(job)
+        assert jobs.status(job.id).done == 0
 
     def test_the_longest_deleted_goes_first(self, store):
         for day, name in enumerate(("u3", "u1", "u2")):
             store.jobs(RUNS).add(dataclasses.replace(RUN, id=name))
-            store.deletions(RUNS).delete(name, TIME + timedelta(days=day))
-        assert store.deletions(RUNS).purge(TIME + timedelta(days=9), 2) == ["u3", "u1"]
+            store.jobs(RUNS).delete(name, TIME + timedelta(days=day))
+        assert store.jobs(RUNS).purge(TIME + timedelta(days=9), 2) == ["u3", "u1"]
 
     def test_what_is_brought_back_is_not_purged(self, store):
         store.jobs(RUNS).add(RUN)
-        deletions = store.deletions(RUNS)
+        deletions = store.jobs(RUNS)
         deletions.delete("u1", TIME)
         deletions.restore("u1")
         assert deletions.purge(TIME + timedelta(days=400), 9) == []
@@ -146,26 +147,27 @@ class TestJobs:
     def test_a_run_is_cancelled_then_deleted_and_its_late_work_does_nothing(self, store, runs):
         run = runs.create(request(stored_set(store)), None)
         with pytest.raises(NotEndedError):
-            runs.delete(run.id)
+            runs.records.delete(run.id)
         runs.cancel(run.id)
         before = runs.document(run.id)
-        runs.delete(run.id)
-        assert not runs.goes_on(run.id)
+        runs.records.delete(run.id)
+        assert not runs.records.goes_on(run.id)
         runs.fail(run.id, RuntimeError("of a worker that did not hear of it"))
         with pytest.raises(DeletedError):
             runs.cancel(run.id)
-        assert runs.restore(run.id) == before
+        runs.records.restore(run.id)
+        assert runs.document(run.id) == before
 
     def test_a_key_answers_with_the_deleted_run(self, store, runs):
         asked = request(stored_set(store), resampling=None)
         run = runs.create(asked, KEY)
-        runs.delete(run.id)
+        runs.records.delete(run.id)
         assert runs.create(asked, KEY) == run
 
     def test_a_deleted_run_is_not_compared(self, store, runs):
-        parts, set_id = Parts.of(store), stored_set(store)
+        parts, set_id = Parts(store), stored_set(store)
         kept, run = (runs.create(request(set_id, resampling=None), None) for _ in range(2))
-        runs.delete(run.id)
+        runs.records.delete(run.id)
         with pytest.raises(Exception, match="was deleted") as caught:
             parts.jobs["comparison"].create(ComparisonRequest(run_ids=[kept.id, run.id]), None)
         assert caught.value.where == "run_ids[1]"
@@ -173,22 +175,22 @@ class TestJobs:
 
     @pytest.mark.parametrize("odd", ["\x00", "é", "a\x1f", "\ud800"])
     def test_odd_ids(self, runs, odd):
-        for act in (runs.delete, runs.restore):
+        for act in (runs.records.delete, runs.records.restore):
             with pytest.raises(NotFoundError):
                 act(odd)
 
     def test_the_janitor_removes_by_its_clock(self, store, runs):
         deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
-        runs.delete(deleted.id)
+        runs.records.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
         recovery = Recovery(store, {"run": runs}, QueueEngine(), "alive", now=lambda: clock[0])
         recovery.look()
-        runs.restore(deleted.id)
-        runs.delete(deleted.id)
+        runs.records.restore(deleted.id)
+        runs.records.delete(deleted.id)
         clock[0] += timedelta(hours=2)
         recovery.look()
         with pytest.raises(NotFoundError) as caught:
-            runs.restore(deleted.id)
+            runs.records.restore(deleted.id)
         assert type(caught.value) is NotFoundError
         assert runs.document(kept.id) == kept.document
 

@@ -39,7 +39,7 @@ class TestStore:
             sets.delete("s1", TIME)
         with pytest.raises(ReferencedError, match="'r1' is used by measurement set s1, run u1"):
             robots.delete("r1", TIME)
-        store.deletions(RESOURCES["run"]).delete("u1", TIME)
+        store.jobs(RESOURCES["run"]).delete("u1", TIME)
         sets.delete("s1", TIME)
         robots.delete("r1", TIME)
         for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
@@ -78,7 +78,7 @@ class TestStore:
         key = IdempotencyKey("a key", "hash")
         store.robots.add(dataclasses.replace(ROBOT, id="r2"), key)
         store.jobs(RESOURCES["run"]).add(job_record())
-        runs, (sets, robots) = store.deletions(RESOURCES["run"]), deletions(store)
+        runs, (sets, robots) = store.jobs(RESOURCES["run"]), deletions(store)
         runs.delete("u1", TIME + timedelta(days=1))
         sets.delete("s1", TIME + timedelta(days=1))
         robots.delete("r1", TIME + timedelta(days=1))
@@ -97,7 +97,7 @@ class TestStore:
 
 
 def deletions(store):
-    return [store.deletions(collection.resource) for collection in (store.sets, store.robots)]
+    return [store.sets, store.robots]
 
 
 def test_a_quota_refuses_what_is_new_and_keeps_the_rest(database_url):
@@ -109,7 +109,7 @@ def test_a_quota_refuses_what_is_new_and_keeps_the_rest(database_url):
         with pytest.raises(QuotaError, match="its quota is"):
             store.robots.add(dataclasses.replace(ROBOT, id="r2"))
         assert store.robots.get("r1") == ROBOT
-        store.deletions(store.robots.resource).delete("r1", TIME)
+        store.robots.delete("r1", TIME)
     with Store.open(database_url, 10 * used) as store:
         store.robots.add(dataclasses.replace(ROBOT, id="r2"))
 

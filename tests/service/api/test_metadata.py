@@ -207,7 +207,7 @@ def test_what_has_no_metadata_takes_it(database):
     for end, found in ((local, 0), (local + timedelta(microseconds=1), 1)):
         page = database.sets.page(limit=5, archived=True, spans={"measured_at": (local, end)})
         assert len(page.records) == found
-    database.deletions(database.sets.resource).delete("s1", TIME)
+    database.sets.delete("s1", TIME)
     assert [entry.id for entry in database.sets.page(limit=5, deleted=True).records] == ["s1"]
     with pytest.raises(NotFoundError):
         database.sets.change("\x00", {"notes": "n"})

@@ -36,7 +36,7 @@ class ScriptedJobs:
         self.script = list(script)
         self.end = end
         self.looks = self.documents = 0
-        self.log = self
+        self.records = self
 
     def statuses(self, job_ids):
         self.looks += 1

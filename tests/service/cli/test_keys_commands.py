@@ -45,7 +45,7 @@ def test_a_key_is_made_listed_and_revoked(place, command, tmp_path):
         keyring.look()
         assert keyring.find(found.id) is None
         assert "revoked" in command("list", *place).stdout
-        entries, _ = store.audit.page(9)
+        entries = store.audit.page(9).records
     noted = [(entry.operation, entry.address, entry.path) for entry in entries]
     path = f"/v1/keys/{found.id}"
     expected = [("revokeKey", "terminal", path), ("createKey", "terminal", path)]

@@ -220,7 +220,7 @@ def test_a_geometry_is_assessed_by_its_findings():
 
 def test_listings_tell_verdict_compensation_joints_and_warnings(exchanged):
     with Store.open("sqlite://") as store:
-        parts = Parts.of(store)
+        parts = Parts(store)
         robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(exchanged["robot"])), None)
         posted = exchanged["measurement_set"] | {"robot_id": robot.id}
         readings = parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(posted)), None)

@@ -42,7 +42,7 @@ PULL = {"load": "pull", "seed": 3}
 @pytest.fixture(scope="module")
 def memory():
     with Store.open("sqlite://") as store:
-        yield Parts.of(store)
+        yield Parts(store)
 
 
 @lru_cache
@@ -259,7 +259,7 @@ def test_options_that_make_no_sense(options):
 
 def test_it_is_stored_and_listed_on_every_database(database_url, memory):
     with Store.open(database_url) as store:
-        parts = Parts.of(store)
+        parts = Parts(store)
         runs = two_encoders(parts)
         found = made(parts, *runs, ordered=True)
         assert Comparison.model_validate_json(parts.jobs["comparison"].document(found.id)) == found

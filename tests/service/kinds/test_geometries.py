@@ -45,13 +45,13 @@ UNITS = {"length": "m", "angle": "rad"}
 @pytest.fixture
 def parts(database_url):
     with Store.open(database_url) as store:
-        yield Parts.of(store)
+        yield Parts(store)
 
 
 @pytest.fixture(scope="module")
 def memory():
     with Store.open("sqlite://") as store:
-        yield Parts.of(store)
+        yield Parts(store)
 
 
 @lru_cache
@@ -573,7 +573,7 @@ class TestFrames:
         memory.jobs["geometry"].delete(geometry.id)
         with pytest.raises(DeletedError):
             memory.jobs["geometry"].current(geometry.id)
-        assert Parts.of(memory.store).sets.prepared(set_id).measurements.position == pytest.approx(
+        assert Parts(memory.store).sets.prepared(set_id).measurements.position == pytest.approx(
             self.prepared(memory, document).position, abs=200e-6
         )
         with pytest.raises(RequestError) as caught:

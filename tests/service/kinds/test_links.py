@@ -16,7 +16,6 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.inputs import Stored
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.program_work import ProgramWork
@@ -46,14 +45,14 @@ def store():
 
 @pytest.fixture(scope="module")
 def set_id(store, document):
-    parts = Parts.of(store)
+    parts = Parts(store)
     robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
     readings = document["measurement_set"] | {"robot_id": robot.id}
     return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
 
 
 def carried_out(store, set_id, **options):
-    jobs = Parts.of(store).jobs["run"]
+    jobs = Parts(store).jobs["run"]
     request = RunRequest.model_validate({"measurement_set_id": set_id} | OPTIONS | options)
     return jobs.current(jobs.create(request, None).id)
 
@@ -102,7 +101,7 @@ def test_joints_have_their_number_and_its_spread(given):
 
 def test_deflections_are_predicted_by_the_stored_model(store, given, document):
     """As the message travels, at a target that was read: what the run itself predicts there."""
-    parts = Parts.of(store)
+    parts = Parts(store)
     run = Run.model_validate_json(given.model_dump_json())
     readings = document["measurement_set"]
     observation = readings["observations"][3]
@@ -128,7 +127,7 @@ def test_deflections_are_predicted_by_the_stored_model(store, given, document):
 
 
 def test_a_program_is_compensated_by_links(store, set_id, given):
-    robot = Parts.of(store).sets.prepared(set_id).robot
+    robot = Parts(store).sets.prepared(set_id).robot
     text = program_text("krl", tool_poses(path(12)), 5)
     result = ProgramWork(robot, "robot", given, request("krl", text)).conclude(())
     assert result.corrected == 12
@@ -174,7 +173,7 @@ def test_joints_alone_have_no_links(store, set_id):
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set_id):
     """A worker computes each step from the stored request, and its result travels as text."""
     enqueued = []
-    parts = Parts.of(store, lambda _, kind, job_id: enqueued.append((kind, job_id)))
+    parts = Parts(store, lambda _, kind, job_id: enqueued.append((kind, job_id)))
     jobs = parts.jobs["run"]
     request = RunRequest.model_validate(
         {
@@ -189,7 +188,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
     assert queued.progress.total == 4 * 2 * 7
-    worker = Parts.of(store).jobs["run"]
+    worker = Parts(store).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
     steps = work.steps()
@@ -198,7 +197,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    work = RUN.compute(Stored(Resources.of(store)), request)
+    work = RUN.compute(Resources(store), request)
     same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result
@@ -244,7 +243,7 @@ def test_loss_and_penalty_are_chosen_together(store, set_id):
 
 
 def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
-    parts = Parts.of(store)
+    parts = Parts(store)
     rigid = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
     robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(rigid["robot"])), None)
     readings = json.dumps(rigid["measurement_set"] | {"robot_id": robot.id})
@@ -276,7 +275,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
 
 def test_a_gross_mistake_is_mended_before_models_are_compared(store):
     """Two columns exchanged leave patterns, too; the default says so at once."""
-    parts = Parts.of(store)
+    parts = Parts(store)
     wrong = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
     for observation in wrong["measurement_set"]["observations"]:
         joints = observation["joints"]
@@ -312,9 +311,9 @@ def test_automatic_keeps_to_joints_beside_options_of_joints(store, set_id, optio
 
 def test_a_run_is_listed_by_what_bends(store, set_id):
     options = {"elasticity": "automatic", "links": ["joint_2"], "cross_validation": {"folds": 2, "draws": 1}}
-    jobs = Parts.of(store).jobs["run"]
+    jobs = Parts(store).jobs["run"]
     record = jobs.create(RunRequest.model_validate({"measurement_set_id": set_id, **options}), None)
-    worker = Parts.of(store).jobs["run"]
+    worker = Parts(store).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
     worker.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])

@@ -172,7 +172,7 @@ def test_in_steps_it_is_the_same(client, run_id, monkeypatch):
 
 
 def test_a_step_is_kept_as_text(store, made):
-    work: MapWork = Parts.of(store).jobs["map"].work(made["id"])
+    work: MapWork = Parts(store).jobs["map"].work(made["id"])
     part = work.compute((0, 5))
     again = unpack(pack(part))
     for name, column in part.items():

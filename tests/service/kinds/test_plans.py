@@ -45,7 +45,7 @@ BEGIN = {
 @pytest.fixture(scope="module")
 def parts():
     with Store.open("sqlite://") as store:
-        yield Parts.of(store)
+        yield Parts(store)
 
 
 @pytest.fixture(scope="module")

@@ -60,7 +60,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
     computed = {span: pack(work.compute(span)) for span in reversed(spans)}
     runs.start(run.id)
     for span in [*spans, spans[1]]:  # one of them twice, as an engine may
-        runs.log.report(run.id, *span)
+        runs.records.report(run.id, *span)
     assert runs.current(run.id).state == "running"
     assert runs.current(run.id).progress.done == 300
     runs.conclude(run.id, [computed[span] for span in spans])
@@ -72,7 +72,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
 
 def test_a_run_ends_once(store, runs):
     run = runs.create(request(stored_set(store)), None)
-    runs.log.report(run.id, 0, 120)
+    runs.records.report(run.id, 0, 120)
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
     work = runs.work(run.id)
@@ -115,7 +115,7 @@ def test_unknown_runs(runs):
 
 
 def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
-    prepared = Parts.of(store).sets.prepared(stored_set(store))
+    prepared = Parts(store).sets.prepared(stored_set(store))
     options = request("x", resampling={"size": 8, "repetitions": 100_000})
     spans = ResamplingWork(prepared, options, options.resampling).steps()
     assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]

@@ -41,7 +41,7 @@ def test_nothing_of_the_service_is_imported():
 def test_numbers_and_hashes_are_those_of_a_service():
     one, other = campaign(1), campaign(2)
     with Store.open("sqlite://") as store:
-        parts = Parts.of(store)
+        parts = Parts(store)
         sets = []
         for each in (one, other):
             robot = parts.robots.create(each.robot, None)

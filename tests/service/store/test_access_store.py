@@ -77,12 +77,12 @@ def test_of_many_who_use_a_link_one_gets_the_key(store):
 def test_the_audit_is_listed_newest_first(store):
     for number in range(5):
         store.audit.add(replace(ENTRY, status=200 + number, key_id=None if number % 2 else ENTRY.key_id))
-    first, cursor = store.audit.page(3)
-    assert [entry.status for entry in first] == [204, 203, 202]
-    rest, end = store.audit.page(3, cursor)
-    assert [entry.status for entry in rest] == [201, 200]
-    assert end is None
-    mine, _ = store.audit.page(9, key_id=ENTRY.key_id)
+    first = store.audit.page(3)
+    assert [entry.status for entry in first.records] == [204, 203, 202]
+    rest = store.audit.page(3, first.next)
+    assert [entry.status for entry in rest.records] == [201, 200]
+    assert rest.next is None
+    mine = store.audit.page(9, key_id=ENTRY.key_id).records
     assert [entry.status for entry in mine] == [204, 202, 200]
     assert mine[0] == replace(ENTRY, status=204)
     with pytest.raises(CursorError):

@@ -75,7 +75,7 @@ def test_a_backup_under_write_load_comes_back_with_every_hash_and_result(new_dat
         finally:
             stop.set()
             writer.join()
-        run = next(iter(runs._records.page(limit=1).records))
+        run = next(iter(runs.records.page(limit=1).records))
         document = runs.document(run.id)
     assert manifest.tables["jobs"].rows == 1
     assert sorted(path.name for path in (tmp_path / "backup").iterdir())[-1] == "manifest.json"

@@ -227,7 +227,7 @@ class TestPages:
                 if other is not resource:
                     with pytest.raises(NotFoundError):
                         store.jobs(other).get(entry.id)
-                    assert store.job_log(other).status(entry.id) is None
+                    assert store.jobs(other).status(entry.id) is None
 
     def test_filter_values_that_nothing_has(self, store: Store, subtests: pytest.Subtests) -> None:
         store.robots.add(robot())

@@ -104,8 +104,8 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
 ):
     monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
     poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
-    runs.log.report(heavy.id, 0, runs.current(heavy.id).progress.total)
-    runs.log.report(waiting.id, 0, 120)
+    runs.records.report(heavy.id, 0, runs.current(heavy.id).progress.total)
+    runs.records.report(waiting.id, 0, 120)
     engine.shared_out = {poison.id, waiting.id, heavy.id}
     recovery = recovery_of(store, runs, engine)
     for number in range(3):
@@ -139,7 +139,7 @@ def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, ru
         for _look in range(3):  # it is counted once
             recovery.look()
         assert runs.current(poison.id).state == "queued"
-    runs.log.report(poison.id, 0, 120)
+    runs.records.report(poison.id, 0, 120)
     for state in ("queued", "queued", "failed"):
         recovery_of(store, runs, engine).look()
         assert runs.current(poison.id).state == state
@@ -173,13 +173,13 @@ def test_a_run_that_goes_on_goes_on(store, runs, engine, status):
 def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, engine):
     ended, goes_on = (runs.create(request(stored_set(store)), None) for _ in range(2))
     for run in (ended, goes_on):
-        runs.log.report(run.id, 0, 120)
+        runs.records.report(run.id, 0, 120)
         engine.ended[run.id] = "PENDING"
     runs.cancel(ended.id)
     before = runs.document(ended.id)
     engine.forgotten = [ended.id]
     recovery_of(store, runs, engine).look()
-    assert (runs.log.done(ended.id), runs.log.done(goes_on.id)) == (0, 120)
+    assert [runs.records.status(each.id).done for each in (ended, goes_on)] == [0, 120]
     assert runs.document(ended.id) == before
 
 

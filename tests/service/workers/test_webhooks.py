@@ -170,7 +170,7 @@ class Patient(Sender):
 
 def sender_of(store, clock, kind=Patient):
     clock.time = max(clock.time, datetime.now(UTC) + timedelta(seconds=1))
-    return kind(store, Parts.of(store).trends, clock)
+    return kind(store, Parts(store).trends, clock)
 
 
 def run(store, set_id):
