@@ -9,8 +9,8 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing, suppress
 from datetime import timedelta
 from pathlib import Path
 from typing import Final
@@ -18,10 +18,10 @@ from typing import Final
 import uvicorn
 from fastapi import FastAPI
 from sqlalchemy import make_url
+from starlette.types import ASGIApp
 from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
-from jointstiff.service.api.health import SILENT_SECONDS, Metrics, metrics_server
 from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
@@ -120,11 +120,13 @@ def run_server(
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
-        listener = stack.enter_context(listen(host, port))
+        listeners = [stack.enter_context(listen(host, port, "--port or --host"))]
+        port = listeners[0].getsockname()[1]
+        if metrics is not None:
+            listeners.append(stack.enter_context(listen(*metrics, "--metrics-port or --metrics-host")))
         store = stack.enter_context(Store.open(database, quota))
         keyring = _keyring(store, keys_file, database, posture, await_key=await_key)
         queue = stack.enter_context(closing(JobQueue(store, database)))
-        port = listener.getsockname()[1]
         # The workers of one store have other names than those of another, the same at each start.
         mark = hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
         prefix = f"{socket.gethostname()}-{port}-{mark}"
@@ -143,7 +145,10 @@ def run_server(
         app = create_app(store, queue.enqueue, posture, keyring, settings)
         app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
         app.state.failing_workers = lambda: supervisor.failing
-        config = _configuration(app, log_format)
+        shown = app
+        if metrics is not None:
+            shown = app.state.metrics.beside(app, listeners[1].getsockname()[1])
+        config = _configuration(shown, log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
@@ -151,13 +156,12 @@ def run_server(
         app.state.is_closing = lambda: server.should_exit
         if metrics is not None:
             app.state.metrics.gauges = lambda: _state(app, server)
-            stack.enter_context(_showing(app.state.metrics, *metrics))
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
-        server.run(sockets=[listener])
+        server.run(sockets=listeners)
 
 
-def _configuration(app: FastAPI, log_format: LogFormat) -> uvicorn.Config:
+def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         log_level="warning",
@@ -170,25 +174,6 @@ def _configuration(app: FastAPI, log_format: LogFormat) -> uvicorn.Config:
         backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=_GOODBYE_SECONDS,
     )
-
-
-@contextmanager
-def _showing(metrics: Metrics, host: str, port: int, silence: float = SILENT_SECONDS) -> Iterator[None]:
-    """Answer with metrics on a port of their own, in threads of their own."""
-    try:
-        server = metrics_server(host, port, metrics.registry, silence)
-    except OSError as error:
-        raise ServerError(
-            f"cannot listen on {host}:{port}: {error}", "choose another --metrics-port"
-        ) from error
-    thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
 
 
 def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
@@ -272,8 +257,8 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture, *
     return keyring
 
 
-def listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket.
+def listen(host: str, port: int, options: str) -> socket.socket:
+    """Return a listening socket; the options of the command name its address.
 
     Raises:
         ServerError: the address cannot be used.
@@ -284,7 +269,7 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         raise ServerError(
             f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
-            "choose another --port or --host, or stop the program that uses it",
+            f"choose another {options}, or stop the program that uses it",
         ) from error
     # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

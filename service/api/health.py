@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import logging
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from socketserver import ThreadingMixIn
-from typing import Any, ClassVar, Final, Literal, NamedTuple
-from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
+from typing import Final, Literal, NamedTuple
 
+from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
-from prometheus_client import CollectorRegistry, Counter, Histogram, make_wsgi_app
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from jointstiff.schemas.access import Health
 from jointstiff.service.kinds.registry import KINDS
@@ -40,8 +39,6 @@ _GOODBYE_SECONDS: Final = 1.0
 """For a look or proof under way at the end."""
 Gauges = Callable[[], dict[str, float]]
 
-SILENT_SECONDS: Final = 10.0
-"""A connection to the metrics that says nothing for so long is closed."""
 _SECONDS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
 _HELP: Final = {
     "database_up": "1 if the last check of the database succeeded.",
@@ -216,63 +213,6 @@ class Watch:
         return Seen(time.monotonic(), workers, database, stored)
 
 
-class _Handler(WSGIRequestHandler):
-    """A connection."""
-
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
-        """Log nothing."""
-
-
-class _Threads(ThreadingMixIn, WSGIServer):
-    """A server with a thread for each connection, and few of them."""
-
-    daemon_threads = True
-    CONNECTIONS: ClassVar[int] = 16
-    request_queue_size = CONNECTIONS
-
-    def __init__(self, *given: Any) -> None:  # noqa: ANN401
-        self._room = threading.BoundedSemaphore(self.CONNECTIONS)
-        super().__init__(*given)
-
-    def process_request(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
-        """Answer in a thread, or close the connection if there are too many."""
-        if self._room.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
-        """Answer, and make room."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._room.release()
-
-    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
-        """Report nothing about clients that disconnected."""
-
-
-def metrics_server(
-    host: str, port: int, registry: CollectorRegistry, silence: float = SILENT_SECONDS
-) -> WSGIServer:
-    """Return a server of metrics that listens, and is still to be run.
-
-    Args:
-        host: address to listen on.
-        port: TCP port.
-        registry: that it shows.
-        silence: after which a connection is closed [s].
-
-    Raises:
-        OSError: the address cannot be listened on.
-    """
-    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-    handler = type("_Patient", (_Handler,), {"timeout": silence})
-    server = type("_Server", (_Threads,), {"address_family": family})((host, port), handler)
-    server.set_app(make_wsgi_app(registry))
-    return server  # type: ignore[no-any-return]
-
-
 class Metrics:
     """Counts of the requests of one application, and the state of its service."""
 
@@ -303,6 +243,19 @@ class Metrics:
         """
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
+
+    def beside(self, app: ASGIApp, port: int) -> ASGIApp:
+        """Return an application that shows the metrics on one port, and is another on all others."""
+        turns = CapacityLimiter(1)  # of its own: they are shown whatever others ask for
+
+        async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+            if scope["type"] != "http" or scope["server"][1] != port:
+                await app(scope, receive, send)
+                return
+            text = await run_sync(generate_latest, self.registry, limiter=turns)
+            await Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST})(scope, receive, send)
+
+        return answer
 
 
 class _State(Collector):

@@ -363,7 +363,7 @@ def test_a_body_that_proves_small_ends_its_turn(tmp_path, connect):
 
 def test_what_the_system_keeps_of_an_unread_body_is_bounded():
     """Of 64 unread bodies it would keep so much that it drops what others send."""
-    with listen("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()):
+    with listen("127.0.0.1", 0, "--port") as listener, socket.create_connection(listener.getsockname()):
         accepted, _ = listener.accept()
         with accepted:
             kept = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import logging
-import select
 import socket
-from contextlib import ExitStack
 
 import httpx2
 import pytest
 from prometheus_client import generate_latest
 from support.in_process import Client, served
+from support.processes import Service
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.logs import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
-from jointstiff.service.server import _showing
 from jointstiff.service.store.store import Store
 
 
@@ -62,26 +60,21 @@ def test_requests_are_counted_by_route_and_status(client):
     assert "jointstiff_database_up 1.0" in text
 
 
-def test_metrics_are_shown_on_a_port_of_their_own(client):
-    client.get("/live")
+@pytest.mark.process
+def test_metrics_are_shown_on_a_port_of_their_own_alone(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with _showing(client._app.state.metrics, "127.0.0.1", port):
-        answer = httpx2.get(f"http://127.0.0.1:{port}/metrics")
-    assert "jointstiff_request_seconds_count" in answer.text
-
-
-def test_silent_connections_to_the_metrics_end_and_are_few(client):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with _showing(client._app.state.metrics, "127.0.0.1", port, silence=2.0), ExitStack() as stack:
-        silent = [
-            stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=30)) for _ in range(17)
-        ]
-        assert silent[-1].recv(1) == b""  # there is no room for it
-        assert not select.select(silent[:-1], [], [], 0)[0]
-        assert all(each.recv(1) == b"" for each in silent[:-1])  # the room of one is free after its end
-        assert httpx2.get(f"http://127.0.0.1:{port}/metrics").status_code == 200
+    url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    service = Service(url, "--workers", "0", "--metrics-port", str(port))
+    try:
+        assert httpx2.get(f"{service.url}/live").status_code == 204
+        metrics = httpx2.get(f"http://127.0.0.1:{port}/metrics")
+        assert "jointstiff_request_seconds_count" in metrics.text
+        assert metrics.headers["content-type"].startswith("text/plain; version=")
+        assert "jointstiff_" in httpx2.get(f"http://127.0.0.1:{port}/v1/robots").text  # nothing else is there
+        assert httpx2.get(f"{service.url}/metrics").status_code == 404
+    finally:
+        service.stop()
 
 
 def test_a_line_of_the_log_has_what_belongs_to_the_request(client, caplog):
