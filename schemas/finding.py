@@ -172,6 +172,8 @@ FindingCode = Literal[
     "link_penalty_at_end",
     "link_penalty_raised",
     "loss_not_compared",
+    # in a compensated program
+    "moves_left",
     # in two results side by side
     "no_common_configuration",
     "configurations_differ",

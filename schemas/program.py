@@ -172,6 +172,12 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         default_factory=list,
         description="Routines of the program that neither move the robot nor change its frames.",
     )
+    leave_others: bool = Field(
+        default=False,
+        strict=True,
+        description="True to leave the moves whose target, base or tool is not certain, and correct the "
+        "others; without it, a program with such moves is refused with their list.",
+    )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )
@@ -275,6 +281,10 @@ class ProgramResult(FromRun):
     format: ProgramFormat
     points: int = Field(description="Number of targets of the program.")
     moves: int = Field(description="Number of moves of the program.")
+    moves_left: int = Field(
+        default=0,
+        description="Number of moves that are not corrected because something of them is not certain.",
+    )
     corrected: int = Field(description="Number of corrected targets.")
     capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
     left_alone: dict[LeftAlone, int] = Field(description="Number of targets without a correction, by reason.")

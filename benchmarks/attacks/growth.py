@@ -17,8 +17,8 @@ from benchmarks.report import Figure, Part, Section
 from jointstiff.service.kinds.program_path import _from_table
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
+from jointstiff.service.programs.language import Misread
 from jointstiff.service.programs.numerals import Numerals
-from jointstiff.service.programs.scanner import Cursor, Misread
 
 _CHARACTERS: Final = 100_000
 _READERS: Final[dict[str, tuple[ModuleType, str]]] = {
@@ -126,7 +126,7 @@ def _seconds(read: Callable[[str], None], text: str) -> float:
 
 def _parse(module: ModuleType, text: str) -> None:
     with suppress(Misread):
-        list(module._parse(Cursor(module._LEXICON, text)))
+        list(module.DIALECT.translate(module.DIALECT.lexicon.line(module._LEXICON.numbers.sub("\0", text))))
     Numerals.of(text, module._LEXICON.number)
 
 

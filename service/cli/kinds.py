@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -90,6 +91,8 @@ class _Extra:
     passed: tuple[str, ...] = ()  # names of those that the function of the work takes
     # writes files of a job that has a result; returns the job to show
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
+    # does something else in place of the work; returns whether it did
+    instead: Callable[[_Values, Sequence[Any]], bool] = lambda _values, _sources: False
     # paths that the command will write
     written: Callable[[_Values, Sequence[Any]], Sequence[Path | None]] = lambda _values, _sources: ()
 
@@ -108,6 +111,8 @@ def command_of(name: str) -> Callable[..., None]:
 
     def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
         given = [values[key] for key in sources if values[key] is not None]
+        if extra.instead(values, given):
+            return
         output = values.get("output")
         if tabled and output is not None and output.suffix not in endings:
             raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
@@ -383,6 +388,34 @@ def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
     return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
 
 
+def _explain(values: _Values, sources: Sequence[Any]) -> bool:
+    """Print how the moves of a program are understood, if that is what is wanted."""
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.programs.formats import explained
+
+    if not values["explain"]:
+        if values["output"] is None:
+            raise typer.BadParameter("is missing: name the file to write", param_hint="--output")
+        return False
+    files = [(path.name, path.read_bytes()) for path in sources[1]]
+    try:
+        rows = explained(files, values["format"], values["leave_alone"] or ())
+    except FilesError as error:
+        raise CampaignError(problem_of(error)) from error
+    if values["as_json"]:
+        typer.echo(json.dumps([row._asdict() for row in rows], indent=2))
+        return True
+    for row in rows:
+        frames = f"base {row.base or 'unknown'}, tool {row.tool or 'unknown'}"
+        verdict = "corrected" if row.corrected else f"left: {row.reason}; {row.remedy}"
+        typer.echo(f"line {row.line}: {row.target or 'target unknown'}, {frames}: {verdict}")
+    corrected = sum(row.corrected for row in rows)
+    typer.echo(f"{corrected} of {len(rows)} moves can be corrected, {len(rows) - corrected} left")
+    return True
+
+
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
     from jointstiff.service.kinds.program_work import unpacked
 
@@ -449,10 +482,20 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
         options={
             "output": (
                 Annotated[
-                    Path,
+                    Path | None,
                     output_option("File for the compensated program; a .dat is written to its folder."),
                 ],
-                ...,
+                None,
+            ),
+            "explain": (
+                Annotated[
+                    bool,
+                    typer.Option(
+                        "--explain",
+                        help="Only print target, base and tool of each move, and why it is not corrected.",
+                    ),
+                ],
+                False,
             ),
             "report": (
                 Annotated[Path | None, typer.Option(metavar="FILE", help="CSV file to write all points to.")],
@@ -460,6 +503,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
             ),
         },
         finish=_write_program,
+        instead=_explain,
         written=lambda values, sources: [*_outputs(values, sources).values(), values["report"]],
     ),
 }

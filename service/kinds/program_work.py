@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,
@@ -329,7 +330,9 @@ class ProgramWork(Work):
             raise RequestError(
                 "this file was not sent", where="loads", remedy="send the table of loads with the files"
             )
-        self._program = read_program(files, request.format, request.leave_alone)
+        self._program = read_program(
+            files, request.format, request.leave_alone, leave_others=request.leave_others
+        )
         table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.of(self._program, request, table)
 
@@ -388,12 +391,27 @@ class ProgramWork(Work):
         del parts  # as large again
         quantile = self._used.model.quantile(self._request.confidence)
         contents, points = rewritten(self._path, corrections, self._used.model, self._inverse, quantile)
-        program, verdict = self._program, self._used.result.assessment.verdict
-        if (self._request.mark or verdict == "do_not_use") and points.changed.any():
-            today = datetime.now(UTC).date()
-            contents[0] = marked(program.format, contents[0], self._used.run.id, verdict, today)
+        program, verdict, left = self._program, self._assessment().verdict, len(self._program.left)
+        if (self._request.mark or verdict == "do_not_use" or left) and points.changed.any():
+            counts = datetime.now(UTC).date(), len(program.moves) + left, left
+            contents[0] = marked(program.format, contents[0], self._used.run.id, verdict, *counts)
         files = [packed(source.name, contents.pop(0)) for source in program.sources]
         return self._result(points, files)
+
+    def _assessment(self) -> Assessment:
+        """Return the run's assessment; a program of which moves are left is to be used with care."""
+        assessment, left = self._used.result.assessment, self._program.left
+        if not left:
+            return assessment
+        moves = len(self._program.moves) + len(left)
+        reason = Finding(
+            code="moves_left",
+            weight="use_with_care",
+            message=f"{moves - len(left)} of {moves} moves corrected, {len(left)} left",
+            remedy="check that the moves that are left do not need a correction",
+        )
+        own = Assessment(verdict="use_with_care", reasons=[reason])
+        return combined([assessment, own])
 
     def _limits(self) -> CorrectionLimits:
         limits, units = self._request.limits, self._request.units
@@ -416,10 +434,11 @@ class ProgramWork(Work):
             for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
-            assessment=self._used.result.assessment,
+            assessment=self._assessment(),
             format=kind,
             points=len(program.targets),
-            moves=len(program.moves),
+            moves=len(program.moves) + len(program.left),
+            moves_left=len(program.left),
             corrected=int(points.changed.sum()),
             capped=int(corrections.capped.sum()),
             left_alone={reason: count for reason, count in left.items() if count},
@@ -438,6 +457,8 @@ class ProgramWork(Work):
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
+        for each in self._program.left:
+            lines.setdefault(f"left: {each.reason}; {each.remedy}", []).append(each.line)
         left = [f"{_shown(numbers)}: {reason}" for reason, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
         remarks = self._used.remarks(self._request.confidence)

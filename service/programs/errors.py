@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from jointstiff.service.problems.errors import FilesError
 
@@ -36,16 +37,28 @@ class Fault:
         return f"{self.place}: {self.reason}; {self.remedy}"
 
 
+class Left(NamedTuple):
+    """A move that is left as it is, because something of it is not certain."""
+
+    line: int
+    target: str  # names of its targets, as far as they have some
+    base: str  # name of its frame; empty if it is not known
+    tool: str
+    reason: str
+    remedy: str
+
+
 class ProgramError(FilesError):
     """Raise when a program is not understood, or cannot be corrected; nothing of it is taken then.
 
     Attributes:
         faults: the first ones, at most MAX_FAULTS.
         count: how many there are.
+        left: moves that are not certain.
     """
 
-    def __init__(self, faults: Sequence[Fault], count: int | None = None) -> None:
-        first = faults[0]
+    def __init__(self, faults: Sequence[Fault], count: int | None = None, left: Sequence[Left] = ()) -> None:
+        first, self.left = faults[0], tuple(left)
         self.faults = tuple(faults[:MAX_FAULTS])
         self.count = len(faults) if count is None else count
         more = f", and {self.count - 1} more" if self.count > 1 else ""

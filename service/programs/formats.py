@@ -13,9 +13,9 @@ import numpy as np
 
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.interpreter import Dialect, Machine
 from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.program import Program, Source
-from jointstiff.service.programs.reader import Reader
+from jointstiff.service.programs.program import NUMBERS, Program, Source
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 """All files of a program together."""
@@ -27,7 +27,8 @@ MARK: Final = "Jointstiff run "
 
 
 class _Format(NamedTuple):
-    read: Callable[[Reader], None]
+    read: Callable[[Machine, tuple[Source, ...]], None]
+    dialect: Dialect
     suffixes: str
     pose: Notation | None  # in which its users write frames; None for that of the program
     comment: str = "#"
@@ -36,19 +37,30 @@ class _Format(NamedTuple):
 
 FORMATS: Final[Mapping[str, _Format]] = MappingProxyType(
     {
-        "csv": _Format(table.read_table, ".csv", None),
+        "csv": _Format(table.read_table, table.DIALECT, ".csv", None),
         "krl": _Format(
-            krl.read_krl, ".src .dat", krl.POSE, ";", r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)"
+            krl.read_krl,
+            krl.DIALECT,
+            ".src .dat",
+            krl.POSE,
+            ";",
+            r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)",
         ),
-        "fanuc": _Format(fanuc.read_fanuc, ".ls", fanuc.POSE, "    :  !", "/MN"),
-        "rapid": _Format(rapid.read_rapid, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"),
-        "ur": _Format(ur.read_ur, ".script .urscript", ur.POSE),
+        "fanuc": _Format(fanuc.read_fanuc, fanuc.DIALECT, ".ls", fanuc.POSE, "    :  !", "/MN"),
+        "rapid": _Format(
+            rapid.read_rapid, rapid.DIALECT, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"
+        ),
+        "ur": _Format(ur.read_ur, ur.DIALECT, ".script .urscript", ur.POSE),
     }
 )
 
 
 def read_program(
-    files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = ()
+    files: Sequence[tuple[str, bytes]],
+    name: str | None = None,
+    leave_alone: Collection[str] = (),
+    *,
+    leave_others: bool = False,
 ) -> Program:
     """Read a program.
 
@@ -56,9 +68,10 @@ def read_program(
         files: names and bytes: one file, or a .src with its .dat and $config.dat.
         name: name of the format, one of FORMATS; by the first file's name if None.
         leave_alone: names of routines that neither move the robot nor change its frames.
+        leave_others: whether moves that are not certain are left; else the program is refused for them.
 
     Raises:
-        ProgramError: any of it was not understood; then nothing of it is taken.
+        ProgramError: the text was not understood, or a move is not certain.
     """
     if not files:
         _refuse("program", None, "no file was sent", "send a program")
@@ -74,9 +87,49 @@ def read_program(
         _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
     sources = tuple(_source(name, content) for name, content in ordered)
-    reader = Reader(chosen, sources, frozenset(name.upper() for name in leave_alone))
-    FORMATS[chosen].read(reader)
-    return reader.program()
+    machine = Machine(chosen, sources, FORMATS[chosen].dialect, leave_alone)
+    FORMATS[chosen].read(machine, sources)
+    program = machine.program()
+    if program.faults and not leave_others:
+        raise ProgramError(program.faults, left=program.left)
+    return program
+
+
+class Explained(NamedTuple):
+    """A move as it was understood."""
+
+    line: int
+    target: str  # name of its last target, or its numbers
+    base: str  # name of the base; empty if it is not known
+    tool: str
+    corrected: bool
+    reason: str = ""  # why it is not corrected
+    remedy: str = ""
+
+
+def explained(
+    files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = ()
+) -> list[Explained]:
+    """Return each move of a program by line: target, base and tool, and whether it can be corrected.
+
+    Raises:
+        ProgramError: the text of the program is not understood.
+    """
+    try:
+        program = read_program(files, name, leave_alone, leave_others=True)
+    except ProgramError as error:
+        if not error.left:
+            raise
+        return [Explained(*each[:4], False, *each[4:]) for each in error.left]
+    targets, moves = program.targets, program.moves
+    last = moves.visits[moves.ends - 1]
+    rows = [Explained(*each[:4], False, *each[4:]) for each in program.left]
+    for line, target in zip(moves.line.tolist(), last.tolist(), strict=True):
+        numbers = targets.values[target, :NUMBERS]
+        shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())
+        base, tool = (targets.frames[chosen[target]].name for chosen in (targets.base, targets.tool))
+        rows.append(Explained(line, targets.names[target] or shown_numbers, base, tool, True))
+    return sorted(rows, key=lambda each: each.line)
 
 
 def _source(name: str, content: bytes) -> Source:
@@ -113,10 +166,26 @@ def frame_notation(program: Program) -> Notation:
     return FORMATS[program.format].pose or next(written, krl.POSE)
 
 
-def marked(kind: str, content: bytes, run_id: str, verdict: str, day: date) -> bytes:
-    """Return a compensated program with its mark; FANUC's is three remarks of 32 characters at most."""
+def marked(
+    kind: str, content: bytes, run_id: str, verdict: str, day: date, moves: int = 0, left: int = 0
+) -> bytes:
+    """Return a compensated program with its mark; FANUC's is a few remarks of 32 characters at most.
+
+    Args:
+        kind: name of the format.
+        content: the program.
+        run_id: run whose model was used.
+        verdict: of the compensated program.
+        day: date of the correction.
+        moves: moves of the program; they are told if some are left.
+        left: those that are left.
+    """
     known, end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
-    words = f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"
+    words = [f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"]
+    words += [f"{moves - left} of {moves} moves corrected, {left} left"] if left and kind != "fanuc" else []
+    words += (
+        [f"{moves - left} of {moves} corrected", f"{left} moves left"] if left and kind == "fanuc" else []
+    )
     if kind == "fanuc":
         lines = [f"{known.comment}{each} ;" for each in (f"{MARK}{run_id[:8]}", *words)]
     else:

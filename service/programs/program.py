@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.service.programs.errors import Fault, Left
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.numerals import Edit, Places, padded, spliced, written
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -171,13 +172,15 @@ class Remark:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program that was understood as a whole."""
+    """A program: its moves that are certain, and those that are left."""
 
     format: str  # name of its format
     sources: tuple[Source, ...]  # its files
     targets: Targets
     moves: Moves
-    left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in
+    left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in, and nobody has to confirm it
+    left: tuple[Left, ...] = ()  # moves that are not certain
+    faults: tuple[Fault, ...] = ()  # why they are not
 
     @property
     def files(self) -> tuple[bytes, ...]:

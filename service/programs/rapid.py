@@ -1,399 +1,340 @@
-"""Programs of ABB (RAPID, .mod): the statements that are understood."""
+"""Programs of ABB (RAPID, .mod), translated."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
 
-from jointstiff.service.programs.errors import shown
-from jointstiff.service.programs.forms import Forms, instruction_arguments
+from jointstiff.service.programs.interpreter import Dialect, Machine
+from jointstiff.service.programs.language import (
+    Assign,
+    Call,
+    Copy,
+    Flow,
+    Havoc,
+    Lexicon,
+    Line,
+    Local,
+    Misread,
+    Move,
+    Name,
+    Op,
+    Use,
+    attached,
+    calls,
+    complete,
+    parts,
+    unknown,
+)
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Literal, Motion
-from jointstiff.service.programs.reader import Place, Reader, Script, Statement, pose_of, used_in, words
-from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
+from jointstiff.service.programs.program import Literal, Motion, Source
 
 POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle_decimals=8)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
-_KINDS: Final = {"L": (Motion.LINEAR, 1), "J": (Motion.JOINT, 1), "C": (Motion.CIRCULAR, 2)}
-_BEHIND: Final = {"": 0, "DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
-_MOVES: Final = {
-    "MOVEABSJ": (_KINDS["J"], 0),
-    **{
-        f"MOVE{letter}{what}": (kind, more)
-        for letter, kind in _KINDS.items()
-        for what, more in _BEHIND.items()
-    },
-    **{f"TRIGG{letter}": (kind, 0) for letter, kind in _KINDS.items()},
-}
-"""Motion and count of targets, and of arguments behind the tool."""
-_OPTIONS: Final = words("CONC ID V T Z INPOS WOBJ TLOAD NOEOFFS T2 T3 T4 T5 T6 T7 T8")
-"""Optional arguments of moves that leave the target where it is."""
-_FRAMES: Final = ("TOOLDATA", "WOBJDATA")
-_TARGETS: Final = ("ROBTARGET", "JOINTTARGET")
-_CHANGING: Final = words("INCR DECR ADD CLEAR")
-"""Instructions that change their first argument."""
-_FUNCTIONS: Final = words(
-    """
-    ABS ACOS ASIN ATAN ATAN2 COS SIN TAN EXP POW SQRT ROUND TRUNC DIM PRESENT TESTDI DINPUT DOUTPUT GINPUT
-    AINPUT AOUTPUT GOUTPUT CLKREAD NUMTOSTR VALTOSTR BYTETOSTR STRLEN STRPART CROBT CJOINTT CPOS CTOOL CWOBJ
-    CDATE CTIME OPMODE RUNMODE OFFS RELTOOL POSEMULT POSEINV POSEVECT ORIENTZYX EULERZYX DISTANCE
-    MAXROBSPEED ISPERS ISVAR
-    """
+_MOTIONS: Final = {"L": Motion.LINEAR, "J": Motion.JOINT, "C": Motion.CIRCULAR}
+# Facts. Source: ABB, Technical reference manual, RAPID instructions, functions and data types (3HAC050917).
+_BEHIND: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
+"""Arguments behind the tool of MoveLDO and the like."""
+# Optional arguments of moves by which the target stays where it is; \Corr and \Track move it
+_OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
+# Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
+# target, no frame and no variable of the program changes by them
+_QUIET: Final = (
+    r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
+    r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
+    r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
 )
 _LEXICON: Final = Lexicon(
-    comment=r"![^\r\n]*+|(?<![^\r\n])%%%\s*+(?:(?:VERSION|LANGUAGE)\s*+:\s*+\w++\s*+)*%%%",
-    signs=":=|<>|<=|>=",
-    operators=words(". = <> < > <= >= AND OR XOR NOT DIV MOD"),
-    prefixes=words("+ - NOT"),
-    functions=_FUNCTIONS,
-    reserved=words(
-        """
-        MODULE ENDMODULE PROC ENDPROC FUNC ENDFUNC TRAP ENDTRAP RECORD ENDRECORD LOCAL TASK CONST PERS VAR
-        IF THEN ELSE ELSEIF ENDIF FOR FROM TO STEP DO ENDFOR WHILE ENDWHILE TEST CASE DEFAULT ENDTEST GOTO
-        ERROR UNDO BACKWARD CONNECT WITH RETURN RAISE RETRY TRYNEXT EXIT MOVEEXTJ
-        """
-    )
-    | frozenset(_MOVES),
+    comment=r"![^\r\n]*+|(?<![^\r\n])%%%\s*+(?:(?:VERSION|LANGUAGE)\s*+:\s*+[\w\0]++\s*+)*%%%",
+    text=r'"[^"\r\n]*+"(?:"[^"\r\n]*+")*',
+    operators="AND|OR|XOR|NOT|DIV|MOD",
+    reserved=r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
+    r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|ENDTEST|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
+    r"|TRYNEXT|EXIT|Move\w*|Trigg[LJC]",
+    # functions that tell a value
+    functions=r"ABS|A?(?:COS|SIN)|A?TAN2?|EXP|POW|SQRT|ROUND|TRUNC|DIM|PRESENT|TESTDI|[DGA](?:IN|OUT)PUT|CLKREAD"
+    r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
+    r"|POSE(?:MULT|INV|VECT)|(?:ORIENT|EULER)ZYX|DISTANCE|MAXROBSPEED|IS(?:PERS|VAR)",
 )
 _REMEDY: Final = (
     "write [[x, y, z], [q1 ... q4], [cf1, cf4, cf6, cfx], [external axes]] in numbers, or declare it so"
 )
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _REFUSED: Final = (
-    (re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)$"), "is a move of a process",
-     "write it as MoveL, MoveJ or MoveC"),
+    (re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)$"), "a move of a process"),
     (re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|CAP|FC|WAITWOBJ|DROPWOBJ|IND|STEPBWD|MOVE|TRIGG"),
-     "moves targets or frames while the program runs", "write targets in numbers"),
+     "it moves targets or frames while the program runs"),
 )  # fmt: skip
-
-
-@dataclass
-class _Module(Script):
-    """The state of a module while it is read."""
-
-    # tools and work objects in numbers
-    frames: dict[str, FrameName] = field(
-        default_factory=lambda: {name.upper(): FrameName(name, np.eye(4)) for name in ("tool0", "wobj0")}
+_WORD: Final = r"[^\W\d]\w*+"
+_N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
+_POSES: Final = rf"\[{_N3},{_N4}\]"
+_LITERALS: Final = (
+    ("robtarget", re.compile(rf"\[{_N3},{_N4},{_N4},{_N6}\]")),
+    ("jointtarget", re.compile(rf"\[{_N6},{_N6}\]")),
+    ("wobjdata", re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSES},{_POSES}\]', re.IGNORECASE)),
+    ("tooldata", re.compile(rf"\[TRUE,{_POSES},.*\]", re.IGNORECASE)),
+)
+_MOVE: Final = re.compile(
+    r"(?:Move(?:Abs(J)|([LJC])(DO|AO|GO|Sync)?)|Trigg([LJC]))(?=[\\ \[,])(.*)", re.IGNORECASE
+)
+_MOTION: Final = re.compile(
+    r"\b(?:Move(?:[LJC](?:DO|AO|GO|Sync)?|AbsJ|ExtJ)|Trigg[LJC])(?!\w)", re.IGNORECASE
+)
+_HEADERS: Final = tuple(
+    (kind, re.compile(pattern, re.IGNORECASE))
+    for kind, pattern in (
+        ("none", rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE"),
+        ("none", r"(?:LOCAL )?RECORD (?:[^\W\d]\w*+ [^\W\d]\w*+;)*ENDRECORD"),
+        ("routine", rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) ({_WORD})\(([^()]*)\)"),
+        ("aside", rf"(?:LOCAL )?TRAP ({_WORD})"),
+        ("end", r"ENDPROC|ENDFUNC|ENDTRAP"),
+        ("handler", r"(?:ERROR|UNDO|BACKWARD)(?![\w:=])(?:\([^()]*\))?"),
+        ("if", r"IF ?((?:(?!THEN\b|;).)*?) ?THEN\b"),
+        ("turn", r"ELSEIF ?((?:(?!THEN\b|;).)*?) ?THEN\b|ELSE\b|CASE ?([^:;]*):"),
+        ("default", r"DEFAULT ?:"),
+        ("test", r"TEST ?((?:(?!\bCASE\b|\bDEFAULT\b|;).)+?) ?(?=CASE\b|DEFAULT\b|ENDTEST\b)"),
+        ("for", rf"FOR ({_WORD}) FROM ?((?:(?!\bDO\b|;).)+?) ?DO\b"),
+        ("loop", r"WHILE ?((?:(?!\bDO\b|;).)+?) ?DO\b"),
+        ("close", r"(?:ENDIF|ENDFOR|ENDWHILE|ENDTEST)\b"),
+        ("label", rf"({_WORD}):(?!=)"),
     )
-    computed: set[str] = field(default_factory=set)  # tools and work objects whose numbers are not known
-    used: set[str] = field(default_factory=set)  # tools and work objects of moves, as they were declared
-
-    def frame(self, place: Place, written: str, pose: Literal | None) -> None:
-        """Declare a tool or a work object."""
-        name, pose_numbers = written.upper(), pose_of(place, pose)
-        if pose_numbers is None or name in self.frames:
-            self.frames.pop(name, None)
-            self.computed.add(name)
-        else:
-            self.frames[name] = FrameName(written, pose_numbers)
-
-    def set(self, place: Place, name: str, pose: Literal | None) -> None:
-        """Assign a variable: a tool or a work object takes other numbers from here on."""
-        if name not in self.frames:
-            return
-        numbers = pose_of(place, pose)
-        if numbers is None or name in self.used:  # a move before would have another frame in the next cycle
-            self.altered(place, (name,))
-        elif self.settable(place, shown(name)):
-            known = self.frames[name].name.partition(" ")[0]
-            self.frames[name] = FrameName(f"{known} of line {place.line}", numbers)
-
-    def altered(self, place: Place, names: Iterable[str]) -> None:
-        """Refuse that a part of a tool or a work object changes, or may as a routine is given it."""
-        for name in names:
-            if name in self.frames or name in self.computed:
-                self.refuse(place, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
-
-    def move(
-        self,
-        place: Place,
-        motion: Motion,
-        targets: Sequence[Literal | str],
-        names: Sequence[str],
-        process: str,
-    ) -> None:
-        """Take a move with the names of its work object and its tool."""
-        for name in map(str.upper, names):
-            known = self.frames.get(name)
-            changes = name in self.changed and known is None
-            if changes or name in self.parameters or name in self.computed:
-                reason = f"{shown(name)} is not a fixed frame in numbers, or changes while the program runs"
-                self.refuse(place, reason, _FRAME_REMEDY)
-                return
-            if known is not None and " of line " not in known.name:
-                self.used.add(name)
-        if process and process not in self.routines:
-            self.reader.call(place.line, process)
-        base, tool = (self.frames.get(name.upper(), FrameName(name)) for name in names)
-        self.targeted(place, motion, targets, [(base, tool)] * len(targets))
+)
 
 
-def _parse(c: Cursor) -> Iterator[Statement]:
-    """Parse headers, and the statement behind them."""
-    while not c.ended:
-        if c.accept(";"):
+def _translate(line: Line) -> list[tuple[int, Op]]:
+    return complete(line, _MOTION, list(_statements(line)), _REMEDY)
+
+
+def _statements(line: Line) -> Iterator[tuple[int, Op]]:
+    """Yield what headers, and the instruction behind them, do."""
+    place, text = 0, line.text
+    while place < len(text):
+        if text[place] in " ;":
+            place += 1
             continue
-        c.begin = c.peek().start
-        lines = c.text.count("\n", 0, c.begin) or c.text.count("\r", 0, c.begin)
-        for statement in _statement(c):
-            yield replace(statement, line=lines) if lines else statement
+        below = line.below(place)
+        try:
+            header = next(
+                ((kind, match) for kind, pattern in _HEADERS if (match := pattern.match(text, place))), None
+            )
+            if header is None:
+                yield from ((below, op) for op in _instruction(line, place))
+                return
+            place = header[1].end()
+            for op in _header(*header):
+                yield below, op
+        except Misread as fault:
+            yield from unknown(line, _MOTION, fault, _REMEDY, place)
+            return
 
 
-def _statement(c: Cursor) -> Iterable[Statement]:
-    local = c.accept("LOCAL", "TASK")
-    name = c.word()
-    if name in {"CONST", "PERS", "VAR"}:
-        return _ended(c, _declared(c))
-    if name in {"PROC", "FUNC", "TRAP"}:
-        return _routine(c, name)
-    if name == "RECORD":
-        return _record(c)
-    if name in _HEADERS:
-        return (_header(c, name),)
-    if local:
-        raise Misread("the declaration is unknown", _REMEDY)
-    if name in _MOVES:
-        return _ended(c, _move(c, name))
-    if c.accept(":"):
-        return (Statement(jumps=True),)
-    return _ended(c, _instruction(c, name))
+def _header(kind: str, match: re.Match[str]) -> list[Op]:
+    if kind == "handler":
+        return [Flow("end"), Flow("aside")]
+    if kind in {"none", "end", "default", "close"}:
+        return [] if kind == "none" else [Flow(kind)]
+    if kind == "label":
+        return [Flow(kind, match[1].upper())]
+    if kind in {"routine", "aside"}:
+        names = (
+            frozenset(re.findall(rf"({_WORD})(?=,|\||$|\{{)", match[2] or ""))
+            if kind == "routine"
+            else frozenset()
+        )
+        own = frozenset(name.upper() for name in names)
+        return [
+            Flow(kind, match[1].upper()),
+            Local(own),
+            *([Havoc(own, "a parameter of the routine", _REMEDY)] if own else []),
+        ]
+    if kind == "for":
+        bounds = [
+            op for each in re.split(" ?TO | ?STEP ", match[2], flags=re.I) for op in _LEXICON.expression(each)
+        ]
+        name = match[1].upper()
+        return [*bounds, Flow("loop"), Havoc(frozenset({name}), f"{name} counts a loop", _REMEDY)]
+    given = [op for each in match.groups() if each for op in _LEXICON.expression(each)]
+    if kind == "turn":
+        return [Flow(kind), *attached(given)]
+    return [*(attached(given) if kind == "loop" else given), Flow("if" if kind == "test" else kind)]
 
 
-def _ended(c: Cursor, statement: Statement) -> Iterable[Statement]:
-    """Require the semicolon behind a statement."""
-    if not c.accept(";"):
-        raise c.misread("this text is unknown, or a semicolon is missing before it", _REMEDY)
-    return (statement,)
+def _instruction(line: Line, place: int) -> list[Op]:
+    if not line.text.endswith(";"):
+        raise Misread("this text is unknown, or a semicolon is missing before it")
+    text = line.text[:-1]
+    for pattern, rule in _RULES:
+        if match := pattern.fullmatch(text, place):
+            return rule(line, match)
+    return _other(re.compile(rf"({_WORD}) ?(.*)").fullmatch(text, place))
 
 
-# headers
+def _other(match: re.Match[str] | None) -> list[Op]:
+    """Take an instruction of the controller, or a call."""
+    if match is None or re.match(_LEXICON.reserved + r"\b", match[1], re.IGNORECASE):
+        if match and match[1].upper() == "IF":
+            raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
+        raise Misread("the statement is unknown: it may move the robot, targets or frames")
+    name = match[1].upper()
+    quiet = re.fullmatch(_QUIET, name) is not None
+    refused = next((reason for pattern, reason in _REFUSED if not quiet and pattern.match(name)), "")
+    if refused:
+        move = [Move(Motion.LINEAR, (), reason=refused, remedy="write it as MoveL, MoveJ or MoveC")]
+        return [
+            Havoc(frozenset(), f"{match[1]}: {refused}", "omit it"),
+            *(move if "process" in refused else []),
+        ]
+    arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", match[2])).strip(",")
+    found = _LEXICON.expression(arguments, empty=True)
+    names = frozenset(each for op in found if isinstance(op, Use) for each in op.names)
+    if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
+        return [*found, Havoc(names, f"{match[1]} changes it while the program runs", _REMEDY)]
+    return [*found, Call(name, frozenset() if quiet else names, quiet=quiet)]
 
 
-def _routine(c: Cursor, kind: str) -> Iterable[Statement]:
-    name, parameters = c.name(), set()
-    if kind == "FUNC":
-        name = c.name()
-    if c.accept("("):
-        while not c.accept(")"):
-            if c.peek().kind == "word":
-                parameters.add(c.take().text)
-            elif not c.accept(",", "\\", "|", "{", "}", "*"):
-                raise c.misread()
-    return (Statement(defines=name, changes=frozenset(parameters)),)
-
-
-_HEADERS: Final = Forms(
-    r"""
-    plain     MODULE w ( e* )
-    plain     MODULE w
-    plain     ENDMODULE|ELSE
-    plain     DEFAULT :
-    plain     CASE e* :
-    open      IF e THEN
-    plain     ELSEIF e THEN
-    open      WHILE e DO
-    open      TEST e CASE e* :
-    open      TEST e DEFAULT :
-    open      FOR v FROM e TO e DO
-    open      FOR v FROM e TO e STEP e DO
-    open      ERROR ( e* )
-    open      ERROR|UNDO|BACKWARD
-    close     ENDIF|ENDFOR|ENDWHILE|ENDTEST
-    closeall  ENDPROC|ENDFUNC|ENDTRAP
-    """,
-    whole=False,
-)
-_FORMS: Final = Forms(
-    """
-    jump   GOTO w
-    plain  CONNECT w WITH c
-    plain  CONFL|CONFJ|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP a
-    plain  WAITTIME|WAITDI|WAITDO|WAITUNTIL|WAITROB|WAITGI|WAITAI a
-    plain  SETDO|SETAO|SETGO|SET|RESET|PULSEDO|INVERTDO|TPWRITE|TPERASE|ERRWRITE|ERRLOG a
-    plain  CLKSTART|CLKSTOP|CLKRESET|STOP|EXIT|BREAK|RETURN|RAISE|RETRY|TRYNEXT a
-    plain  ISLEEP|IWATCH|IDISABLE|IENABLE|IDELETE|ISIGNALDI|ISIGNALDO a
-    plain  TRIGGIO|TRIGGEQUIP|TRIGGINT|ACTUNIT|DEACTUNIT a
-    """
-)
-
-
-def _header(c: Cursor, name: str) -> Statement:
-    """Take the head of a part; behind IF, nothing but THEN."""
-    c.attempt(c.place - 1)
-    try:
-        return _HEADERS.take(c)
-    except Misread as fault:
-        if name != "IF":
-            raise
-        reason = "an unknown condition, or a move, a call or an assignment after IF"
-        raise Misread(reason, "write IF ... THEN ... ENDIF", fault.offset) from None
-
-
-def _record(c: Cursor) -> Iterable[Statement]:
-    c.name()
-    while not c.accept("ENDRECORD"):
-        c.name()
-        c.name()
-        c.expect(";")
-    return ()
-
-
-# values
-
-
-def _target(c: Cursor) -> Literal | None:
-    """Take a robtarget or a jointtarget in numbers; None, and nothing taken, if there is none."""
-    if numbers := c.taken("[[n,n,n],[n,n,n,n],[n,n,n,n],[n,n,n,n,n,n]]"):
-        stated = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
-        return Literal(POSE, numbers[:7], numbers[11:], stated)
-    numbers = c.taken("[[n,n,n,n,n,n],[n,n,n,n,n,n]]")
-    return None if numbers is None else Literal(JOINTS, numbers[:6], numbers[6:])
-
-
-def _frame(c: Cursor) -> Literal | None:
-    """Take a tool or a work object in numbers; None, and nothing taken, if there is none that is fixed."""
-    begin = c.place
-    if numbers := c.taken("[FALSE,TRUE,t,[[n,n,n],[n,n,n,n]],[[n,n,n],[n,n,n,n]]]"):
-        return Literal(POSE, numbers)
-    if numbers := c.taken("[TRUE,[[n,n,n],[n,n,n,n]],"):
-        with suppress(Misread):
-            c.expression("]", used=(used := Used()))  # the tool's load
-            c.expect("]")
-            if not used.calls:
-                return Literal(POSE, numbers)
-    c.attempt(begin)
+def _literal(line: Line, start: int, end: int, *kinds: str) -> Literal | None:
+    """Return a value in numbers; None if it is none of these kinds."""
+    text = line.text[start:end]
+    for kind, pattern in _LITERALS:
+        if kind not in kinds or not pattern.fullmatch(text):
+            continue
+        first, count = line.text.count("\0", 0, start), text.count("\0")
+        numbers = line.ordinals[first : first + count]
+        if kind == "robtarget":
+            words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
+            return Literal(POSE, numbers[:7], numbers[11:], words)
+        if kind == "jointtarget":
+            return Literal(JOINTS, numbers[:6], numbers[6:])
+        if kind == "tooldata":
+            rest = text.split("]],", 1)[1]
+            if calls(_LEXICON.expression(f"[{rest}")):
+                return None
+        return Literal(POSE, numbers[: 7 if kind == "tooldata" else 14])
     return None
 
 
-def _declared(c: Cursor) -> Statement:
-    kind, written, used = c.name(), c.written(c.peek()), Used()
-    name = c.name()
-    array = _indices(c, used)
-    literal: Literal | None = None
-    if c.accept(":="):
-        if not array:
-            literal = _frame(c) if kind in _FRAMES else _target(c) if kind in _TARGETS else None
-        if literal is None:
-            c.expression(";", used=used)
-    if kind in _FRAMES:
-        return used_in(used, act=partial(_Module.frame, written=written, pose=literal))
+def _declared(line: Line, match: re.Match[str]) -> list[Op]:
+    kind, constant = match[3].lower(), match[2].upper() == "CONST"
+    start, end = match.span(4)
+    name, equals, value = line.text[start:end].partition(":=")
+    name, array, size = name.partition("{")
+    if not re.fullmatch(_WORD, name) or re.fullmatch(_LEXICON.reserved, name, re.I):
+        raise Misread("the declaration is unknown")
+    sizes: list[Op] = [Local(frozenset({name.upper()}))]
+    sizes += _LEXICON.expression(f"{{{size}") if array else []
+    literal = _literal(line, end - len(value), end, kind) if equals and not array else None
     if literal is not None:
-        return Statement(gives=(name, literal))
-    return used_in(used, name)
+        return [*sizes, Assign(name.upper(), literal, "constant" if constant else "variable")]
+    found = _LEXICON.expression(value) if equals else []
+    what = "frame" if "data" in kind else "target"
+    shown = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
+    return [*sizes, *found, Havoc(frozenset({name.upper()}), shown, _FRAME_REMEDY)]
 
 
-def _indices(c: Cursor, used: Used) -> bool:
-    """Take `{2,3}` behind a name; return whether it stands there."""
-    begins = c.accept("{")
-    if begins:
-        c.listed("}", used)
-    return begins is not None
-
-
-# instructions
-
-
-def _instruction(c: Cursor, name: str) -> Statement:
-    if c.at(":=", ".", "{"):
-        return _assigned(c, name)
-    if name in _FORMS:
-        c.attempt(c.place - 1)
-        return _FORMS.take(c)
-    for pattern, reason, remedy in _REFUSED:
-        if pattern.match(name):
-            raise Misread(reason, remedy)
-    begin, used, given = c.place, Used(), {c.peek().text}
-    instruction_arguments(c, used)
-    if name not in _CHANGING:
-        used.calls.add(name)
-        given = {c.peek(i).text for i in range(begin - c.place, 0) if c.peek(i).kind == "word"}
-    return used_in(used, *given, act=partial(_Module.altered, names=sorted(used.passed | given)))
-
-
-def _assigned(c: Cursor, name: str) -> Statement:
-    """Take an assignment; one to a whole tool or work object may be understood."""
-    used, whole = Used(), c.at(":=")
-    while not c.accept(":="):
-        if not _indices(c, used):
-            c.expect(".")
-            c.name()
-    literal = _frame(c) if whole else None
-    if literal is None:
-        c.expression(";", used=used)
-    act = partial(_Module.set, name=name, pose=literal) if whole else partial(_Module.altered, names=(name,))
-    return used_in(used, name, act=act)
-
-
-def _move(c: Cursor, name: str) -> Statement:
-    (motion, count), behind = _MOVES[name]
-    options: dict[str, str] = {}
-    _options(c, options)
-    c.accept(",")
-    targets: list[Literal | str] = []
-    for _ in range(count):
-        literal = _target(c)
-        if literal is None and (c.peek().kind != "word" or c.peek(1).text not in {",", "\\"}):
-            raise c.misread("the target is not given by numbers", _REMEDY)
-        targets.append(c.name() if literal is None else literal)
-        _options(c, options)
-        if not c.accept(","):
-            raise c.misread("the text after the target is unknown", _REMEDY)
-    rest, used = [], Used()  # speed, zone and tool; signal and value
-    for i in range(3 + name.startswith("TRIGG") + behind):
-        if i and not c.accept(","):
-            raise c.misread(
-                "the move names no speed, zone and tool", "write them, and \\WObj:= if there is a work object"
-            )
-        rest.append(c.peek())
-        c.expression(",", "\\", ";", used=used)
-        _options(c, options)
-    if c.at(",") and c.peek(1).text == "\\":
-        c.take()
-        _options(c, options)
-    tool = rest[2 + name.startswith("TRIGG")]
-    if tool.kind != "word" or used.calls:
-        raise Misread(
-            "the move names no tool, or computes something", "write speed, zone and tool by their names"
-        )
-    process = rest[-1].text.strip('"').upper() if name.endswith("SYNC") else ""
-    act = partial(
-        _Module.move,
-        motion=motion,
-        targets=tuple(targets),
-        names=(options.get("WOBJ", "wobj0"), c.written(tool)),
-        process=process,
+def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
+    name, parts_of, value = match[1], match[2], match[3]
+    start, end = match.span(3)
+    if re.fullmatch(_LEXICON.reserved, name, re.I):
+        raise Misread("the statement is unknown")
+    literal = (
+        None if parts_of else _literal(line, start, end, "wobjdata", "tooldata", "robtarget", "jointtarget")
     )
-    return Statement(act=act, repeats=not process and all(isinstance(each, Literal) for each in targets))
+    if literal is not None:
+        return [Assign(name.upper(), literal)]
+    uses = (
+        _LEXICON.expression(parts_of.replace("{", ",[").replace("}", "]").lstrip(","), empty=True)
+        if "{" in parts_of
+        else []
+    )
+    reason = f"{name} changes while the program runs"
+    return [*uses, *_LEXICON.expression(value), Havoc(frozenset({name.upper()}), reason, _FRAME_REMEDY)]
 
 
-def _options(c: Cursor, options: dict[str, str]) -> None:
-    """Take optional arguments of a move."""
-    while c.accept("\\"):
-        name, used = c.name(), Used()
-        if name not in _OPTIONS or name in options:
-            raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
-        options[name] = ""
-        if c.accept(":="):
-            options[name] = c.written(c.peek()) if c.peek(1).text in {",", "\\", ";"} else ""
-            c.expression(",", "\\", ";", used=used)
-        if used.calls or (name == "WOBJ" and not options[name]):
-            raise Misread(f"the argument \\{name} is computed", _FRAME_REMEDY)
+def _move(line: Line, match: re.Match[str]) -> list[Op]:
+    letter = (match[1] or match[2] or match[4]).upper()
+    count, behind = 1 + (letter == "C"), _BEHIND.get((match[3] or "").upper(), 0)
+    last = count + 2 + bool(match[4])  # place of the tool
+    spans, frame, found = _arguments(line.text[: match.end(5)], match.start(5))
+    given = [line.text[slice(*each)] for each in spans]
+    if len(given) != last + 1 + behind or not re.fullmatch(_WORD, given[last]):
+        reason = "the target is not given by numbers, or the move names no speed, zone and tool"
+        raise Misread(
+            reason, "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
+        )
+    targets: list[Literal | Name] = []
+    for span, each in zip(spans[:count], given, strict=False):
+        literal = _literal(line, *span, "robtarget", "jointtarget")
+        if literal is None and not re.fullmatch(_WORD, each):
+            uses = [op for computed in given[:count] for op in _LEXICON.expression(computed)]
+            left = Move(_MOTIONS[letter], (), reason="the target is not given by numbers", remedy=_REMEDY)
+            return [*found, *uses, left]
+        targets.append(each.upper() if literal is None else literal)
+    found += [op for each in given[count:last] + given[last + 1 :] for op in _LEXICON.expression(each)]
+    if calls(found):
+        raise Misread("the move computes something", "write speed, zone and tool by their names")
+    process = [Call(given[-1].strip('"').upper(), attached=True)] if behind == 1 else []
+    frames = (Copy(frame.upper()),) * count, (Copy(given[last].upper()),) * count
+    plain = all(isinstance(each, Literal) for each in targets) and not process
+    return [*found, *process, Move(_MOTIONS[letter], tuple(targets), *frames, repeats=plain)]
 
 
+def _arguments(text: str, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
+    """Return where the arguments of a move stand, its work object, and what its options use."""
+    frame, found, spans = "WOBJ0", list[Op](), list[tuple[int, int]]()
+    for i, (first, last) in enumerate(parts(text, start)):
+        own, *options = parts(text[:last], first, "\\")
+        if text[slice(*own)].strip() or (i and not options):
+            spans.append((own[0] + (text[own[0] : own[0] + 1] == " "), own[1]))
+        for option in options:
+            name, _, value = text[slice(*option)].partition(":=")
+            if not _OPTIONS.fullmatch(name.upper()):
+                raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
+            found += _LEXICON.expression(value, empty=True)
+            if name.upper() == "WOBJ":
+                if not re.fullmatch(_WORD, value):
+                    raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
+                frame = value
+    return spans, frame, found
+
+
+_RULES: Final[tuple[tuple[re.Pattern[str], Callable[[Line, re.Match[str]], list[Op]]], ...]] = (
+    (_MOVE, _move),
+    (re.compile(rf"(?:(LOCAL|TASK) )?(CONST|PERS|VAR) ({_WORD}) (.*)", re.IGNORECASE), _declared),
+    (re.compile(rf"({_WORD})((?:\{{[^{{}}:]*\}}|\.\w+)*):=(.*)"), _assigned),
+    (
+        re.compile(r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", re.IGNORECASE),
+        lambda _, match: [*_LEXICON.expression(match[1] or "", empty=True), Flow("return")],
+    ),
+    (re.compile(rf"GOTO ({_WORD})", re.IGNORECASE), lambda _, match: [Flow("jump", match[1].upper())]),
+    (
+        re.compile(rf"CONNECT {_WORD} WITH ({_WORD})", re.IGNORECASE),
+        lambda _, match: [Call(match[1].upper(), attached=True)],
+    ),
+)
+DIALECT: Final = Dialect(
+    _LEXICON,
+    _translate,
+    constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
+    is_frame=lambda _: True,
+    callers=True,
+    remedy=_REMEDY,
+)
 _ENDS: Final = re.compile(r"\"[^\"\r\n]*+\"|![^\r\n]*+|(;)")
 """The end of a statement, and texts and comments, in which a semicolon is none."""
+_FRAMES: Final = re.compile(
+    rf"\b(?:tooldata|wobjdata)\s++({_WORD})|,\s*+({_WORD})\s*+\\\s*+WObj\s*+:=\s*+({_WORD})|,\s*+({_WORD})\s*+[;\\]",
+    re.IGNORECASE,
+)
 
 
-def read_rapid(reader: Reader) -> None:
+def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Read a module."""
-    module = _Module(reader, _LEXICON, _parse, _REMEDY, ordered=False)
-    text, place = reader.sources[0].text, 0
+    text, place = sources[0].text, 0
+    for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
+        machine.refuse(sources[0].line(again.start()), "a second module", "send one module")
     starts, ends = [], []
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
         start = end - len(text[place:end].lstrip())
@@ -401,5 +342,8 @@ def read_rapid(reader: Reader) -> None:
             starts.append(start)
             ends.append(end)
         place = end
-    module.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
-    module.run()
+    machine.written.update(WOBJ0="wobj0", TOOL0="tool0")
+    for match in _FRAMES.finditer(text):
+        for name in filter(None, match.groups()):
+            machine.written.setdefault(name.upper(), name)
+    machine.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))

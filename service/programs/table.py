@@ -7,13 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.service.programs.columns import Cause, Given
 from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.interpreter import Dialect, Machine
+from jointstiff.service.programs.language import Lexicon, Move
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
-from jointstiff.service.programs.numerals import Numerals
-from jointstiff.service.programs.program import FrameName, Literal, Motion
-from jointstiff.service.programs.reader import Place, Reader, runs
-from jointstiff.service.programs.scanner import NUMBER
-from jointstiff.solver.arrays import IndexArray
+from jointstiff.service.programs.program import FrameName, Literal, Motion, Source
 
 _KINDS: Final = {
     "x y z a b c": (Orientation.EULER_ZYX, "lllaaa"),
@@ -40,81 +39,63 @@ _REMEDY: Final = (
 )
 
 
-def read_table(reader: Reader) -> None:
+def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Read a table of targets."""
-    source = reader.sources[0]
-    numerals = Numerals.of(source.text, NUMBER)
-    parts, first = numerals.shapes(source.starts, source.ends)
+    source, numerals = sources[0], machine.numerals[0]
+    shapes, first = numerals.shapes(source.starts, source.ends)
     known: dict[str, int] = {}
-    of_line = np.fromiter((known.setdefault(shape, len(known)) for shape in parts), dtype=np.intp)
-    shapes = list(known)
-    says = [bool(shape.strip()) and not shape.lstrip().startswith("#") for shape in shapes]
+    of_line = np.fromiter((known.setdefault(shape, len(known)) for shape in shapes), dtype=np.intp)
+    texts = list(known)
+    says = [bool(shape.strip()) and not shape.lstrip().startswith("#") for shape in texts]
     rows = np.flatnonzero(np.array(says)[of_line])
     if not len(rows):
         return
     header = source.text[source.starts[rows[0]] : source.ends[rows[0]]]
     delimiter = max(";\t,", key=header.count)
-    columns = _columns(reader, int(rows[0]) + 1, header, delimiter)
-    if columns is None:
-        return
-    notation, places, width = columns
-    _refuse_changes(reader, rows, header, delimiter)
+    notation, places, width = _columns(machine, int(rows[0]) + 1, header, delimiter)
     frames = FrameName("base", np.eye(4)) if notation.is_joints else FrameName("part"), FrameName("tool")
     motion = Motion.JOINT if notation.is_joints else Motion.LINEAR
-    reader.numerals = [numerals]
-    literals: dict[str, Literal | None] = {}
-    of_row = rows[1:]
-    for begin, end in runs(of_line[of_row]):
-        shape = shapes[of_line[of_row[begin]]]
-        for k, i in enumerate(of_row[begin:end].tolist(), begin):
-            if literals.get(shape) is None:
-                text = source.text[source.starts[i] : source.ends[i]]
-                numbers = _numbers(reader, i + 1, text, shape, delimiter, places, width)
-                literals[shape] = None if numbers is None else Literal(notation, numbers)
-            if (literal := literals[shape]) is not None:
-                place = Place(0, i + 1, int(source.starts[i]), int(first[i]), numerals)
-                reader.move(i + 1, motion, (reader.target("", place, literal, frames, i + 1),))
-                same = of_row[k:end]
-                if reader.repeat(same + 1, first[same]):
-                    break
-
-
-def _refuse_changes(reader: Reader, rows: IndexArray, header: str, delimiter: str) -> None:
-    """Refuse rows whose tool, base or external axes are others than in the first one."""
-    source, first = reader.sources[0], None
     held = [k for k, cell in enumerate(header.split(delimiter)) if _HELD.match(cell)]
-    for i in rows[1:].tolist() if held else ():
-        cells = source.text[source.starts[i] : source.ends[i]].split(delimiter)
+    stands: list[str] | None = None
+    of_row, begin = rows[1:], 0
+    while begin < len(of_row):
+        i, shape = int(of_row[begin]), texts[of_line[of_row[begin]]]
+        text = source.text[source.starts[i] : source.ends[i]]
+        numbers, cause = _numbers(i + 1, text, shape, delimiter, places, width)
+        cells = text.split(delimiter)
         stated = [cells[k].strip() for k in held if k < len(cells)]
-        first = stated if first is None else first
-        if stated != first:
-            reader.refuse(i + 1, "tool, base or an external axis changes", "send a table for each of them")
+        stands = stated if stands is None else stands
+        if stated != stands:
+            reason = "tool, base or an external axis changes"
+            cause = Cause(i + 1, reason, "send a table for each of them")
+        end = begin + 1
+        while not held and cause is None and end < len(of_row) and of_line[of_row[end]] == of_line[i]:
+            end += 1
+        target = Given("", 0, i + 1, int(first[i]), Literal(notation, numbers))
+        own = of_row[begin:end]
+        machine.columns.move(Move(motion, ("",)), own + 1, first[own], [target], [frames], cause)
+        begin = end
 
 
-def _columns(
-    reader: Reader, line: int, header: str, delimiter: str
-) -> tuple[Notation, list[int], int] | None:
+def _columns(machine: Machine, line: int, header: str, delimiter: str) -> tuple[Notation, list[int], int]:
     """Return the notation, the columns of its numbers in order, and the number of columns."""
     cells = [cell.strip().strip('"').strip().removeprefix("\xef\xbb\xbf") for cell in header.split(delimiter)]
     named = [_HEADER.fullmatch(cell) for cell in cells]
     names = {m[1].lower(): i for i, m in enumerate(named) if m}
     units = {m[1].lower(): (m[2] or "").lower() for m in named if m}
     if len(names) < sum(map(bool, named)):
-        reader.refuse(line, "two columns have the same name", _REMEDY)
-        return None
+        machine.refuse(line, "two columns have the same name", _REMEDY)
     kinds = [each for each in _KINDS if names.keys() >= set(each.split())]
     if len({_KINDS[each][0] is Orientation.JOINTS for each in kinds}) > 1:
-        reader.refuse(line, "the table has both poses and joint angles", "omit one of them")
-        return None
-    for kind in kinds[:1]:
-        notation = _notation(*_KINDS[kind], [units[name] for name in kind.split()])
-        if notation is not None:
-            return notation, [names[name] for name in kind.split()], len(cells)
+        machine.refuse(line, "the table has both poses and joint angles", "omit one of them")
+    if not kinds:
+        reason = f"the header {shown(header)} does not name the coordinates of the targets"
+        machine.refuse(line, reason, _REMEDY)
+    notation = _notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
+    if notation is None:
         reason = "the columns of the targets have no units, different ones, or those of another quantity"
-        reader.refuse(line, reason, _REMEDY)
-        return None
-    reader.refuse(line, f"the header {shown(header)} does not name the coordinates of the targets", _REMEDY)
-    return None
+        machine.refuse(line, reason, _REMEDY)
+    return notation, [names[name] for name in kinds[0].split()], len(cells)
 
 
 def _notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:
@@ -130,19 +111,20 @@ def _notation(orientation: Orientation, quantities: str, units: list[str]) -> No
 
 
 def _numbers(
-    reader: Reader, line: int, text: str, shape: str, delimiter: str, places: list[int], width: int
-) -> tuple[int, ...] | None:
-    """Return which of a row's numbers stand in the columns of the targets; None where the row is refused."""
+    line: int, text: str, shape: str, delimiter: str, places: list[int], width: int
+) -> tuple[tuple[int, ...], Cause | None]:
+    """Return which of a row's numbers stand in the columns of the targets, and why the row is left."""
     cells, numbers = shape.split(delimiter), []
     if len(cells) != width:
         reason = f"{len(cells)} columns instead of {width}"
-        reader.refuse(line, reason, "give every row as many columns as the header")
-        return None
+        return (), Cause(line, reason, "give every row as many columns as the header")
     for place in places:
         if cells[place].strip().strip('"').strip() != "\0":
             cell = text.split(delimiter)[place]
             remedy = "write numbers with decimal points" if "," in cell else "write a number"
-            reader.refuse(line, f"{shown(cell)} in column {place + 1} is no number", remedy)
-            return None
+            return (), Cause(line, f"{shown(cell)} in column {place + 1} is no number", remedy)
         numbers.append(delimiter.join(cells[:place]).count("\0"))
-    return tuple(numbers)
+    return tuple(numbers), None
+
+
+DIALECT: Final = Dialect(Lexicon(comment=r"(?!)"), lambda _: ())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.written_programs import moves_of, rewritten, targets_of
 
-from jointstiff.service.programs import reader
+from jointstiff.service.programs import columns
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import FORMATS, read_program
@@ -46,6 +46,13 @@ def refusal(name, content, **options):
     with pytest.raises(ProgramError) as caught:
         read_program([(name, content.encode("latin-1"))], **options)
     return caught.value
+
+
+def left_of(name, text, **options):
+    try:
+        return read_program([(name, text.encode("latin-1"))], leave_others=True, **options).left
+    except ProgramError as none_is_certain:
+        return none_is_certain.left
 
 
 def test_every_format_has_a_sample():
@@ -182,9 +189,10 @@ def test_ur_frames_of_pose_trans():
         ("a.src", "DEF a()\nCIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "arc"),
         (
             "a.src",
-            "DEF a()\nBASE_DATA[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n$BASE=BASE_DATA[1]\nEND",
-            3,
-            "changes",
+            "DEF a()\nBASE_DATA[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n$BASE=BASE_DATA[1]\n"
+            "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND",
+            2,
+            "no whole frame",
         ),
         (
             "a.mod",
@@ -216,7 +224,8 @@ def test_a_point_reassigned_while_the_program_runs_is_no_target():
 def test_one_point_under_two_bases_is_refused():
     point = "XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}"
     text = f"DEF a()\n{point}\n$BASE=BASE_DATA[1]\nLIN XP1\n$BASE=BASE_DATA[2]\nLIN XP1\nEND"
-    assert refusal("a.src", text).faults[0].line == 6
+    assert [fault.line for fault in refusal("a.src", text).faults] == [6]
+    assert [left.line for left in left_of("a.src", text)] == [4, 6]
 
 
 number = st.floats(-3000, 3000).map(lambda x: round(x, 3))
@@ -289,24 +298,51 @@ def test_what_the_program_changes_is_no_target(name, content, line):
     assert refusal(name, content).faults[0].line == line
 
 
+FREE_FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
+LIN = "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "line"),
     [
         (
             "a.src",
-            "DEF a()\n$BASE=BASE_DATA[1]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\ns()\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",  # noqa: E501
-            7,
+            f"DEF a()\n{FREE_FRAMES}\nIF x THEN\ns()\nENDIF\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",
+            10,
         ),
-        ("a.src", "DEF a()\ns()\n$BASE=BASE_DATA[1]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\nDEF s()\nEND", 3),
         (
-            "a.script",
-            "def a():\n  movel(p[1,2,3,0,0,0])\nend\ndef b():\n  set_tcp(p[0,0,1,0,0,0])\n  movel(p[1,2,3,0,0,0])\nend\n",  # noqa: E501
-            5,
+            "a.src",
+            f"DEF a()\n{FREE_FRAMES}\nLOOP\n{LIN}\ns()\nENDLOOP\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",
+            10,
         ),
+        ("a.src", f"DEF a()\n{FREE_FRAMES}\ns()\n$BASE=BASE_DATA[2]\ns()\nEND\nDEF s()\n{LIN}\nEND", 5),
+        ("a.src", f"DEF a()\n{LIN}\nEND\nDEF s()\n{LIN}\nEND", 5),
+        ("a.script", "def a():\n  movel(p[1,2,3,0,0,0])\nend\ndef b():\n  movel(p[1,2,3,0,0,0])\nend\n", 5),
     ],
-)  # fmt: skip
+)
 def test_frames_that_depend_on_the_way_the_program_takes_are_refused(name, content, line):
     assert refusal(name, content).faults[0].line == line
+
+
+@pytest.mark.parametrize(
+    ("content", "bases"),
+    [
+        (f"DEF a()\n{FREE_FRAMES}\n{LIN}\ns()\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", [1, 2]),
+        (f"DEF a()\ns()\n{FREE_FRAMES}\n{LIN}\nEND\nDEF s()\nEND", [1]),
+        (f"DEF a()\n{FREE_FRAMES}\nLOOP\n$BASE=BASE_DATA[2]\n{LIN}\nENDLOOP\nEND", [2]),
+        (
+            f"DEF a()\n{FREE_FRAMES}\nIF x THEN\n$BASE=BASE_DATA[2]\n{LIN}\n"
+            f"$BASE=BASE_DATA[1]\nENDIF\n{LIN}\nEND",
+            [2, 1],
+        ),
+    ],
+)
+def test_frames_are_followed_over_calls_and_loops(content, bases):
+    program = read_program([("a.src", content.encode())])
+    targets = targets_of(program)
+    assert [targets[move.targets[0]].base.name for move in moves_of(program)] == [
+        f"BASE_DATA[{i}]" for i in bases
+    ]
 
 
 @pytest.mark.timeout(30)
@@ -322,7 +358,7 @@ def test_large_files_of_nothing_are_refused_soon(name, content):
 
 @pytest.mark.parametrize("number", ["1e400", "1.5"])
 def test_the_number_of_a_frame_is_whole(number):
-    text = f"DEF a()\nFDAT_ACT={{TOOL_NO {number},BASE_NO 1}}\nLIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND"
+    text = f"DEF a()\nFDAT_ACT={{TOOL_NO {number},BASE_NO 1}}\nBAS(#FRAMES)\n{LIN}\nEND"
     assert refusal("a.src", text).faults[0].line == 2
 
 
@@ -335,6 +371,6 @@ def test_a_turn_number_that_no_controller_writes_is_not_read():
 
 @pytest.mark.parametrize(("most", "line"), [("MAX_VISITS", 5), ("MAX_REMARKS", 8)])
 def test_a_small_file_cannot_ask_for_endless_work(monkeypatch, most, line):
-    monkeypatch.setattr(reader, most, 2)
+    monkeypatch.setattr(columns, most, 2)
     text = f"DEF a()\n{POINT}\n" + 3 * "LIN P1\n" + 3 * "s()\n" + "END"
     assert refusal("a.src", text, leave_alone=["s"]).faults[0].line == line

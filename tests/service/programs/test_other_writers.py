@@ -211,7 +211,7 @@ def test_rapid_tool_set_in_numbers_before_the_moves():
         (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "after IF"),
         (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),  # noqa: E501
         (f"t1.tframe := [[0,0,9],[1,0,0,0]];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
-        (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 5, "changes"),
+        (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 4, "changes"),
     ],
 )  # fmt: skip
 def test_rapid_frames_and_moves_in_branches_are_refused(body, line, words):
@@ -253,10 +253,11 @@ def test_ur_frames_that_are_set_one_after_the_other():
 
 
 def test_ur_frames_that_a_loop_sets_are_refused():
-    text = POSTED_UR.replace("  ref_frame = p[0.7", "  while True:\n  ref_frame = p[0.7").replace(
+    """The frame of the first pass is another one than that of the passes behind it."""
+    text = POSTED_UR.replace("  movel(pose_trans", "  while True:\n  movel(pose_trans", 1).replace(
         "end\n", "end\nend\n", 1
     )
-    assert refusal("a.script", text).line == 8
+    assert refusal("a.script", text).line == 10
 
 
 @pytest.mark.parametrize("call", ["servoj([0,0,0,0,0,0], t=0.1)", "force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0])"])
@@ -301,3 +302,65 @@ def test_blanks_within_a_line_of_fanuc_take_no_time():
     with suppress(ProgramError):
         read_program([("a.ls", text.encode())])
     assert time.process_time() - began < 1.0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "$COLLMON_TOL_PRO[1]=USE_CM_PRO_VALUES(0)",
+        "$LOOP_CONT=TRUE",
+        '$LOOP_MSG[]="x"',
+        "FDAT_ACT={TOOL_NO 1,BASE_NO 1}\nBAS(#FRAMES)",
+        "$VEL_AXIS[1]=SVEL_JOINT(100.0)",
+        "ANOUT ON x=1*$ANIN[1]+0",
+    ],
+)
+def test_krl_of_newer_inline_forms_changes_no_frame(line):
+    program = read("a.src", f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n{line}\nLIN {P}\nEND")
+    assert frames(program) == [("BASE_DATA[1]", "TOOL_DATA[1]")]
+
+
+@pytest.mark.parametrize(
+    "line", ["------", "TC_ONLINE", "PAYLOAD[1]", "IF R[1]=1,JMP LBL[1] ;\n   7:  LBL[1]"]
+)
+def test_fanuc_instructions_that_change_no_position(line):
+    assert len(read("a.LS", fanuc(f"{FANUC_MOVES}   6:  {line} ;\n   8:J P[1] 5% FINE ;\n")).moves) == 3
+
+
+def test_fanuc_lines_without_a_number_continue_the_one_before():
+    """An increment on a line of its own moves the target of the line before."""
+    program = read_program(
+        [("a.LS", fanuc(FANUC_MOVES.replace("CNT100    ;", "CNT100\n    :  INC ;")).encode())],
+        leave_others=True,
+    )
+    assert [left.line for left in program.left] == [9]
+
+
+@pytest.mark.parametrize("line", ['popup("x", "t", blocking=True)', "def helper():\nsleep(1)\nend"])
+def test_ur_tool_and_named_arguments(line):
+    pose = "p[0.1,0.2,0.3,0,0,0]"
+    program = read("a.script", f"def a():\n{line}\nset_tcp({pose})\nmovel(pose={pose}, a=1, v=0.1)\nend")
+    assert targets_of(program)[0].tool.pose[0, 3] == 0.1
+
+
+def test_rapid_quotes_within_texts_and_the_mark_of_utf_8():
+    body = f'TPWrite "a""; MoveL b";\nMoveL {POSE},v100,z1,t1;'
+    assert len(read("a.mod", "\xef\xbb\xbf" + rapid(body, TOOL)).moves) == 1
+
+
+@pytest.mark.parametrize("name", ["HOME", "XHOME", "$H_POS"])
+def test_krl_places_of_the_cell_are_never_corrected(name):
+    """Other programs use them, too, even where the program gives them numbers."""
+    head = f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nHOME={P}\n"
+    program = read("a.src", f"{head}PTP {name}\nLIN {P}\nEND")
+    assert [target.line for target in targets_of(program)] == [6]
+    assert [remark.line for remark in program.left_alone] == [5]
+
+
+def test_a_point_that_is_used_otherwise_is_left():
+    """Its numbers stand in a calculation, or in a move that is left: a correction would move that, too."""
+    point, other = f"P1={P}", f"LIN {P}"
+    for use in ("P2=P1", "$BASE=P1", "LIN P1:{X 1}", "x=P1.X+1", "f(P1)", "CIRC P1,P9"):
+        text = f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n{point}\n{other}\nLIN P1\n{use}\nEND"
+        program = read_program([("a.src", text.encode())], leave_others=True)
+        assert [target.line for target in targets_of(program)] == [5], use

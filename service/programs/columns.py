@@ -1,0 +1,326 @@
+"""Targets and moves of a program as columns, and which of the moves are certain together."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from jointstiff.service.programs.errors import Fault, Left, ProgramError, shown
+from jointstiff.service.programs.language import Move
+from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.program import (
+    BLOCK,
+    NUMBERS,
+    WORDS,
+    FrameName,
+    Literal,
+    Motion,
+    Moves,
+    Program,
+    Remark,
+    Source,
+    Targets,
+)
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+
+MAX_TARGETS: Final = 200_000
+MAX_VISITS: Final = 400_000
+"""Targets of all moves together: each is an inverse kinematics, also where moves share a target."""
+MAX_REMARKS: Final = 400_000
+"""Lines that are left as they are."""
+MAX_VALUE: Final = 1e6
+"""Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
+CONSTANT: Final = "write its numbers, or omit it"
+OF: Final = " of routine "
+"""Text between a name and the routine that it belongs to."""
+_WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
+_STANDS: Final = 2e-3
+"""Difference of an external axis [mm, °] that is rounding."""
+_NO_AXIS: Final = 8e9
+"""Value of an external axis that is none, and more."""
+_MAX_AXES: Final = 24
+"""Most external axes that are looked at."""
+_MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
+_WIDTH: Final = 7
+"""Columns of a target."""
+_STATED: Final = NUMBERS + WORDS
+
+
+class Cause(NamedTuple):
+    """Reason why something is not known: a line, and what to do."""
+
+    line: int
+    reason: str
+    remedy: str = CONSTANT
+    source: int = 0
+    shows: str = ""  # name of the frame whose numbers are not known
+
+
+class Given(NamedTuple):
+    """Numbers that stand in the text."""
+
+    label: str
+    source: int
+    line: int
+    first: int
+    literal: Literal
+
+
+Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
+"""Base and tool."""
+
+
+class Columns:
+    """Targets, moves and what is left of a program, in the order of its moves."""
+
+    def __init__(self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals]) -> None:
+        """Begin with nothing."""
+        self._format, self._sources, self._numerals = kind, sources, numerals
+        self._remarks: list[Remark] = []
+        self._left: list[tuple[Left, Cause]] = []
+        self._named: dict[tuple[int, int, int], int] = {}  # targets by the place of their numbers
+        self._literals: dict[Literal, int] = {}
+        self._frames: dict[
+            tuple[str, str | bytes], tuple[int, FrameName]
+        ] = {}  # by their numbers, or by name
+        self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
+        self._names: list[str] = []
+        self._moves = array("q")  # rows of line, motion, count of visits up to the end
+        self._visits = array("q")
+        self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+
+    def remark(self, line: int, text: str) -> None:
+        """Note what is left as it is, and needs no decision."""
+        if len(self._remarks) >= MAX_REMARKS:
+            self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
+        self._remarks.append(Remark(line, text))
+
+    def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
+        raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
+
+    def move(
+        self,
+        op: Move,
+        lines: IndexArray,
+        first: IndexArray,
+        targets: Sequence[Given],
+        frames: Sequence[Frames],
+        cause: Cause | None,
+    ) -> None:
+        """Take a move, and those behind it that differ in their numbers only.
+
+        Args:
+            op: the move.
+            lines: (k,) lines of the moves.
+            first: (k,) places of their first numbers.
+            targets: those that are known, of the first move.
+            frames: theirs.
+            cause: why the moves are left; None if they are not.
+        """
+        if len(self._visits) + len(lines) * len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
+            self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
+        if cause is not None:
+            names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
+            base, tool = ([_name(pair[k]) for pair in frames[-1:]] for k in (0, 1))
+            for line in lines.tolist():
+                own = cause._replace(line=line) if cause.line == lines[0] else cause
+                left = Left(
+                    line, names, base[0] if base else "", tool[0] if tool else "", cause.reason, cause.remedy
+                )
+                self._left.append((left, own))
+            for target in targets:
+                if target.label:
+                    self._doubts.setdefault(self._target(target, None, int(lines[0])), cause)
+            return
+        begin = len(self._names)
+        self._visits.extend(
+            [self._target(each, pair, int(lines[0])) for each, pair in zip(targets, frames, strict=True)]
+        )
+        self._moves.extend((int(lines[0]), _MOTIONS[op.motion], len(self._visits)))
+        if len(lines) > 1:
+            self._repeat(lines, first, len(self._names) - begin)
+
+    def _repeat(self, lines: IndexArray, first: IndexArray, targets: int) -> None:
+        """Take moves to targets of their own as the last one."""
+        more, end = len(lines) - 1, len(self._visits)
+        if len(self._names) + more * targets > MAX_TARGETS:
+            self._refuse(int(lines[0]), f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+        rows = np.tile(np.array(self._targets[-_WIDTH * targets :]).reshape(targets, _WIDTH), (more, 1, 1))
+        rows[:, :, 2] += (first[1:] - first[0])[:, None]
+        rows[:, :, [1, 3]] += (lines[1:] - lines[0])[:, None, None]
+        ends = end + targets * np.arange(1, more + 1)
+        moves = np.stack([lines[1:], np.full(more, self._moves[-2]), ends], axis=1)
+        self._targets.frombytes(rows.tobytes())
+        self._moves.frombytes(moves.tobytes())
+        self._visits.extend(range(len(self._names), len(self._names) + more * targets))
+        self._names += [""] * (more * targets)
+
+    def _target(self, target: Given, frames: Frames | None, used: int) -> int:
+        """Add a target, or find it by the place of its numbers; in two frames it is in doubt."""
+        literal = self._literals.setdefault(target.literal, len(self._literals))
+        base, tool = (
+            (-1, -1) if frames is None else (self._frame("base", frames[0]), self._frame("tool", frames[1]))
+        )
+        key = target.source, target.first, literal
+        if target.label and key in self._named:
+            index = self._named[key]
+            row = _WIDTH * index
+            if self._targets[row + 5] < 0:
+                self._targets[row + 5], self._targets[row + 6] = base, tool
+            elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
+                reason = f"target {shown(target.label)} is used with another base or tool on line "
+                lines = self._targets[row + 3], used
+                remedy = "use a separate target for each base and tool: one correction cannot suit both"
+                self._doubts.setdefault(index, Cause(used, f"{reason}{lines[0]}", remedy))
+            return index
+        index = len(self._names)
+        if index >= MAX_TARGETS:
+            self._refuse(used, f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+        if target.label:
+            self._named[key] = index
+        self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
+        self._names.append(target.label)
+        return index
+
+    def _frame(self, role: str, frame: FrameName | Cause) -> int:
+        if isinstance(frame, Cause):
+            return -1
+        key = role, frame.name if frame.pose is None else frame.pose.tobytes()
+        return self._frames.setdefault(key, (len(self._frames), frame))[0]
+
+    def program(self, used: Mapping[str, int], causes: Sequence[Cause]) -> Program:
+        """Return the program.
+
+        Args:
+            used: names whose numbers are used otherwise than as targets, and a line.
+            causes: whatever is not understood.
+
+        Raises:
+            ProgramError: no move of it is certain.
+        """
+        for index, name in enumerate(self._names):
+            if name in used and name:
+                use = f"the numbers of {shown(name)} are used on line {used[name]}, too"
+                reason = f"{use}, where it is not certain what they mean"
+                self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
+        self._names = [name.partition(OF)[0] if name else name for name in self._names]
+        rows = _columns(self._targets, _WIDTH)
+        targets = self._filled(rows)
+        moves = Moves(*_columns(self._moves, 3), *_columns(self._visits, 1))
+        kept = self._certain(targets, moves)
+        left = sorted(self._left, key=lambda each: each[0].line)
+        faults = [
+            Fault(self._sources[cause.source].name, cause.line, cause.reason, cause.remedy)
+            for _, cause in left
+        ]
+        if not kept.any():
+            faults += [] if left else [Fault(self._sources[each.source].name, *each[:3]) for each in causes]
+            remedy = "send a program with moves to targets given by numbers"
+            faults += (
+                [] if faults else [Fault(self._sources[0].name, None, "the program has no target", remedy)]
+            )
+            raise ProgramError(
+                sorted(dict.fromkeys(faults), key=lambda each: each.line or 0),
+                left=[each for each, _ in left],
+            )
+        if left:
+            moves, targets = _kept(moves, targets, kept)
+        remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
+        refusal = tuple(sorted(dict.fromkeys(faults), key=lambda each: each.line or 0))
+        return Program(
+            self._format, self._sources, targets, moves, remarks, tuple(each for each, _ in left), refusal
+        )
+
+    def _certain(self, targets: Targets, moves: Moves) -> BoolArray:
+        """Return which moves (k,) are corrected: none that shares numbers with one that is left."""
+        doubted = np.zeros(len(targets), dtype=np.bool_)
+        doubted[list(self._doubts)] = True
+        while True:
+            left = np.zeros(len(moves), dtype=np.bool_)
+            left[moves.of_visit[doubted[moves.visits]]] = True
+            more = doubted.copy()
+            more[moves.visits[left[moves.of_visit]]] = True
+            if (more == doubted).all():
+                break
+            doubted = more
+        begins = np.append(0, moves.ends[:-1])
+        for i in np.flatnonzero(left).tolist():
+            own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
+            known = next((self._doubts[each] for each in own if each in self._doubts), None)
+            reason = known.reason if known else "a target of it is used by a move that is left"
+            remedy = known.remedy if known else "use a separate target"
+            base, tool = (targets.frames[axis[own[-1]]].name for axis in (targets.base, targets.tool))
+            cause = known if known and known.line else Cause(line, reason, remedy)
+            self._left.append((Left(line, targets.names[own[-1]], base, tool, reason, remedy), cause))
+        return ~left
+
+    def _filled(self, rows: IndexArray) -> Targets:
+        """Return the targets; those whose numbers are none, or that move external axes, are in doubt."""
+        source, line, first, _, known, base, tool = rows
+        literals, count = list(self._literals), len(line)
+        ordinals = np.full((len(literals), _STATED + _MAX_AXES), -1)
+        for row, each in zip(ordinals, literals, strict=True):
+            row[: len(each.numbers)] = each.numbers
+            row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
+            row[_STATED : _STATED + len(each.external)] = each.external[:_MAX_AXES]
+        targets = Targets(
+            self._names, source, line, known, literals, base, tool,
+            [frame for _, frame in self._frames.values()],
+            np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
+        )  # fmt: skip
+        out, unlike, moved = np.zeros((3, count), dtype=np.bool_)
+        still: FloatArray | None = None
+        for start in range(0, count, BLOCK):
+            for file in np.unique(source[start : start + BLOCK]).tolist():
+                block = start + np.flatnonzero(source[start : start + BLOCK] == file)
+                numerals, at = self._numerals[file], ordinals[known[block]]
+                stands, at = at >= 0, at + first[block, None]
+                at[~stands] = 0
+                read = np.where(stands, numerals.values[at], np.nan)
+                targets.values[block] = read[:, :_STATED]
+                for i, ends in enumerate((numerals.starts, numerals.ends)):
+                    targets.spans[block, :, i] = np.where(stands, ends[at], -1)[:, :_STATED]
+                out[block] = (stands & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
+                for notation, own in targets.by_notation(block):
+                    unlike[block[own]] = ~notation.states(read[own])
+                axes = read[:, _STATED:]
+                axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)
+                still = axes[0] if still is None else still
+                moved[block] = (~(np.abs(axes - still) <= _STANDS)).any(axis=1)
+        for faults, reason, remedy in (
+            (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
+            (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
+            (
+                moved,
+                "an external axis or another group moves",
+                "external axes have to stand still while a program is corrected",
+            ),
+        ):
+            for i in np.flatnonzero(faults).tolist():
+                self._doubts.setdefault(i, Cause(int(line[i]), reason, remedy))
+        return targets
+
+
+def _kept(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
+    """Return moves that are kept, and their targets."""
+    visits = moves.visits[kept[moves.of_visit]]
+    rows, places = np.unique(visits, return_inverse=True)
+    counts = np.diff(moves.ends, prepend=0)[kept]
+    names = [targets.names[i] for i in rows.tolist()]
+    columns = (targets.source, targets.line, targets.literal)
+    source, line, literal = (each[rows] for each in columns)
+    return Moves(moves.line[kept], moves.motion[kept], np.cumsum(counts), places), Targets(
+        names, source, line, literal, targets.literals, targets.base[rows], targets.tool[rows],
+        targets.frames, targets.values[rows], targets.spans[rows],
+    )  # fmt: skip
+
+
+def _name(frame: FrameName | Cause) -> str:
+    return frame.shows if isinstance(frame, Cause) else frame.name
+
+
+def _columns(rows: array[int], width: int) -> IndexArray:
+    return np.asarray(memoryview(rows), dtype=np.intp).reshape(-1, width).T

@@ -1,0 +1,107 @@
+# ruff: noqa: E501  # one program a line
+"""Names that are not what they seem: a move is corrected only where its numbers and frames are certain."""
+
+from __future__ import annotations
+
+import pytest
+
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import explained
+
+P = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
+FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
+FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+ROB = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{FREE}]"
+TOOL = "PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
+WOBJ = '[FALSE,TRUE,"",[[5,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]]'
+
+
+def corrected(name, text, *more):
+    """Lines of the moves that are corrected, and of those that are left."""
+    rows = explained([(name, text.encode("latin-1")), *((n, t.encode("latin-1")) for n, t in more)])
+    return [row.line for row in rows if row.corrected], [row.line for row in rows if not row.corrected]
+
+
+def dat(lines, head="DEFDAT a"):
+    return "a.dat", f"{head}\n{lines}\nENDDAT"
+
+
+KRL = [
+    # a name of one routine is another one elsewhere
+    (f"DEF a()\nDECL E6POS P1\n{FRAMES}\nP1={P}\nLIN P1\nb()\nEND\nDEF b()\nLIN P1\nEND", [], [6], [10]),
+    (f"DEF a()\n{FRAMES}\nLIN P1\nb()\nEND\nDEF b()\nDECL E6POS P1\nP1=Q1\nLIN P1\nEND", [dat(f"DECL E6POS P1={P}")], [4], [10]),
+    (f"DEF a()\nDECL FRAME F\nF={P}\n{FRAMES}\n$BASE=F\nLIN {P}\nb()\nEND\nDEF b()\n$BASE=F\nLIN {P}\nEND", [], [7], [12]),
+    (f"DEF a()\n{FRAMES}\nLIN P1\nb(P2)\nEND\nDEF b(P1:IN)\nLIN P1\nEND", [dat(f"DECL E6POS P1={P}\nDECL E6POS P2={P}")], [4], [8]),
+    (f"DEF a()\nDECL E6POS P1\n{FRAMES}\nP1={P}\nother()\n{FRAMES}\nLIN P1\nEND", [], [], [9]),
+    # routines and targets that others use
+    (f"DEF a()\n{FRAMES}\nb()\nLIN {P}\nEND\nGLOBAL DEF b()\nLIN {P}\nEND", [], [5], [8]),
+    (f"DEF a()\n{FRAMES}\nLIN P1\nEND", [dat(f"DECL GLOBAL E6POS P1={P}", "DEFDAT a PUBLIC")], [], [4]),
+    # functions in an expression: which of them is carried out, and in which order, is not certain
+    *((f"DEF a()\n{FRAMES}\nX={what}\nLIN {P}\nEND\nDEFFCT INT f()\n$BASE=BASE_DATA[2]\nRETURN 1\nENDFCT\nDEFFCT INT g()\n$BASE=BASE_DATA[3]\nRETURN 1\nENDFCT", [], *lines)
+      for what, lines in (("f()+g()", ([], [5])), ("Y AND f()", ([], [5])), ("f()", ([5], [])))),
+    # blocks of splines with frames of their own
+    (f"DEF a()\n{FRAMES}\nSPLINE WITH $BASE=SBASE(FP1.BASE_NO),$TOOL=STOOL2(FP1)\nSPL P1\nENDSPLINE\nEND",
+     [dat(f"DECL E6POS P1={P}\nDECL FDAT FP1={{TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE}}")], [], [5]),
+    (f"DEF a()\n{FRAMES}\nSTRANGE()\nLIN {P}\nEND", [], [], [5]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "more", "done", "left"), KRL)
+def test_krl(text, more, done, left):
+    assert corrected("a.src", text, *more) == (done, left)
+
+
+def test_krl_data_of_another_program_are_refused():
+    with pytest.raises(ProgramError, match="declares data of b, not of a"):
+        corrected(
+            "a.src", f"DEF a()\n{FRAMES}\nLIN P1\nEND", ("b.dat", f"DEFDAT b\nDECL E6POS P1={P}\nENDDAT")
+        )
+
+
+RAPID = [
+    # local data of one name
+    (f"PROC a()\nVAR robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC\nPROC b()\nCONST robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC", [5, 9], []),
+    (f"PROC a()\nVAR robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\np1:=CRobT();\nENDPROC\nPROC b()\nCONST robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC", [10], [5]),
+    (f"PROC a()\nVAR robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nERROR\np1.trans.x:=5;\nRETRY;\nENDPROC", [], [5]),
+    (f"PROC a(robtarget p1)\nMoveL p1,v1,z1,t1;\nENDPROC\nPROC b()\nCONST robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC", [8], [4]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "done", "left"), RAPID)
+def test_rapid(text, done, left):
+    assert corrected("a.mod", f"MODULE M\n{TOOL}\n{text}\nENDMODULE") == (done, left)
+
+
+def test_rapid_frames_of_one_routine_are_others_elsewhere():
+    text = f"MODULE M\n{TOOL}\nPROC a()\nVAR wobjdata w1:={WOBJ};\nMoveL {ROB},v1,z1,t1\\WObj:=w1;\nENDPROC\nPROC b()\nMoveL {ROB},v1,z1,t1\\WObj:=w1;\nENDPROC\nENDMODULE"
+    assert corrected("a.mod", text) == ([5, 8], [])
+    bases = [row.base for row in explained([("a.mod", text.encode())])]
+    assert bases == ["w1", "w1"]
+
+
+def test_rapid_of_two_modules_is_refused():
+    with pytest.raises(ProgramError, match="a second module"):
+        corrected(
+            "a.mod", f"MODULE M\nPROC a()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\nMODULE N\nENDMODULE"
+        )
+
+
+UR = [
+    ("local p1 = p[1,0,0,0,0,0]\nmovel(p1)\nb()\nend\ndef b():\nmovel(p1)", [4], [8]),
+    ("movec(pose_to=p[1,0,0,0,0,0], pose_via=p[2,0,0,0,0,0])\nmovel(p[1,0,0,0,0,0])", [4], [3]),
+    ("movec(pose_via=p[1,0,0,0,0,0], pose_to=p[2,0,0,0,0,0], a=1)\nmovej(q=[1,2,3,4,5,6])", [3, 4], []),
+    ("movej(get_inverse_kin(p[1,0,0,0,0,0], tcp=p[0,0,0,0,0,0]))\nmovel(p[1,0,0,0,0,0])", [4], [3]),
+    (
+        "movej(get_inverse_kin(p[1,0,0,0,0,0], [0,0,0,0,0,0], 0.1, 0.1, p[0,0,0,0,0,0]))\nmovel(p[1,0,0,0,0,0])",
+        [4],
+        [3],
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "done", "left"), UR)
+def test_ur(text, done, left):
+    assert corrected("a.script", f"def a():\nset_tcp(pose=p[0,0,0.1,0,0,0])\n{text}\nend\na()") == (
+        done,
+        left,
+    )
