@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -30,14 +28,13 @@ class PageQuery(Message):
         default=None, description="`next` of the previous page; omit it for the first page."
     )
 
-    def filters(self) -> dict[str, str]:
-        """The filters that were given."""
-        chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor", "deleted", *self._others()})
-        return {name: str(value) for name, value in chosen.items()}
-
-    def _others(self) -> set[str]:
-        """Names of fields that are no filters by an exact value."""
-        return set()
+    def listing(self) -> dict[str, Any]:
+        """Return the page, whether it is of deleted or archived ones, and `filters` by exact values."""
+        chosen = self.model_dump(exclude_none=True)
+        whole = {
+            name: chosen.pop(name) for name in ("limit", "cursor", "deleted", "archived") if name in chosen
+        }
+        return whole | {"filters": {name: str(value) for name, value in chosen.items()}}
 
 
 class DeletableQuery(PageQuery):
@@ -86,9 +83,6 @@ class ArchivableQuery(DeletableQuery):
         default=False, description="True: only archived resources; false: only the others."
     )
 
-    def _others(self) -> set[str]:
-        return {"archived"}
-
 
 class RobotQuery(ArchivableQuery):
     """Filters of robots."""
@@ -126,10 +120,10 @@ class SetQuery(ArchivableQuery):
             raise ValueError("`measured_to` must be after `measured_from`")
         return self
 
-    def spans(self) -> Mapping[str, tuple[datetime | None, datetime | None]]:
-        """The spans of time that were given: from the first, to before the second."""
+    def listing(self) -> dict[str, Any]:
+        """Return the same, and `spans` of time: from the first, to before the second."""
+        listing = super().listing()
+        for name in ("measured_from", "measured_to"):
+            listing["filters"].pop(name, None)
         asked = self.measured_from is not None or self.measured_to is not None
-        return {"measured_at": (self.measured_from, self.measured_to)} if asked else {}
-
-    def _others(self) -> set[str]:
-        return super()._others() | {"measured_from", "measured_to"}
+        return listing | {"spans": {"measured_at": (self.measured_from, self.measured_to)} if asked else {}}

@@ -11,7 +11,7 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
-from jointstiff.service.api import admin, health, jobs, resources, runs, uploads
+from jointstiff.service.api import admin, health, jobs, resources, runs
 from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.health import Metrics, Watch
@@ -105,7 +105,7 @@ def create_app(
     app.state.access = posture.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
-    app.state.limited_child = None
+    app.state.answer_elsewhere = None  # answers large bodies in place of this process
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0
     app.state.followers = Followers(lambda: app.state.is_closing())
@@ -119,8 +119,8 @@ def create_app(
         resources.sets,
         runs.router,
         runs.authorisations,
-        uploads.router,
-        uploads.programs,
+        runs.imports,
+        runs.programs,
         health.router,
         admin.sessions,
         admin.router,

@@ -1,6 +1,8 @@
-"""The child process that answers large bodies for a service, one at a time, within limits of memory and time.
+"""Large bodies are answered by a child process of limited memory and time, and keep nobody else waiting.
 
-Run it as `python -m jointstiff.service.limited DESCRIPTOR`, of the pipe to the service.
+A parser lets no other thread of its process run, and what it makes of a body is many times as large. The
+child composes the same application; who asks was found out before. Between them goes JSON, nothing that runs.
+The service starts it as `python -m jointstiff.service.limited DESCRIPTOR`, of the pipe between them.
 """
 
 from __future__ import annotations
@@ -9,22 +11,194 @@ import gc
 import json
 import os
 import resource
+import subprocess
 import sys
 from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
 import anyio
-from fastapi import FastAPI
-from starlette.types import Message
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
+from fastapi import FastAPI, HTTPException, Request, Response
+from pydantic import TypeAdapter
+from starlette.types import Message, Scope
 
-from jointstiff.service.api.limited import FORWARDED, Forwarded
+from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
-from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
+from jointstiff.service.logs import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
+from jointstiff.service.security.access import ASKED, Asked, asked_of
 from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import JobQueue
+
+LIMITED_BYTES: Final = 256 * 1024
+"""Larger bodies, and workbooks and archives of any size, are the child's."""
+LIMITED_SECONDS: Final = 60.0
+"""Time that a body may take in the child, and processor time."""
+LIMITED_MEMORY: Final = 512 * 1024 * 1024
+"""Memory that the child may take for a body [bytes]."""
+_PATHS: Final = frozenset(
+    f"/v1/{name}"
+    for name in ("robots", "kinematics", "measurement-sets", "campaigns", "imports", "plans", "deflections")
+)
+"""Addresses whose large bodies are the child's."""
+_ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
+"""Addresses whose small bodies are, too: texts of others, and fits that take the cube of their positions."""
+_ARCHIVE: Final = b"PK\x03\x04"
+START_SECONDS: Final = 60.0
+"""Time that a body waits for a child that starts."""
+
+
+@dataclass
+class Forwarded:
+    """A request for the child, without its body."""
+
+    method: str
+    path: str
+    query: str
+    headers: list[tuple[str, str]]
+    request_id: str | None
+    asked: Asked
+
+    def scope(self) -> Scope:
+        """Return it as an application takes it."""
+        return {
+            "type": "http",
+            "asgi": {"version": "3.0"},
+            "http_version": "1.1",
+            "scheme": "http",
+            "method": self.method,
+            "path": self.path,
+            "root_path": "",
+            "query_string": self.query.encode(),
+            "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in self.headers],
+            "client": None,
+            ASKED: self.asked,
+            KNOWN_ID: self.request_id,
+        }
+
+
+FORWARDED: Final = TypeAdapter(Forwarded)
+
+
+def is_limited(path: str, content: bytes) -> bool:
+    """Return whether a request is one for the child."""
+    return path in _ALWAYS or (path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content))
+
+
+class LimitedChild:
+    """A child process that answers one request at a time; it is started with the first one."""
+
+    def __init__(
+        self,
+        database: str,
+        quota: int | None = None,
+        memory: int = LIMITED_MEMORY,
+        seconds: float = LIMITED_SECONDS,
+    ) -> None:
+        """Answer from a database.
+
+        Args:
+            database: its URL.
+            quota: size that it may have [bytes]; None for any.
+            memory: that it may take beyond what it has when it is idle [bytes].
+            seconds: time for one body.
+        """
+        self._opening = json.dumps([database, quota, memory, seconds]).encode()
+        self._memory, self._seconds = memory, seconds
+        self._turns = CapacityLimiter(1)
+        self._connection: Connection[bytes, bytes] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._is_ready = False
+
+    async def answer(self, request: Request) -> Response | None:
+        """Answer a request if it is one for the child; None if it is not.
+
+        Raises:
+            HTTPException: it took too much memory or time (413), or the child does not start (503).
+        """
+        content = await request.body()
+        if not is_limited(request.url.path, content):
+            return None
+        forwarded = Forwarded(
+            request.method,
+            request.url.path,
+            request.url.query,
+            [(name.decode("latin-1"), value.decode("latin-1")) for name, value in request.headers.raw],
+            REQUEST_ID.get(),
+            asked_of(request),
+        )
+        head, body = await run_sync(self._answer, forwarded, content, limiter=self._turns)
+        status, headers = json.loads(head)
+        response = Response(body, status)
+        response.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers]
+        return response
+
+    def close(self) -> None:
+        """End the child, whatever it does."""
+        if self._connection is not None and self._process is not None:
+            self._connection.close()
+            self._process.kill()
+            self._process.wait()
+        self._connection = self._process = None
+        self._is_ready = False
+
+    def _answer(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
+        connection = self._running()
+        try:
+            connection.send_bytes(FORWARDED.dump_json(forwarded))
+            connection.send_bytes(content)
+            if not connection.poll(self._seconds):
+                raise TimeoutError
+            return connection.recv_bytes(), connection.recv_bytes()
+        except (OSError, EOFError):  # the child was too slow, or its limits ended it
+            self.close()
+            raise HTTPException(
+                413, f"the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; split it"
+            ) from None
+
+    def _running(self) -> Connection[bytes, bytes]:
+        """Return the connection to the child once it is ready; one that is slow to start goes on starting.
+
+        Raises:
+            HTTPException: it is still starting, or does not start (503).
+        """
+        try:
+            if self._connection is None or self._process is None or self._process.poll() is not None:
+                self.close()
+                self._connection = self._start()
+            if not self._is_ready:
+                if not self._connection.poll(START_SECONDS):
+                    raise HTTPException(
+                        503, "the process for large bodies is still starting; send it again later"
+                    )
+                self._connection.recv_bytes()
+                self._is_ready = True
+        except (OSError, EOFError):
+            self.close()
+            raise HTTPException(
+                503, "the process for large bodies does not start; send it again later"
+            ) from None
+        return self._connection
+
+    def _start(self) -> Connection[bytes, bytes]:
+        """Start the child, which says when it is ready."""
+        connection, theirs = Pipe()
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603 - of our own words
+                [sys.executable, "-m", "jointstiff.service.limited", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
+            )
+        connection.send_bytes(self._opening)
+        return connection
+
 
 _NO_THREAD: Final = "can't start new thread"  # Python's words for a thread that has no memory for its stack
 

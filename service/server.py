@@ -22,8 +22,8 @@ from starlette.types import ASGIApp
 from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
-from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.app import create_app
+from jointstiff.service.limited import LimitedChild
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.problems.errors import ServiceError, StoreError
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
@@ -143,7 +143,7 @@ def run_server(
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
         app = create_app(store, queue.enqueue, posture, keyring, settings)
-        app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
+        app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         shown = app
         if metrics is not None:

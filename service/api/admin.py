@@ -36,8 +36,8 @@ from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, asked_of, cookie_name
 from jointstiff.service.security.keys import described, mint
 from jointstiff.service.security.receivers import new_secret, receiver_addresses
-from jointstiff.service.store.records import AccessKey, WebhookRecord
 from jointstiff.service.store.store import SESSION_LONGEST, Store
+from jointstiff.service.store.tables import AccessKey, WebhookRecord
 from jointstiff.service.store.webhooks import MOST
 from jointstiff.service.tables.files import csv_rows, guarded
 from jointstiff.solver.errors import RequestError

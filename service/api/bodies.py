@@ -1,27 +1,29 @@
-"""Request bodies, JSON or forms: parsed strictly by the route, before FastAPI looks at them."""
+"""Request bodies, JSON or forms: parsed strictly by the route, before FastAPI looks at them; and examples."""
 
 from __future__ import annotations
 
 import gc
 import hashlib
-from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator
+import json
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.resources import files
 from typing import Annotated, Any, Final
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
-from fastapi import Depends, Header, HTTPException, Request, Response, params
+from fastapi import Body, Depends, Header, HTTPException, Request, Response, params
 from fastapi.exceptions import RequestValidationError
+from fastapi.openapi.models import Example
 from pydantic import BaseModel
 from starlette.datastructures import FormData, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
-from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.conversion.parsing import MalformedError, parse
 from jointstiff.service.security.access import AccessRoute
 from jointstiff.service.security.size import MAX_BYTES, SMALL_BYTES, refuse_structure
-from jointstiff.service.store.records import IdempotencyKey
+from jointstiff.service.store.tables import IdempotencyKey
 from jointstiff.solver.errors import RequestError
 
 MAX_KEY_LENGTH: Final = 255
@@ -30,6 +32,25 @@ _MAX_TEXTS: Final = 8
 """Fields without a file name; more than one is refused by its name."""
 _PLAIN: Final = frozenset({"7bit", "8bit", "binary"})
 _TOO_LARGE: Final = ("Too many", "Part exceeded")
+
+EXAMPLES: Final[dict[str, dict[str, Any]]] = json.loads(
+    files("jointstiff.service.api").joinpath("examples.json").read_text(encoding="utf-8")
+)
+"""Bodies by resource, and by what they are for."""
+
+_ROBOT: Final = EXAMPLES["robots"]["modified DH"]
+_SET: Final = {
+    name: value for name, value in EXAMPLES["measurement_sets"]["positions"].items() if name != "robot_id"
+}
+EXAMPLES["campaigns"] = {
+    "positions": {"robot": _ROBOT, "measurement_set": _SET, "run": {"method": "partial_pose"}}
+}
+
+
+def shown(examples: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
+    """Return the declaration of a JSON body with its examples."""
+    return Body(openapi_examples={name: Example(value=value) for name, value in examples.items()})
+
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
@@ -46,68 +67,45 @@ class BodyRoute(AccessRoute):
         field = self.body_field
         if field is None:
             return handle
-        if isinstance(field.field_info, params.Form):
-
-            async def handle_form(request: Request) -> Response:
-                _require(request, "multipart/form-data", "a form")
-                if (answer := await _answered_elsewhere(request)) is not None:
-                    return await self.after_child(request, answer)
-                return await handle(_FormRequest(request, await read_form(request)))
-
-            return handle_form
+        is_form = isinstance(field.field_info, params.Form)
+        needed = ("multipart/form-data", "a form") if is_form else ("application/json", "JSON")
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
-        async def handle_json(request: Request) -> Response:
-            _require(request, "application/json", "JSON")
-            parsed = _JsonRequest(request.scope, request.receive)
-            if (answer := await _answered_elsewhere(parsed)) is not None:
-                return await self.after_child(parsed, answer)
-            await parsed.read(message)
-            return await handle(parsed)
+        async def handle_parsed(request: Request) -> Response:
+            _require(request, *needed)
+            if (answer := await _answered_elsewhere(request)) is not None:
+                return await self.after_child(request, answer)
+            if is_form:  # Starlette keeps both, and gives FastAPI what it has
+                request._form = await read_form(request)
+            else:
+                request._json = await read_json(request, message)
+            return await handle(request)
 
-        return handle_json
+        return handle_parsed
 
     async def after_child(self, _: Request, response: Response) -> Response:
         """Return the answer of the child as that of the service."""
         return response
 
 
-class _JsonRequest(Request):
-    """Request whose JSON body is a validated message, which FastAPI takes as it is."""
+async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
+    """Return the message that a body is; large ones take turns in threads of their own.
 
-    _message: BaseModel
-
-    async def read(self, message: type[BaseModel]) -> None:
-        """Read and validate the body; large ones take turns in threads of their own.
-
-        Raises:
-            HTTPException: the body is too large (413).
-            RequestValidationError: the body is not such a message.
-        """
-        content = await self.body()
-        if len(content) <= SMALL_BYTES:
-            self._message = understood(message, content)
-        else:
-            turns: CapacityLimiter = self.app.state.parsers
-            self._message = await run_sync(understood, message, content, limiter=turns)
-
-    async def json(self) -> BaseModel:
-        """Return the message."""
-        return self._message
-
-
-class _FormRequest(Request):
-    """Request whose form has been read."""
-
-    def __init__(self, request: Request, form: FormData) -> None:
-        super().__init__(request.scope, request.receive)
-        self._form = form
+    Raises:
+        HTTPException: the body is too large (413).
+        RequestValidationError: the body is not such a message.
+    """
+    content = await request.body()
+    if len(content) <= SMALL_BYTES:
+        return understood(message, content)
+    turns: CapacityLimiter = request.app.state.parsers
+    return await run_sync(understood, message, content, limiter=turns)
 
 
 async def _answered_elsewhere(request: Request) -> Response | None:
     """Return the answer of the child to a large body; None if it is ours to answer."""
-    child: LimitedChild | None = request.app.state.limited_child
-    return None if child is None else await child.answer(request)
+    child: Callable[[Request], Awaitable[Response | None]] | None = request.app.state.answer_elsewhere
+    return None if child is None else await child(request)
 
 
 def large_bodies(request: Request) -> CapacityLimiter:

@@ -31,13 +31,14 @@ from jointstiff.service.reports.job import job_document, job_parts, job_sheet
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.store.records import AuthorisationRecord
+from jointstiff.service.store.tables import AuthorisationRecord
 from jointstiff.service.tables.files import csv_parts, written
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Table
 from jointstiff.solver.errors import RequestError
 
+_ISSUE: Final = "issued-{number}.pdf"
 _ISSUED: Final = re.compile(r"issued-([1-9][0-9]{0,8})\.pdf", re.ASCII)
 _NO_HEADERS: Final[Mapping[str, str]] = MappingProxyType({})
 
@@ -51,65 +52,59 @@ class Content(NamedTuple):
 
 
 class _Wanted(NamedTuple):
-    """A file that is asked for, of a job that has succeeded."""
+    """A file that is asked for."""
 
     laboratory: LaboratorySettings  # that issues reports
     parts: Parts
     jobs: Jobs  # those of its kind
-    job: Job
+    job_id: str
     name: str
     query: FileQuery
+
+    @property
+    def job(self) -> Job:
+        """The job, which has succeeded.
+
+        Raises:
+            HTTPException: it has no result (409).
+        """
+        return _succeeded(self.jobs, self.job_id)
 
 
 _Make = Callable[[_Wanted], Content]
 
 
-def stored_content(parts: Parts, jobs: Jobs, job_id: str, name: str, query: FileQuery) -> Content | None:
-    """Return a file that needs no work; None if it does, or there is no such file.
-
-    Raises:
-        NotFoundError: there is no such job.
-        HTTPException: there is no such report (404), or the program is not corrected (409).
-        RequestError: the program has no file of that name.
-    """
-    if jobs.kind.name == Program.kind and name == "program":
-        return _corrected(cast("Program", _succeeded(jobs, job_id)), query.file)
-    if jobs.kind.name != Run.kind:
-        return None
-    if name == "authorisations.json":
-        jobs.records.get(job_id)
-        issued = AuthorisationList(items=authorisations_of(parts.store.authorisations.of(run_id=job_id)))
-        return Content(issued.model_dump_json().encode(), "application/json")
-    if number := _ISSUED.fullmatch(name):
-        for record in parts.store.authorisations.of(run_id=job_id):
-            if record.number == int(number[1]):
-                return _report(record.pdf, f"{job_id}-{record.number}", "pdf")
-        raise HTTPException(404, f"run '{job_id}' has no authorised report {number[1]}")
-    return None
+def is_stored(kind: AnyKind, name: str) -> bool:
+    """Return whether a file of a kind's jobs needs no work."""
+    return _make(kind, name) in _STORED
 
 
 def content_of(
     request: Request, parts: Parts, jobs: Jobs, job_id: str, name: str, query: FileQuery
 ) -> Content:
-    """Return a file that is made of the result of a job.
+    """Return a file of a job.
 
     Raises:
         NotFoundError: there is no such job.
         HTTPException: there is no such file (404), or no result (409).
+        RequestError: the program has no file of that name.
     """
-    make = _files(jobs.kind).get(name)
+    make = _make(jobs.kind, name)
     if make is None:
         jobs.records.get(job_id)
         raise HTTPException(
             404, f"a {jobs.kind.name} has no such file; use one of {', '.join(names(jobs.kind))}"
         )
-    laboratory: LaboratorySettings = request.app.state.laboratory
-    return make(_Wanted(laboratory, parts, jobs, _succeeded(jobs, job_id), name, query))
+    return make(_Wanted(request.app.state.laboratory, parts, jobs, job_id, name, query))
+
+
+def _make(kind: AnyKind, name: str) -> _Make | None:
+    return _files(kind).get(_ISSUE if _ISSUED.fullmatch(name) else name)
 
 
 def names(kind: AnyKind) -> list[str]:
     """Return the names of the files that a kind's jobs have."""
-    return [*_files(kind), *_STORED.get(kind.name, ())]
+    return list(_files(kind))
 
 
 @cache
@@ -119,15 +114,12 @@ def _files(kind: AnyKind) -> Mapping[str, _Make]:
     if kind.name == Run.kind:
         made |= {"report.pdf": _run_report, "report.html": _run_report}
         made |= {f"model.{suffix}": _model for suffix in FORMATS}
+        made |= {"authorisations.json": _authorisations, _ISSUE: _issued}
     elif kind.reported:
         made |= {"report.pdf": _job_report, "report.html": _job_report}
+    if kind.name == Program.kind:
+        made["program"] = _corrected
     return made | {file.name: partial(_sheet, file) for file in kind.files}
-
-
-_STORED: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {Run.kind: ("authorisations.json", "issued-{number}.pdf"), Program.kind: ("program",)}
-)
-"""Names of files that need no work, by kind."""
 
 
 def _tables(wanted: _Wanted) -> Content:
@@ -148,7 +140,7 @@ def _sheet(file: File, wanted: _Wanted) -> Content:
 
 
 def _job_report(wanted: _Wanted) -> Content:
-    jobs, parts, job_id = wanted.jobs, wanted.parts, wanted.job.id
+    jobs, parts, job_id = wanted.jobs, wanted.parts, wanted.job_id
     record = jobs.records.get(job_id)
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
     answered = jobs.kind.answered(record.document)
@@ -157,7 +149,7 @@ def _job_report(wanted: _Wanted) -> Content:
 
 def _run_report(wanted: _Wanted) -> Content:
     """Return the report of a run: a draft until it is authorised; then as it was issued, or superseded."""
-    run_id, store = wanted.job.id, wanted.parts.store
+    run_id, store = wanted.job_id, wanted.parts.store
     own = store.authorisations.of(run_id=run_id)
     if wanted.query.draft or not own:
         return _written(
@@ -175,12 +167,26 @@ def _run_report(wanted: _Wanted) -> Content:
 
 def _model(wanted: _Wanted) -> Content:
     suffix = cast("ModelFormat", wanted.name.partition(".")[2])
-    model = export_model(exported_model(wanted.parts, wanted.job.id), suffix, wanted.query.accept_verdict)
-    return Content(model, FORMATS[suffix].media_type, _saved(f"model-{wanted.job.id}.{suffix}"))
+    model = export_model(exported_model(wanted.parts, wanted.job_id), suffix, wanted.query.accept_verdict)
+    return Content(model, FORMATS[suffix].media_type, _saved(f"model-{wanted.job_id}.{suffix}"))
 
 
-def _corrected(program: Program, file: str | None) -> Content:
-    result = program.result
+def _authorisations(wanted: _Wanted) -> Content:
+    wanted.jobs.records.get(wanted.job_id)
+    issued = authorisations_of(wanted.parts.store.authorisations.of(run_id=wanted.job_id))
+    return Content(AuthorisationList(items=issued).model_dump_json().encode(), "application/json")
+
+
+def _issued(wanted: _Wanted) -> Content:
+    number = wanted.name.removeprefix("issued-").removesuffix(".pdf")
+    for record in wanted.parts.store.authorisations.of(run_id=wanted.job_id):
+        if str(record.number) == number:
+            return _report(record.pdf, f"{wanted.job_id}-{record.number}", "pdf")
+    raise HTTPException(404, f"run '{wanted.job_id}' has no authorised report {number}")
+
+
+def _corrected(wanted: _Wanted) -> Content:
+    result, file = cast("Program", wanted.job).result, wanted.query.file
     found = next((each for each in result.files if file in {None, each.name}), None) if result else None
     if result is None or found is None:
         known = ", ".join(each.name for each in result.files) if result else ""
@@ -197,6 +203,10 @@ def _succeeded(jobs: Jobs, job_id: str) -> Job:
     if job.result is None:
         raise HTTPException(409, f"there is no result: the {job.kind}'s state is {job.state}")
     return job
+
+
+_STORED: Final = (_authorisations, _issued, _corrected)
+"""What makes files that need no work."""
 
 
 def _written(document: Document, name: str) -> Content:

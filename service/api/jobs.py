@@ -25,16 +25,15 @@ from jointstiff.service.api.answers import (
     problems,
     unchanging,
 )
-from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies
+from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
 from jointstiff.service.api.events import Followers
-from jointstiff.service.api.examples import EXAMPLES, shown
-from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, stored_content
+from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
-from jointstiff.service.store.records import OPEN_STATES, JobRecord
+from jointstiff.service.store.tables import OPEN_STATES, JobRecord
 
 JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]
@@ -207,9 +206,7 @@ async def get_job_file(
 ) -> Response:
     """Get a file of a job."""
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
-    content = await run_in_threadpool(stored_content, parts, jobs, job_id, name, query)
-    if content is None:  # what is computed may take seconds: it waits for its turn, and leaves others theirs
-        content = await run_sync(
-            content_of, request, parts, jobs, job_id, name, query, limiter=large_bodies(request)
-        )
+    # What is computed may take seconds: it waits for its turn, and leaves others theirs.
+    turns = None if is_stored(jobs.kind, name) else large_bodies(request)
+    content = await run_sync(content_of, request, parts, jobs, job_id, name, query, limiter=turns)
     return unchanging(request, content.body, content.media_type, content.headers)

@@ -42,8 +42,7 @@ from jointstiff.service.api.answers import (
     problems,
     unchanging,
 )
-from jointstiff.service.api.bodies import BodyRoute, Key
-from jointstiff.service.api.examples import EXAMPLES, shown
+from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.resources.measurement_sets import assembled
@@ -81,13 +80,7 @@ def create_robot(
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
 def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
-    page = parts.store.robots.page(
-        limit=query.limit,
-        cursor=query.cursor,
-        filters=query.filters(),
-        deleted=query.deleted,
-        archived=query.archived,
-    )
+    page = parts.store.robots.page(**query.listing())
     alarms = parts.trends.alarms([record.id for record in page.records])
     items = [
         RobotSummary.model_validate(
@@ -122,7 +115,7 @@ def change_robot(
     Listings leave an archived robot out, and everything else stays. A robot that a measurement set or a job
     refers to cannot be deleted; a deleted one can be restored for 30 days.
     """
-    return json_response(parts.robots.change(robot_id, body).model_dump_json())
+    return json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
 
 
 @robots.delete(
@@ -190,14 +183,7 @@ def create_measurement_set(
 @sets.get("/v1/measurement-sets", dependencies=[VIEWER], response_model=Page[MeasurementSetSummary])
 def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
-    page = parts.store.sets.page(
-        limit=query.limit,
-        cursor=query.cursor,
-        filters=query.filters(),
-        spans=query.spans(),
-        deleted=query.deleted,
-        archived=query.archived,
-    )
+    page = parts.store.sets.page(**query.listing())
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jointstiff.schemas.access import Key
-    from jointstiff.service.store.records import AccessKey
     from jointstiff.service.store.store import Store
+    from jointstiff.service.store.tables import AccessKey
     from jointstiff.service.tables.table import Table
 
 LINK_TIME: Final = timedelta(minutes=10)
@@ -172,7 +172,7 @@ def _refusals() -> Iterator[None]:
 
 def _note(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
     """Write into the audit what was done at the terminal."""
-    from jointstiff.service.store.records import AuditEntry
+    from jointstiff.service.store.tables import AuditEntry
 
     store.audit.add(
         AuditEntry(

@@ -30,8 +30,8 @@ from jointstiff.service.kinds.work import (
 from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.measurement_sets import Resources
-from jointstiff.service.store.records import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
 
@@ -48,6 +48,8 @@ _COLUMNS: Final = (
     "verdict",
 )
 """Columns of the store that have the values of the summary's fields."""
+_CHANGING: Final = ("state", "summary", "document", "elasticity", "verdict")
+"""Columns that change until a job ends."""
 JOB: Final = Resource("job", "{collection}")
 """A job of any kind; its listing is that of its kind."""
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
@@ -129,9 +131,7 @@ class Jobs:
         Raises:
             CursorError: no page gave this cursor.
         """
-        page = self.records.page(
-            limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
-        )
+        page = self.records.page(**query.listing())
         items = [self.kind.summary.model_validate(entry.summary) for entry in page.records]
         return Page(items=items, next=page.next)
 
@@ -196,13 +196,7 @@ class Jobs:
 
     def _changes(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         record = record_of(self.kind, job, robot_id)
-        return {
-            "state": record.state,
-            "summary": record.summary,
-            "document": record.document,
-            "elasticity": record.elasticity,
-            "verdict": record.verdict,
-        }
+        return {name: getattr(record, name) for name in _CHANGING}
 
     def _end(
         self,

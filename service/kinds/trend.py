@@ -22,8 +22,8 @@ from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.run import Run
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.robots import described
-from jointstiff.service.store.records import JobEntry, MeasurementSetEntry, TrendNote
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import JobEntry, MeasurementSetEntry, TrendNote
 from jointstiff.solver.compare.trend import (
     FALSE_ALARMS,
     LIFE,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from functools import lru_cache
 from typing import Any, Final
 from uuid import uuid4
 
@@ -16,7 +15,7 @@ from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetChange, SetMetadata
+from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetMetadata
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import (
     PreparedSet,
@@ -31,9 +30,9 @@ from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_me
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.inputs import MeasuredRun
 from jointstiff.service.problems.errors import NotFoundError, Resource
-from jointstiff.service.resources.robots import Robots, described, stored_job, succeeded_geometry
-from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord
+from jointstiff.service.resources.robots import Kept, Robots, described, stored_job, succeeded_geometry
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetEntry, MeasurementSetRecord
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.findings import drift_findings
@@ -48,13 +47,13 @@ _COLUMNS: Final = ("name", "archived", *_METADATA)
 """Fields of a set that may change: they stand in columns, and not in the document."""
 
 
-class MeasurementSets:
+class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSet]):
     """The measurement sets of a store."""
 
     def __init__(self, store: Store, robots: Robots) -> None:
+        super().__init__(store.sets, self._prepare, _CACHED)
         self._store = store
         self._robots = robots
-        self._prepared = lru_cache(_CACHED)(self._prepare)
 
     def create(
         self, request: messages.MeasurementSetRequest, key: IdempotencyKey | None
@@ -99,34 +98,6 @@ class MeasurementSets:
             key,
         )
 
-    def change(self, set_id: str, change: SetChange) -> MeasurementSetRecord:
-        """Change name, metadata or place of a set, or delete or restore it; its readings stay as they are.
-
-        Raises:
-            NotFoundError: there is no such set, or it has been removed for good.
-            DeletedError: it was deleted and stays so, or its robot is deleted.
-            ReferencedError: it is to be deleted, and jobs refer to it.
-        """
-        if change.deleted is False:
-            self._store.sets.restore(set_id)
-        changes = {name: getattr(change, name) for name in change.model_fields_set}
-        kept = {"deleted", *(name for name in ("name", "archived") if changes.get(name) is None)}
-        changes = {name: value for name, value in changes.items() if name not in kept}
-        record = self._store.sets.change(set_id, changes, hidden=change.deleted is True)
-        if change.deleted:
-            self.delete(set_id)
-        return record
-
-    def delete(self, set_id: str) -> None:
-        """Hide a set that no job refers to; to do so again changes nothing.
-
-        Raises:
-            NotFoundError: there is no such set.
-            ReferencedError: jobs refer to it.
-        """
-        self._store.sets.delete(set_id)
-        self._prepared.cache_clear()
-
     def document(self, set_id: str) -> messages.MeasurementSet:
         """The set as it was posted, with what was noticed.
 
@@ -147,7 +118,7 @@ class MeasurementSets:
             RequestError: it has no observation of such a label, or none remains.
         """
         if not leave_out:
-            return self._prepared(set_id)
+            return self.ready(set_id)
         stored = self.document(set_id)
         kept = without(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)

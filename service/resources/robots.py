@@ -7,38 +7,82 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from functools import cache, lru_cache
 from importlib.resources import files
 from math import radians
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
+from jointstiff.schemas.fields import ResourceChange
 from jointstiff.schemas.geometry import Geometry, GeometryResult
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
 from jointstiff.service.conversion.prepared import build_robot, prepare_robot
 from jointstiff.service.conversion.robots import describe_joints, describe_wrist
 from jointstiff.service.problems.errors import NotFoundError, Resource
-from jointstiff.service.store.records import IdempotencyKey, RobotRecord
+from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import Entry, IdempotencyKey, Record, RobotRecord
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)
+Prepared = TypeVar("Prepared")
 
 _CACHED = 64
 _SHOWN = 5  # arms that a message names
 
 
-class Robots:
+class Kept(Generic[Record, Entry, Prepared]):
+    """Stored inputs of one kind: what may change of them, and their deletion. What was computed stays."""
+
+    def __init__(
+        self, records: Collection[Record, Entry], prepare: Callable[[str], Prepared], most: int
+    ) -> None:
+        """Keep records, and what the latest of them, up to a number, were prepared to."""
+        self.records: Collection[Record, Entry] = records
+        self.ready = lru_cache(most)(prepare)  # by id
+
+    def change(self, identifier: str, change: ResourceChange) -> Record:
+        """Change what was given of a resource, archive it, or delete or restore it.
+
+        Raises:
+            NotFoundError: there is no such resource, or it has been removed for good.
+            DeletedError: it was deleted and stays so, or what it refers to is deleted.
+            ReferencedError: it is to be deleted, and others refer to it.
+        """
+        if change.deleted is False:
+            self.records.restore(identifier)
+        stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
+        lasting = {name for name in ("name", "archived") if stated.get(name) is None}
+        changes = {name: value for name, value in stated.items() if name not in lasting}
+        record = self.records.change(identifier, changes, hidden=change.deleted is True)
+        self.ready.cache_clear()
+        if change.deleted:
+            self.delete(identifier)
+        return record
+
+    def delete(self, identifier: str) -> None:
+        """Hide a resource that nothing refers to; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such resource.
+            ReferencedError: others refer to it.
+        """
+        self.records.delete(identifier)
+        self.ready.cache_clear()
+
+
+class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
     """Create and load the robots of a store."""
 
     def __init__(self, store: Store) -> None:
+        super().__init__(store.robots, self._load, _CACHED)
         self._store = store
-        self._stored = lru_cache(_CACHED)(self._load)
 
     def create(
         self, request: messages.RobotDocument | messages.RobotRequest, key: IdempotencyKey | None
@@ -75,43 +119,13 @@ class Robots:
         )
         return self._store.robots.add(record, key)
 
-    def change(self, robot_id: str, change: messages.RobotChange) -> messages.Robot:
-        """Change the name of a robot, or whether listings leave it out, or delete or restore it.
-
-        Raises:
-            NotFoundError: there is no such robot, or it has been removed for good.
-            DeletedError: it was deleted, and stays so.
-            ReferencedError: it is to be deleted, and measurement sets or jobs refer to it.
-        """
-        if change.deleted is False:
-            self._store.robots.restore(robot_id)
-        record = self._store.robots.change(
-            robot_id,
-            change.model_dump(exclude_none=True, exclude={"deleted"}),
-            hidden=change.deleted is True,
-        )
-        self._stored.cache_clear()
-        if change.deleted:
-            self.delete(robot_id)
-        return described(record)
-
-    def delete(self, robot_id: str) -> None:
-        """Hide a robot that nothing refers to; to do so again changes nothing.
-
-        Raises:
-            NotFoundError: there is no such robot.
-            ReferencedError: measurement sets or jobs refer to it.
-        """
-        self._store.robots.delete(robot_id)
-        self._stored.cache_clear()
-
     def load(self, robot_id: str) -> tuple[Robot, str]:
         """Return the robot ready for computation, and the hash of its content.
 
         Raises:
             NotFoundError: there is no such robot.
         """
-        return self._stored(robot_id)
+        return self.ready(robot_id)
 
     def find(self, robot_id: str | None, document: messages.RobotDocument | None) -> Robot:
         """Return a stored robot, or build one that is described and stays unstored.

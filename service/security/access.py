@@ -33,8 +33,8 @@ from jointstiff.schemas.job import Requester
 from jointstiff.service.problems.errors import KeyRefusedError, RoleError, StoreError, WrongKeysError
 from jointstiff.service.security.keys import Keyring, digest, mint_token, without_keys
 from jointstiff.service.store.access import MINUTE
-from jointstiff.service.store.records import AccessKey, AuditEntry, SessionRecord
 from jointstiff.service.store.store import SESSION_LONGEST, Store
+from jointstiff.service.store.tables import AccessKey, AuditEntry, SessionRecord
 from jointstiff.solver.errors import RequestError
 
 ROLES: Final[tuple[Role, ...]] = ("viewer", "operator", "admin")

@@ -26,7 +26,7 @@ from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Final, Literal, NamedTuple, cast
+from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import AwareDatetime, Field, ValidationError
 
@@ -34,8 +34,8 @@ from jointstiff.schemas.access import Key, KeyId, Role
 from jointstiff.schemas.fields import Message, Name
 from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError, ServiceError
 from jointstiff.service.store.access import KEY
-from jointstiff.service.store.records import AccessKey
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import AccessKey
 
 _ALPHABET: Final = string.ascii_letters + string.digits
 """62 characters: a double click selects the whole key."""
@@ -334,13 +334,5 @@ class Keyring:
 
 def described(key: AccessKey, *, is_filed: bool = False) -> Key:
     """Return a key as it is shown, without its secret."""
-    return Key(
-        id=key.id,
-        name=key.name,
-        role=cast("Role", key.role),
-        source="file" if is_filed else "database",
-        created_at=key.created_at,
-        expires_at=key.expires_at,
-        revoked_at=key.revoked_at,
-        last_used_at=key.last_used_at,
-    )
+    fields = {name: getattr(key, name) for name in Key.model_fields if name != "source"}
+    return Key(**fields, source="file" if is_filed else "database")

@@ -11,8 +11,9 @@ from sqlalchemy import ColumnElement, Connection, Delete, Select, and_, delete, 
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
-from jointstiff.service.store.records import AccessKey, SessionRecord
 from jointstiff.service.store.tables import (
+    AccessKey,
+    SessionRecord,
     access_keys,
     access_links,
     access_sessions,

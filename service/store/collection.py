@@ -38,7 +38,7 @@ from jointstiff.service.problems.errors import (
     StoreError,
 )
 from jointstiff.service.store.database import Database, Quota
-from jointstiff.service.store.records import (
+from jointstiff.service.store.tables import (
     AuditEntry,
     AuthorisationRecord,
     Entry,
@@ -47,8 +47,6 @@ from jointstiff.service.store.records import (
     RecordPage,
     Row,
     TrendNote,
-)
-from jointstiff.service.store.tables import (
     authorisations,
     idempotency_keys,
     jobs,

@@ -14,8 +14,16 @@ from sqlalchemy.exc import IntegrityError
 from jointstiff.service.problems.errors import AuthorisedError, Resource
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.database import Database, Quota
-from jointstiff.service.store.records import OPEN_STATES, JobEntry, JobRecord
-from jointstiff.service.store.tables import authorisations, heartbeats, job_steps, jobs, of_records
+from jointstiff.service.store.tables import (
+    OPEN_STATES,
+    JobEntry,
+    JobRecord,
+    authorisations,
+    heartbeats,
+    job_steps,
+    jobs,
+    of_records,
+)
 
 JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""

@@ -23,15 +23,13 @@ from jointstiff.service.store.collection import (
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
 from jointstiff.service.store.jobs import Heartbeats, JobRecords
-from jointstiff.service.store.records import (
+from jointstiff.service.store.tables import (
     AuditEntry,
     AuthorisationRecord,
     MeasurementSetEntry,
     MeasurementSetRecord,
     RobotRecord,
     TrendNote,
-)
-from jointstiff.service.store.tables import (
     audit,
     authorisations,
     jobs,

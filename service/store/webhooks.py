@@ -13,8 +13,15 @@ from sqlalchemy import ColumnElement, Connection, and_, delete, exists, func, in
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
-from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
-from jointstiff.service.store.tables import deliveries, jobs, of_records, robots, webhooks
+from jointstiff.service.store.tables import (
+    DeliveryRecord,
+    WebhookRecord,
+    deliveries,
+    jobs,
+    of_records,
+    robots,
+    webhooks,
+)
 
 WEBHOOK: Final = Resource("webhook", "webhooks")
 MOST: Final = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -20,19 +20,18 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT
 from jointstiff.service.store.database import Database, open_existing
-from jointstiff.service.store.records import (
+from jointstiff.service.store.tables import (
     OPEN_STATES,
     AnyRecord,
     JobRecord,
     MeasurementSetRecord,
     RobotRecord,
-)
-from jointstiff.service.store.tables import (
     has_tables,
     idempotency_keys,
     job_steps,
     jobs,
     measurement_sets,
+    of_records,
     robots,
 )
 from jointstiff.service.workers.engine import is_ended, schema_of
@@ -150,16 +149,14 @@ def _orphan_queries() -> Iterator[tuple[str, str, Select[Any]]]:
 def _records(database: Database) -> Iterator[AnyRecord]:
     """Yield all records, those of deleted jobs as well."""
     for table, record in _TABLES:
-        columns, last = [table.c[field.name] for field in fields(record)], 0
+        query, last = of_records(table, record).add_columns(table.c.sequence), 0
         while True:
-            query = select(table.c.sequence, *columns).where(table.c.sequence > last)
-            with database.reading() as connection:
-                rows = connection.execute(query.order_by(table.c.sequence).limit(_AT_ONCE)).all()
+            found = query.where(table.c.sequence > last).order_by(table.c.sequence).limit(_AT_ONCE)
+            rows = [dict(row._mapping) for row in database.rows(found)]
             if not rows:
                 break
-            names = [column.name for column in columns]
-            yield from (record(**dict(zip(names, row[1:], strict=True))) for row in rows)
-            last = rows[-1].sequence
+            last = [row.pop("sequence") for row in rows][-1]
+            yield from (record(**row) for row in rows)
 
 
 def _workflows(database: Database) -> dict[str, str]:

@@ -14,8 +14,8 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.security.receivers import receiver_addresses, signature
-from jointstiff.service.store.records import DeliveryRecord, WebhookRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import DeliveryRecord, WebhookRecord
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.solver.errors import RequestError
 

@@ -11,7 +11,7 @@ import httpx2
 import pytest
 from support.browsing import post
 
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TRY = """async ([service, run, robot]) => {

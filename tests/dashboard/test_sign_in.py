@@ -13,9 +13,8 @@ from support.browsing import post
 from support.processes import Service
 
 from jointstiff.service.security.keys import digest, mint, mint_token
-from jointstiff.service.store.records import DeliveryRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import deliveries
+from jointstiff.service.store.tables import DeliveryRecord, deliveries
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)

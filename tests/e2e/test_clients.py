@@ -14,7 +14,7 @@ import pytest
 from support.browsing import DASHBOARD, post, run_npm
 from support.guide_files import ROOT
 
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -8,8 +8,8 @@ from typing import Any
 
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import Resource
-from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import JobRecord, MeasurementSetRecord, RobotRecord
 
 RESOURCES = {kind.name: kind.resource for kind in KINDS}
 RUN = RESOURCES["run"]

@@ -15,7 +15,7 @@ from starlette.requests import HTTPConnection
 from support.in_process import Client
 
 from jointstiff.service.api import health
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.app import create_app
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.security import access

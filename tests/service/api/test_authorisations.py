@@ -24,8 +24,8 @@ from jointstiff.service.security.keys import mint
 from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.collection import NumberTakenError
-from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import AuthorisationRecord
 from jointstiff.simulator import default_arm, simulate_campaign
 
 POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)

@@ -19,8 +19,8 @@ from support.in_process import served
 from support.processes import until
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
-from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.logs import ACCESS_LOGGER
 from jointstiff.service.security.keys import mint
 from jointstiff.service.security.origin import Posture

@@ -19,8 +19,8 @@ from jointstiff.service.kinds.map import MAP
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
-from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 

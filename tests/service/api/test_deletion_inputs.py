@@ -13,8 +13,8 @@ from support.records import RESOURCES, job_record
 
 from jointstiff.service.problems.errors import DeletedError, NotFoundError, QuotaError, ReferencedError
 from jointstiff.service.store.collection import KEEP_DELETED
-from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetRecord, RobotRecord
 from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 

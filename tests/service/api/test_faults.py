@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import event
 from support.in_process import Client
 
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.doctor import examine

@@ -17,7 +17,7 @@ from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
 from jointstiff.service.api.answers import ANSWER_HEADERS
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems.errors import StoreUnavailableError

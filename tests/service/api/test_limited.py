@@ -12,9 +12,9 @@ import pytest
 from support.in_process import Client
 from support.processes import until
 
-from jointstiff.service.api import limited
-from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.limited import LimitedChild
+from jointstiff.service import limited
+from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.limited import LimitedChild
 from jointstiff.service.security.keys import mint
 from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
@@ -44,7 +44,7 @@ def child(database):
 @pytest.fixture(scope="module")
 def client(store, child):
     client = Client(store)
-    client._app.state.limited_child = child
+    client._app.state.answer_elsewhere = child.answer
     return client
 
 
@@ -78,7 +78,7 @@ def test_large_bodies_and_archives_of_any_size_are_its():
 def test_who_asks_is_found_out_before(store, child):
     store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
     guarded = Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
-    guarded._app.state.limited_child = child
+    guarded._app.state.answer_elsewhere = child.answer
     assert guarded.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 401
     bearer = {"Authorization": f"Bearer {minted.text}"}
     assert guarded.request("POST", "/v1/robots", content=LARGE, headers=JSON | bearer).status_code == 403
@@ -95,7 +95,7 @@ def test_one_that_is_slow_to_start_goes_on_starting(store, database, monkeypatch
     monkeypatch.setattr(limited, "START_SECONDS", 0.0)
     client, answers, processes = Client(store), [], set()
     with closing(LimitedChild(database)) as slow:
-        client._app.state.limited_child = slow
+        client._app.state.answer_elsewhere = slow.answer
 
         def is_answered():
             answers.append(client.request("POST", "/v1/robots", content=LARGE, headers=JSON))
@@ -114,9 +114,9 @@ def test_its_time_and_memory_are_limited(bounds, database, client, child):
     """300,000 lists take 20 MB, and more time than none."""
     body = b'{"name": [' + b"[]," * 300_000 + b"[]]}"
     with closing(LimitedChild(database, **bounds)) as small:
-        client._app.state.limited_child = small
+        client._app.state.answer_elsewhere = small.answer
         answer = client.request("POST", "/v1/robots", content=body, headers=JSON)
-    client._app.state.limited_child = child
+    client._app.state.answer_elsewhere = child.answer
     assert answer.status_code == 413
     assert "the body takes more than" in answer.json()["detail"]
 

@@ -9,8 +9,8 @@ import pytest
 from jointstiff import identify
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.problems.errors import NotFoundError
-from jointstiff.service.store.records import MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import MeasurementSetRecord, RobotRecord
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)

@@ -10,7 +10,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotRequest
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.resources.imports import import_files

@@ -11,7 +11,7 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.schemas.finding import Problem
-from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.cli.app import app as command
 from jointstiff.service.logs import LogFormat
 from jointstiff.service.security.keys import mint

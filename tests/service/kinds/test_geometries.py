@@ -27,8 +27,8 @@ from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems.errors import DeletedError
 from jointstiff.service.reports.job import job_report
-from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import IdempotencyKey
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by

@@ -14,8 +14,8 @@ from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.identification import ResamplingWork
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError
-from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import IdempotencyKey
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
 

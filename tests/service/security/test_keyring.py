@@ -33,9 +33,8 @@ from jointstiff.service.security.keys import (
 from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.records import SessionRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import wrong_keys
+from jointstiff.service.store.tables import SessionRecord, wrong_keys
 
 NOW = datetime.now(UTC)
 KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]

@@ -10,8 +10,8 @@ import pytest
 
 from jointstiff.service.problems.errors import CursorError, QuotaError
 from jointstiff.service.store import access as access_module
-from jointstiff.service.store.records import AuditEntry, SessionRecord, TrendNote
 from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
+from jointstiff.service.store.tables import AuditEntry, SessionRecord, TrendNote
 
 NOW = datetime(2026, 11, 20, 12, tzinfo=UTC)
 MOMENT = timedelta(seconds=1)

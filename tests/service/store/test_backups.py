@@ -20,9 +20,8 @@ from jointstiff.service.server import _shown
 from jointstiff.service.store import backups
 from jointstiff.service.store.backups import Manifest, back_up, content_of, restore
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.records import RobotRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import LAYOUT
+from jointstiff.service.store.tables import LAYOUT, RobotRecord
 
 ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
 

@@ -19,7 +19,8 @@ from jointstiff.service.problems.errors import (
     NotFoundError,
     StoreError,
 )
-from jointstiff.service.store.records import (
+from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import (
     IdempotencyKey,
     JobEntry,
     JobRecord,
@@ -27,7 +28,6 @@ from jointstiff.service.store.records import (
     MeasurementSetRecord,
     RobotRecord,
 )
-from jointstiff.service.store.store import Store
 
 T = TypeVar("T")
 

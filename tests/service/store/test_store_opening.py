@@ -27,9 +27,8 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.records import RobotRecord
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import LAYOUT, metadata
+from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
 
