@@ -63,28 +63,38 @@ class TrendBaseline(Message):
     run_id: Identifier | None = Field(description="Run of the first campaign; null if that was deleted.")
     starts_at: Timestamp
     campaigns: int = Field(description="Number of campaigns of each joint in the baseline.")
-    reason: str | None = Field(description="Reason for a new baseline; null for the first campaigns.")
-    set_by: Requester | None = Field(description="Key of the request; null without one.")
-    set_at: Timestamp | None = Field(description="Time of the baseline; null for the first campaigns.")
+    reason: str | None = Field(
+        default=None, description="Reason for a new baseline; null for the first campaigns."
+    )
+    set_by: Requester | None = Field(default=None, description="Key of the request; null without one.")
+    set_at: Timestamp | None = Field(
+        default=None, description="Time of the baseline; null for the first campaigns."
+    )
 
 
 class TrendPoint(Message):
     """One joint in one campaign."""
 
-    stiffness: Stiffness[float | None] = Field(description="Stiffness of the run; null if it has none.")
+    stiffness: Stiffness[float | None] = Field(
+        default=None, description="Stiffness of the run; null if it has none."
+    )
     interval: Stiffness[tuple[float, float | None] | None] = Field(
-        description="Interval of the stiffness at the run's confidence; an upper end of null: no upper limit."
+        default=None,
+        description="Interval of the stiffness at the run's confidence; null at its end: no upper limit.",
     )
     role: Literal["baseline", "monitored", "not_charted"] = Field(
+        default="not_charted",
         description="`baseline`: part of the baseline; `monitored`: compared with it; `not_charted`: see "
-        "`reason`."
+        "`reason`.",
     )
     reason: str | None = Field(description="Reason why it is not charted.")
-    smoothed: Stiffness[float | None] = Field(description="EWMA after this campaign.")
-    lower_limit: Stiffness[float | None] = Field(description="Lower limit of the EWMA.")
-    upper_limit: Stiffness[float | None] = Field(description="Upper limit of the EWMA.")
-    exceeded: bool = Field(description="True if the EWMA is beyond a limit.")
-    change: TrendChange | None = Field(description="Change of this campaign against the baseline.")
+    smoothed: Stiffness[float | None] = Field(default=None, description="EWMA after this campaign.")
+    lower_limit: Stiffness[float | None] = Field(default=None, description="Lower limit of the EWMA.")
+    upper_limit: Stiffness[float | None] = Field(default=None, description="Upper limit of the EWMA.")
+    exceeded: bool = Field(default=False, description="True if the EWMA is beyond a limit.")
+    change: TrendChange | None = Field(
+        default=None, description="Change of this campaign against the baseline."
+    )
 
 
 class TrendChart(Message):

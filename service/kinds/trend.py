@@ -6,10 +6,10 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import exp, hypot
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -18,8 +18,7 @@ from jointstiff.schemas import trend as messages
 from jointstiff.schemas.alarm import OpenAlarm, TrendChange
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.options import Method, Weighting
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run import JointResult, Run, RunRequest, UncertaintyBudget
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.robots import described
 from jointstiff.service.store.store import Store
@@ -58,39 +57,50 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class JointBudget(_Part):
-    """Part of a joint's budget that a trend reads."""
+class _Numbers(_Part):
+    joints: list[JointResult]
+    assessment: Assessment
+    links: dict[str, object] | None
 
-    force_scale: float = 0.0
-    assumed_load_point: float = 0.0
 
+class ReadRun(_Part):
+    """Part of a run that a trend reads."""
 
-class JointNumbers(_Part):
-    """Part of a joint's result that a trend reads."""
-
-    name: str
-    status: str
-    verdict: str
-    compliance: float | None
-    standard_uncertainty: float | None
-    budget: JointBudget | None = None
-    stiffness: float | None
-    stiffness_interval: tuple[float, float | None] | None
-    reason: str | None
+    request: RunRequest
+    result: _Numbers
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign that enters a trend."""
+    """A run, and the set that it identified."""
 
     run_id: str
-    set_id: str
-    name: str
-    at: datetime
-    time_source: Literal["measured_at", "created_at"]
-    assessment: Assessment  # assessment of its run
-    joints: Mapping[str, JointNumbers]  # its run's results by name
-    instrument: str | None = None  # instrument that the measurement set names, tracker and load cell
+    created_at: datetime  # when the run was posted
+    run: ReadRun
+    measured: MeasurementSetEntry
+
+    @property
+    def at(self) -> datetime:
+        """Time of the measurement; where the set does not say, when it was stored."""
+        return self.measured.measured_at or self.measured.created_at
+
+    @cached_property
+    def joints(self) -> Mapping[str, JointResult]:
+        """Results of the run by the joints' names."""
+        return {joint.name: joint for joint in self.run.result.joints}
+
+    @property
+    def selection(self) -> messages.TrendSelection:
+        """Common ground that it must share with the others of a trend."""
+        request = self.run.request
+        return messages.TrendSelection(
+            serial_number=self.measured.serial_number,
+            method=request.method,
+            weighting=request.weighting,
+            positive=request.positive,
+            encoders="secondary" if self.measured.encoders == "secondary" else "motor",
+            complementary_stiffness=request.complementary_stiffness,
+        )
 
 
 @dataclass(frozen=True)
@@ -131,12 +141,12 @@ def trend_of(
         "campaigns": [
             messages.TrendCampaign(
                 run_id=one.run_id,
-                measurement_set_id=one.set_id,
-                name=one.name,
+                measurement_set_id=one.measured.id,
+                name=one.measured.name,
                 at=one.at,
-                time_source=one.time_source,
+                time_source="created_at" if one.measured.measured_at is None else "measured_at",
                 baseline=index,
-                assessment=one.assessment,
+                assessment=one.run.result.assessment,
             )
             for one, index in zip(campaigns, chosen, strict=True)
         ],
@@ -157,9 +167,6 @@ def _baselines(
         run_id=campaigns[0].run_id,
         starts_at=campaigns[0].at,
         campaigns=messages.LEAST_BASELINE,
-        reason=None,
-        set_by=None,
-        set_at=None,
     )
     return [first, *stated]
 
@@ -169,7 +176,7 @@ def _baseline_of(at: datetime, baselines: Sequence[messages.TrendBaseline]) -> i
 
 
 def _series(campaigns: Sequence[Campaign], name: str, inside: Sequence[int]) -> tuple[list[int], Series]:
-    instruments = {campaigns[i].instrument for i in inside}
+    instruments = {campaigns[i].measured.instrument for i in inside}
     same = len(instruments) == 1 and None not in instruments
     joints = {i: campaigns[i].joints.get(name) for i in inside}
     budgets = [joint.budget for joint in joints.values() if joint is not None and joint.budget is not None]
@@ -182,11 +189,11 @@ def _series(campaigns: Sequence[Campaign], name: str, inside: Sequence[int]) -> 
 
 
 def _number(
-    joint: JointNumbers | None, *, same_load_cell: bool = False, same_hook: bool = False
+    joint: JointResult | None, *, same_load_cell: bool = False, same_hook: bool = False
 ) -> tuple[float, float] | None:
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
-    budget = joint.budget or JointBudget()
+    budget = joint.budget or UncertaintyBudget(readings=0.0)
     shared = hypot(
         budget.assumed_load_point if same_hook else 0.0, budget.force_scale if same_load_cell else 0.0
     )
@@ -235,28 +242,16 @@ def _joint(
     )
 
 
-def _bare_point(joint: JointNumbers | None) -> messages.TrendPoint:
-    return messages.TrendPoint(
-        stiffness=None if joint is None else joint.stiffness,
-        interval=None if joint is None else joint.stiffness_interval,
-        role="not_charted",
-        reason=_why_not(joint),
-        smoothed=None,
-        lower_limit=None,
-        upper_limit=None,
-        exceeded=False,
-        change=None,
-    )
-
-
-def _why_not(joint: JointNumbers | None) -> str | None:
+def _bare_point(joint: JointResult | None) -> messages.TrendPoint:
+    """Return a joint in a campaign beside the chart, with the reason why it has no place in one."""
     if joint is None:
-        return "the run has no such joint"
+        return messages.TrendPoint(reason="the run has no such joint")
+    reason = None if _number(joint) else _OPEN_INTERVAL
     if joint.status != "identified":
-        return joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
-    if joint.verdict == "do_not_use":
-        return joint.reason or "its verdict is: do not use"
-    return None if _number(joint) else _OPEN_INTERVAL
+        reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
+    elif joint.verdict == "do_not_use":
+        reason = joint.reason or "its verdict is: do not use"
+    return messages.TrendPoint(stiffness=joint.stiffness, interval=joint.stiffness_interval, reason=reason)
 
 
 def _point(bare: messages.TrendPoint, part: _Segment, place: int, size: int) -> messages.TrendPoint:
@@ -293,7 +288,7 @@ def _alarm(
         until=None if alarm.is_open else last.at,
         change=_change(alarm.change),
         message=alarm.in_words(name, f"{first.at:%Y-%m-%d}"),
-        acknowledgement=acknowledgements.get((first.set_id, name)),
+        acknowledgement=acknowledgements.get((first.measured.id, name)),
     )
 
 
@@ -323,59 +318,8 @@ def _note(chosen: Sequence[int], baselines: Sequence[messages.TrendBaseline]) ->
     return None
 
 
-class _Numbers(_Part):
-    joints: list[JointNumbers]
-    assessment: Assessment
-    links: dict[str, object] | None
-
-
-class _Options(_Part):
-    method: Method
-    weighting: Weighting
-    positive: bool
-    complementary_stiffness: Literal["neglected", "included"]
-    priors: dict[str, object]
-    stiffness_bounds: dict[str, object]
-    stiffness_order: list[object]
-    weight: dict[str, object] | None = None
-
-
-class ReadRun(_Part):
-    """Part of a run that a trend reads."""
-
-    request: _Options
-    result: _Numbers
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A run, and the set that it identified."""
-
-    entry: JobEntry
-    run: ReadRun
-    measured: MeasurementSetEntry
-
-    @property
-    def at(self) -> datetime:
-        """Time of the measurement; where the set does not say, when it was stored."""
-        return self.measured.measured_at or self.measured.created_at
-
-    @property
-    def selection(self) -> messages.TrendSelection:
-        """Common ground that it must share with the others of a trend."""
-        request = self.run.request
-        return messages.TrendSelection(
-            serial_number=self.measured.serial_number,
-            method=request.method,
-            weighting=request.weighting,
-            positive=request.positive,
-            encoders="secondary" if self.measured.encoders == "secondary" else "motor",
-            complementary_stiffness=request.complementary_stiffness,
-        )
-
-
 def selection_of(
-    runs: Iterable[Sequence[Candidate]], query: messages.TrendQuery
+    runs: Iterable[Sequence[Campaign]], query: messages.TrendQuery
 ) -> messages.TrendSelection | None:
     """Return what was asked for, completed by the newest campaign that has it."""
     filters = query.model_dump(exclude_none=True)
@@ -385,21 +329,21 @@ def selection_of(
         for one in candidates
         if _unfit(one) is None and filters.items() <= one.selection.model_dump().items()
     ]
-    newest = max(fitting, key=lambda one: (one.at, one.entry.created_at), default=None)
+    newest = max(fitting, key=lambda one: (one.at, one.created_at), default=None)
     return None if newest is None else newest.selection
 
 
-def selections_of(runs: Iterable[Sequence[Candidate]], least: int) -> list[messages.TrendSelection]:
+def selections_of(runs: Iterable[Sequence[Campaign]], least: int) -> list[messages.TrendSelection]:
     """Return what trends of so many campaigns at least share, that of the newest campaign first."""
     newest: dict[messages.TrendSelection, list[tuple[datetime, datetime]]] = {}
     for candidates in runs:
         for selection, one in {one.selection: one for one in candidates if _unfit(one) is None}.items():
-            newest.setdefault(selection, []).append((one.at, one.entry.created_at))
+            newest.setdefault(selection, []).append((one.at, one.created_at))
     selections = [selection for selection, times in newest.items() if len(times) >= least]
     return sorted(selections, key=lambda selection: max(newest[selection]), reverse=True)
 
 
-def _unfit(candidate: Candidate) -> str | None:
+def _unfit(candidate: Campaign) -> str | None:
     """Return why a run enters no trend at all; None if it may."""
     request, result = candidate.run.request, candidate.run.result
     verdict = result.assessment
@@ -422,7 +366,7 @@ def _unfit(candidate: Candidate) -> str | None:
 
 def sorted_out(
     sets: Sequence[MeasurementSetEntry],
-    runs: Mapping[str, Sequence[Candidate]],
+    runs: Mapping[str, Sequence[Campaign]],
     selection: messages.TrendSelection | None,
 ) -> tuple[list[Campaign], list[messages.LeftOut]]:
     """Return the campaigns of a trend, oldest first, and why others are none."""
@@ -436,10 +380,10 @@ def sorted_out(
             reason = _difference(candidates[0], selection) if candidates else "it has no run with stiffnesses"
             left_out.append(messages.LeftOut(measurement_set_id=one.id, name=one.name, reason=reason or ""))
     entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
-    return [_campaign(candidate) for candidate in entering], left_out
+    return entering, left_out
 
 
-def _difference(candidate: Candidate, selection: messages.TrendSelection | None) -> str | None:
+def _difference(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
     """Return why a run is not comparable; None if it is."""
     if (unfit := _unfit(candidate)) is not None or selection is None:
         return unfit or "no run of it matches the query"
@@ -452,20 +396,6 @@ def _shown(value: object) -> str:
     if value is None:
         return "not stated"
     return ("yes" if value else "no") if isinstance(value, bool) else str(value).replace("_", " ")
-
-
-def _campaign(candidate: Candidate) -> Campaign:
-    measured = candidate.measured
-    return Campaign(
-        run_id=candidate.entry.id,
-        set_id=measured.id,
-        name=measured.name,
-        at=candidate.at,
-        time_source="created_at" if measured.measured_at is None else "measured_at",
-        assessment=candidate.run.result.assessment,
-        joints={joint.name: joint for joint in candidate.run.result.joints},
-        instrument=measured.instrument,
-    )
 
 
 def note_of(
@@ -541,7 +471,7 @@ class _Ground:
     archived: list[MeasurementSetEntry]  # those that are
     notes: list[TrendNote]  # in its trends
     sets: list[MeasurementSetEntry]  # sets of `stored`, those that are looked at
-    runs: dict[str, list[Candidate]]  # with numbers, of `sets`
+    runs: dict[str, list[Campaign]]  # with numbers, of `sets`
 
     def by_serial_number(self) -> Iterator[tuple[str, _Ground]]:
         """Yield each serial number with its sets and runs alone: a robot may stand for thousands of arms."""
@@ -715,14 +645,16 @@ class Trends:
             if cursor is None:
                 return
 
-    def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Candidate]]:
+    def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
         """Return the runs with numbers, newest first, by their sets."""
         known = {one.id: one for one in sets}
-        candidates: dict[str, list[Candidate]] = {}
+        candidates: dict[str, list[Campaign]] = {}
         for entry in self._entries(robot_id):
             set_id = str(entry.summary["measurement_set_id"])
             if set_id in known and (run := self._read(entry.id)) is not None:
-                candidates.setdefault(set_id, []).append(Candidate(entry, run, known[set_id]))
+                candidates.setdefault(set_id, []).append(
+                    Campaign(entry.id, entry.created_at, run, known[set_id])
+                )
         return candidates
 
     def _entries(self, robot_id: str) -> Iterator[JobEntry]:
@@ -740,11 +672,11 @@ class Trends:
         except NotFoundError:  # deleted meanwhile
             return None
 
-    def _run(self, robot_id: str, run_id: str) -> Candidate:
+    def _run(self, robot_id: str, run_id: str) -> Campaign:
         self._store.robots.get(robot_id)
         for candidates in self._candidates(robot_id, self._sets(robot_id)).values():
             for one in candidates:
-                if one.entry.id == run_id:
+                if one.run_id == run_id:
                     return one
         raise RequestError(
             f"the robot has no run '{run_id}' with stiffnesses",

@@ -8,16 +8,10 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from jointstiff.schemas.finding import Assessment
+from jointstiff.schemas.run import JointResult
 from jointstiff.schemas.trend import TrendSelection
-from jointstiff.service.kinds.trend import (
-    Campaign,
-    JointBudget,
-    JointNumbers,
-    acknowledgements_of,
-    note_of,
-    trend_of,
-)
+from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of, trend_of
+from jointstiff.service.store.records import MeasurementSetEntry
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 SELECTION = TrendSelection(
@@ -30,28 +24,29 @@ SELECTION = TrendSelection(
 )
 
 
-CLEAN = Assessment(verdict="use", reasons=[])
-
-
 def campaigns(instruments, source="force_scale"):
     """Campaigns whose uncertainty of 3 % is 2.9 % that of one source."""
     values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
     for number, (c, instrument) in enumerate(zip(values, instruments, strict=True)):
-        joint = JointNumbers(
+        joint = JointResult(
             name="joint_1",
             status="identified",
             verdict="use",
             reason=None,
             compliance=c,
             standard_uncertainty=0.03 * c,
+            compliance_interval=(0.94 * c, 1.06 * c),
             stiffness=1.0 / c,
             stiffness_interval=(0.94 / c, 1.06 / c),
-            budget=JointBudget(**{source: 0.029 * c}),
+            budget={"readings": 0.0, source: 0.029 * c},
         )
+        result = {"joints": [joint], "assessment": {"verdict": "use", "reasons": []}, "links": None}
+        run = ReadRun.model_validate({"request": {"measurement_set_id": "s"}, "result": result})
         at = START + timedelta(days=number)
-        yield Campaign(
-            str(number), str(number), "c", at, "measured_at", CLEAN, {"joint_1": joint}, instrument
+        entry = MeasurementSetEntry(
+            str(number), "r", "c", "motor", 9, 0, at, "", measured_at=at, instrument=instrument
         )
+        yield Campaign(str(number), at, run, entry)
 
 
 def limit_of(instruments, **source):
