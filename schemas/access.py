@@ -5,9 +5,9 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Literal, get_args
 
-from pydantic import AwareDatetime, Field, SecretStr, field_validator, model_validator
+from pydantic import AwareDatetime, Field, SecretStr, field_validator
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp, either
 from jointstiff.schemas.query import PageQuery
 
 Role = Literal["viewer", "operator", "admin"]
@@ -74,11 +74,7 @@ class SessionRequest(Message):
         default=None, description="Secret of a one-time link."
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> SessionRequest:
-        if (self.key is None) == (self.link is None):
-            raise ValueError("give either `key` or `link`")
-        return self
+    _one = either("key", "link")
 
 
 class Session(Message):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator
 
 from jointstiff.schemas.fields import (
     Compliance,
+    Confidence,
     Dimensionless,
     Identifier,
     Message,
@@ -15,12 +16,11 @@ from jointstiff.schemas.fields import (
     Name,
     Stiffness,
     Terminal,
-    Timestamp,
     draws_of,
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
-from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.options import Method, Resampling, RunOptions, Weighting
+from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.options import Method, MethodOptions, Resampling, RunOptions, Weighting
 from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, identified_in
 
 MAX_METHODS = 8
@@ -30,24 +30,10 @@ Constraint = Literal["unconstrained", "positive"]
 Side = Literal["first", "second"]
 
 
-class ComparedMethod(Message):
+class ComparedMethod(MethodOptions):
     """One of the methods to compare."""
 
     method: Method
-    weighting: Weighting = Field(default="covariance", description="Methods of identification, as for a run.")
-    characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
-        default=None,
-        description="Length for weighting `characteristic_length`; default: the length of least condition "
-        "number.",
-    )
-
-    @field_validator("characteristic_length", mode="after")
-    @classmethod
-    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
-        weighting = info.data.get("weighting")
-        if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
-        return length
 
 
 PAPER_METHODS = (
@@ -68,7 +54,7 @@ class ComparisonOptions(Message):
         description="Also identify two sets in one problem in which no joint is softer in the second one, "
         "as with secondary encoders switched on.",
     )
-    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] | None = Field(
+    confidence: Confidence | None = Field(
         default=None, description="Confidence level of ratios; default: that of the first run."
     )
 
@@ -309,15 +295,12 @@ class ComparisonResult(Result):
         )
 
 
-class ComparisonSummary(ResultSummary):
+class ComparisonSummary(JobSummary, ResultSummary):
     """A comparison in a listing."""
 
-    id: Identifier
     first_set_id: Identifier
     second_set_id: Identifier | None = Field(description="Second measurement set; null for one alone.")
     robot_id: Identifier = Field(description="Robot of the first side.")
-    state: JobState
-    created_at: Timestamp
 
 
 class Comparison(Job):

@@ -87,7 +87,17 @@ class SagOptions(Message):
     )
 
 
-class DeflectionOptions(SagOptions):
+class PredictionOptions(SagOptions):
+    """Own weight and intervals of a prediction."""
+
+    masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=list,
+        description="Masses for own weight, which acts along −z of R0; own weight is not included if empty.",
+    )
+    confidence: Confidence = 0.95
+
+
+class DeflectionOptions(PredictionOptions):
     """Options of predicted deflections."""
 
     units: Units
@@ -100,11 +110,6 @@ class DeflectionOptions(SagOptions):
         description="Place whose deflection is predicted, flange frame, in units.length; default: the load "
         "point.",
     )
-    masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list,
-        description="Masses for own weight, which acts along −z of R0; own weight is not included if empty.",
-    )
-    confidence: Confidence = 0.95
     cases: Annotated[list[LoadCase], Field(min_length=1, max_length=MAX_CASES), FailFast()]
 
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 from hashlib import sha256
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 FAR_POINT = 5.0
 """Distance of a point on the tool from the flange beyond which its unit is in doubt [m]."""
@@ -25,6 +25,17 @@ class Message(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, json_schema_serialization_defaults_required=True
     )
+
+
+def either(first: str, second: str) -> Any:  # noqa: ANN401 - what pydantic makes of a validator
+    """Return a validator of messages that refuses both of two fields, and neither."""
+
+    def check(message: Message) -> Message:
+        if (getattr(message, first) is None) == (getattr(message, second) is None):
+            raise ValueError(f"give either `{first}` or `{second}`")
+        return message
+
+    return model_validator(mode="after")(check)
 
 
 def content_key(text: str) -> str:

@@ -22,10 +22,11 @@ from jointstiff.schemas.fields import (
     StatedUnit,
     Terminal,
     Vector3,
+    either,
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
 from jointstiff.schemas.job import Job, JobSummary, Result
-from jointstiff.schemas.measurement import AngleUnit, LengthUnit, Sigma, Uncertainty
+from jointstiff.schemas.measurement import AngleUnit, Instrument, LengthUnit, Sigma
 from jointstiff.schemas.robot import MAX_JOINTS, DhRow, JointMap, RobotDocument
 
 Square6 = Annotated[
@@ -314,17 +315,13 @@ class GeometryUnits(Message):
     angle: AngleUnit = Field(description="Unit of joint angles.")
 
 
-class TrackerSheet(Message):
+class TrackerSheet(Instrument):
     """Uncertainty from the tracker's data sheet: along its line of sight and across it."""
 
     station: Vector3 = Field(
         default=(0.0, 0.0, 0.0),
         description="Position of the tracker in the frame of the positions, in units.length: usually its "
         "origin.",
-    )
-    range: Uncertainty = Field(description="Uncertainty along the line of sight.")
-    transverse: Uncertainty = Field(
-        description="Uncertainty across the line of sight, in each of two directions."
     )
 
 
@@ -338,11 +335,7 @@ class GeometryNoise(Message):
         default=None, description="Uncertainty of the instrument, instead of `sigma`."
     )
 
-    @model_validator(mode="after")
-    def _one_kind(self) -> GeometryNoise:
-        if (self.sigma is None) == (self.instrument is None):
-            raise ValueError("give either `sigma` or `instrument`")
-        return self
+    _one_kind = either("sigma", "instrument")
 
 
 class TrackedPosition(Message):

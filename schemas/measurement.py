@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from math import hypot
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, FailFast, Field, model_validator
 
@@ -42,7 +42,18 @@ Matrix3 = Annotated[tuple[Vector3, Vector3, Vector3], Field(description="Row by 
 _PerDistance = Annotated[float, Field(strict=True, ge=0.0, le=0.1)]
 
 
-class Uncertainty(Message):
+class _Uncertain(Message):
+    """Standard uncertainties of which one at least is positive."""
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        names = list(type(self).model_fields)
+        if not any(getattr(self, name) for name in names):
+            raise ValueError(f"give a positive `{'` or `'.join(names)}`, or leave both out: nothing is exact")
+        return self
+
+
+class Uncertainty(_Uncertain):
     """Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument."""
 
     constant: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
@@ -51,12 +62,6 @@ class Uncertainty(Message):
     per_distance: Dimensionless[_PerDistance] = Field(
         description="Part per distance: 5e-6 is 5 µm per metre, in any unit of length.", examples=[5e-6]
     )
-
-    @model_validator(mode="after")
-    def _says_something(self) -> Uncertainty:
-        if self.constant == 0.0 and self.per_distance == 0.0:
-            raise ValueError("give a positive `constant` or `per_distance`: no instrument is exact")
-        return self
 
 
 class Instrument(Message):
@@ -73,7 +78,7 @@ class Instrument(Message):
     )
 
 
-class ForceUncertainty(Message):
+class ForceUncertainty(_Uncertain):
     """Standard uncertainties of the load, each common to all observations of the set.
 
     They belong to the one scale or load cell that every observation used, so no number of readings averages
@@ -93,14 +98,8 @@ class ForceUncertainty(Message):
         examples=[0.002],
     )
 
-    @model_validator(mode="after")
-    def _says_something(self) -> ForceUncertainty:
-        if self.scale == 0.0 and self.direction == 0.0:
-            raise ValueError("give a positive `scale` or `direction`, or leave `force` out")
-        return self
 
-
-class AxisUncertainty(Message):
+class AxisUncertainty(_Uncertain):
     """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
 
     A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
@@ -119,12 +118,6 @@ class AxisUncertainty(Message):
         "whatever the set's unit of angle.",
         examples=[1e-4],
     )
-
-    @model_validator(mode="after")
-    def _says_something(self) -> AxisUncertainty:
-        if self.position == 0.0 and self.direction == 0.0:
-            raise ValueError("give a positive `position` or `direction`, or leave `axes` out")
-        return self
 
 
 class Noise(Message):

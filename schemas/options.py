@@ -137,8 +137,8 @@ def _named(loss: object) -> object:
     return "automatic" if loss is None else loss
 
 
-class RunOptions(Message):
-    """Options of an identification. All defaults suit three targets and a tracker."""
+class MethodOptions(Message):
+    """A method of identification with the weights of its rows."""
 
     method: Method = Field(
         default="partial_pose",
@@ -157,6 +157,19 @@ class RunOptions(Message):
         description="Length for weighting `characteristic_length`; default: the length of least condition "
         "number.",
     )
+
+    @field_validator("characteristic_length", mode="after")
+    @classmethod
+    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
+        weighting = info.data.get("weighting")
+        if length is not None and weighting != "characteristic_length":
+            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
+        return length
+
+
+class RunOptions(MethodOptions):
+    """Options of an identification. All defaults suit three targets and a tracker."""
+
     positive: Annotated[bool, Field(strict=True)] = Field(
         default=True, strict=True, description="Constrain every compliance to be zero or positive."
     )
@@ -243,14 +256,6 @@ class RunOptions(Message):
         "the geometry is estimated, too. Needs `bodies` of the robot. Not with other "
         "methods, weightings, losses, elasticities, bounds, priors, orders and resampling.",
     )
-
-    @field_validator("characteristic_length", mode="after")
-    @classmethod
-    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
-        weighting = info.data.get("weighting")
-        if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
-        return length
 
     @field_validator("huber_threshold", mode="after")
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from jointstiff.schemas.fields import (
     Compliance,
@@ -20,6 +20,7 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
+    either,
     numbers_of,
     planned_load_of,
     prior_of,
@@ -199,11 +200,7 @@ class PlanRequest(PlanOptions):
     robot_id: Identifier | None = Field(default=None, description="Robot to begin a campaign with.")
     measurement_set_id: Identifier | None = Field(default=None, description="Measurement set to continue.")
 
-    @model_validator(mode="after")
-    def _one_of_them(self) -> PlanRequest:
-        if (self.measurement_set_id is None) == (self.robot_id is None):
-            raise ValueError("give either `robot_id` or `measurement_set_id`")
-        return self
+    _one_of_them = either("robot_id", "measurement_set_id")
 
 
 class PlannedReading(Message):

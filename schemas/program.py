@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.deflection import LinkMass, SagOptions
+from jointstiff.schemas.deflection import PredictionOptions
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -17,14 +17,13 @@ from jointstiff.schemas.fields import (
     Quantity,
     Radians,
     Terminal,
-    Timestamp,
     Vector3,
     force_of,
     frame_of,
     numbers_of,
 )
-from jointstiff.schemas.finding import AcceptingOptions, VerdictSummary
-from jointstiff.schemas.job import FromRun, Job, JobState
+from jointstiff.schemas.finding import AcceptingOptions
+from jointstiff.schemas.job import FromRun, Job, JobSummary
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
@@ -100,7 +99,7 @@ class ProgramLimits(Message):
     )
 
 
-class ProgramOptions(AcceptingOptions, SagOptions):
+class ProgramOptions(AcceptingOptions, PredictionOptions):
     """Options of a compensated program."""
 
     units: Units = Field(description="Units of the numbers in this request; the program has its own.")
@@ -164,10 +163,6 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         "program does not state the arm's configuration.",
     )
     limits: ProgramLimits = Field(default_factory=ProgramLimits)
-    masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list,
-        description="Masses for own weight, which acts along −z of R0; own weight is not included if empty.",
-    )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
         description="Routines of the program that neither move the robot nor change its frames.",
@@ -187,9 +182,6 @@ class ProgramOptions(AcceptingOptions, SagOptions):
         description="True to write a comment into the compensated program with the run, its verdict and the "
         "date. A marked program is not corrected again. The mark is always written for a run with the "
         "verdict do_not_use.",
-    )
-    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Confidence level of the intervals."
     )
 
     @model_validator(mode="after")
@@ -305,15 +297,12 @@ class ProgramResult(FromRun):
     table: ProgramFile = Field(description="All points; null in answers: its file `points.csv`.")
 
 
-class ProgramSummary(VerdictSummary):
+class ProgramSummary(JobSummary):
     """A compensated program in a listing."""
 
-    id: Identifier
     robot_id: Identifier
     run_id: Identifier
     file_name: Name | None = Field(default=None, description="Name of its first file.")
-    state: JobState
-    created_at: Timestamp
     outputs: list[str] = Field(
         default_factory=list,
         description="SHA-256 of each corrected file; these files are refused as input.",

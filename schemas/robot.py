@@ -21,6 +21,7 @@ from jointstiff.schemas.fields import (
     Square3,
     Timestamp,
     Vector3,
+    either,
 )
 
 MAX_JOINTS = 32
@@ -255,11 +256,7 @@ class KinematicsRequest(Message):
         "zeros.",
     )
 
-    @model_validator(mode="after")
-    def _one_robot(self) -> KinematicsRequest:
-        if (self.robot_id is None) == (self.robot is None):
-            raise ValueError("give either `robot_id` or `robot`")
-        return self
+    _one_robot = either("robot_id", "robot")
 
 
 class Posture(Message):
