@@ -12,7 +12,7 @@ import numpy as np
 
 from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
-from jointstiff.schemas.options import Loss, Resampling, RunOptions, Weight
+from jointstiff.schemas.options import Loss, RunOptions, Weight
 from jointstiff.schemas.run import (
     Identifiability,
     ModelChoice,
@@ -175,65 +175,6 @@ _SECONDS_A_READING: Final = 2.5e-8
 """Measured on the developers' machine; they decide the size of a step and nothing else."""
 
 
-class ResamplingWork:
-    """The draws of one fit; their blocks are computed once, when the first step asks for them."""
-
-    def __init__(self, prepared: PreparedSet, options: RunOptions, resampling: Resampling) -> None:
-        """Check what is asked for.
-
-        Raises:
-            RequestError: a draw larger than the set, or what cannot be resampled.
-        """
-        self._prepared = prepared
-        self._settings = to_settings(options, prepared.robot)
-        refuse_nonlinear(self._settings)
-        self.configurations = len(prepared.measurements)
-        if resampling.size > self.configurations:
-            raise RequestError(
-                f"a draw of {resampling.size} configurations exceeds the set's {self.configurations}",
-                where="resampling.size",
-                remedy=f"set `size` to at most {self.configurations}",
-            )
-        self._plan = ResamplingPlan(
-            resampling.size, resampling.repetitions, resampling.seed, resampling.replacement
-        )
-
-    @cached_property
-    def _blocks(self) -> GramBlocks:
-        settings, estimate = identified(self._prepared, self._settings)
-        return gram_blocks(self._prepared.robot, self._prepared.measurements, settings, estimate)
-
-    @property
-    def repetitions(self) -> int:
-        """Number of draws."""
-        return self._plan.repetitions
-
-    def steps(self) -> tuple[Span, ...]:
-        """Return the repetitions, cut into steps of about `STEP_SECONDS`."""
-        readings = int(self._prepared.measurements.present.sum())
-        seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
-        size = max(1, int(STEP_SECONDS / seconds))
-        return spans(self.repetitions, size)
-
-    def compute(self, span: Span) -> Resamples:
-        """Fit some of the draws; their numbers do not depend on worker or division.
-
-        Raises:
-            JointstiffError: as the identification of the whole set does.
-        """
-        return resample(self._blocks, self._plan, self._settings.bounds, *span)
-
-    def statistics(self, parts: Sequence[Arrays], estimate: Estimate) -> ResamplingResult:
-        """Return what the draws come to, of the joints that the whole set shows."""
-        resamples = Resamples.concatenate([Resamples(**part) for part in parts])
-        return summarise(
-            resamples,
-            [joint.name for joint in estimate.joints],
-            hidden=np.array([joint.status == "not_observable" for joint in estimate.joints]),
-            confidence=self._settings.confidence,
-        )
-
-
 class ByJoints(Work):
     """The work of a run of joints alone: its draws, of which a quick run has none."""
 
@@ -257,10 +198,20 @@ class ByJoints(Work):
         self.robot_id, self.input_hash = prepared.robot_id, input_hash
         self._prepared, self._options, self._excluded = prepared, options, excluded
         self._settings = to_settings(options, prepared.robot)
-        self._draws: ResamplingWork | None = None
-        if options.resampling is not None:
+        self._drawn: ResamplingPlan | None = None
+        resampling, count = options.resampling, len(prepared.measurements)
+        if resampling is not None:
             refuse_unsupported(prepared.robot, prepared.measurements, self._settings)
-            self._draws = ResamplingWork(prepared, options, options.resampling)
+            refuse_nonlinear(self._settings)
+            if resampling.size > count:
+                raise RequestError(
+                    f"a draw of {resampling.size} configurations exceeds the set's {count}",
+                    where="resampling.size",
+                    remedy=f"set `size` to at most {count}",
+                )
+            self._drawn = ResamplingPlan(
+                resampling.size, resampling.repetitions, resampling.seed, resampling.replacement
+            )
 
     @cached_property
     def identified(self) -> tuple[Settings, Estimate]:
@@ -277,19 +228,37 @@ class ByJoints(Work):
         screening = screen_estimate(self._prepared.robot, self._prepared.measurements, self.identified[1])
         return replace(screening, comparable=self._excluded is None)
 
+    @cached_property
+    def _blocks(self) -> GramBlocks:
+        settings, estimate = self.identified
+        return gram_blocks(self._prepared.robot, self._prepared.measurements, settings, estimate)
+
     def steps(self) -> Sequence[Span]:
-        """Return the draws, cut into steps."""
-        return () if self._draws is None else self._draws.steps()
+        """Return the draws, cut into steps of about `STEP_SECONDS`."""
+        if self._drawn is None:
+            return ()
+        readings = int(self._prepared.measurements.present.sum())
+        seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
+        return spans(self._drawn.repetitions, max(1, int(STEP_SECONDS / seconds)))
 
     def compute(self, span: Span) -> Arrays:
-        """Fit some of the draws.
+        """Fit some of the draws; their numbers do not depend on worker or division.
 
         Raises:
             JointstiffError: as the identification of the whole set does.
         """
-        if self._draws is None:
+        if self._drawn is None:
             raise ValueError("this run has no steps")
-        return vars(self._draws.compute(span))
+        return vars(resample(self._blocks, self._drawn, self._settings.bounds, *span))
+
+    def _statistics(self, parts: Sequence[Arrays], estimate: Estimate) -> ResamplingResult:
+        """Return what the draws come to, of the joints that the whole set shows."""
+        return summarise(
+            Resamples.concatenate([Resamples(**part) for part in parts]),
+            [joint.name for joint in estimate.joints],
+            hidden=np.array([joint.status == "not_observable" for joint in estimate.joints]),
+            confidence=self._settings.confidence,
+        )
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Identify from the whole set, with the statistics of the draws and the model that predicts.
@@ -338,7 +307,7 @@ class ByJoints(Work):
             advise(robot, measurements, estimate) if usable else (),
             budget,
             encoders,
-            resampling=None if self._draws is None or not parts else self._draws.statistics(parts, estimate),
+            resampling=self._statistics(parts, estimate) if parts else None,
             model=stored_model(model, error),
             choice=choice or to_choice_of_joints(options, screening, self._excluded),
         )

@@ -11,7 +11,7 @@ from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.jobs import life as module
 from jointstiff.service.jobs.life import Parts
-from jointstiff.service.kinds.identification import ResamplingWork
+from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError
 from jointstiff.service.store.store import Store
@@ -117,7 +117,7 @@ def test_unknown_runs(runs):
 def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
     prepared = Parts(store).sets.prepared(stored_set(store))
     options = request("x", resampling={"size": 8, "repetitions": 100_000})
-    spans = ResamplingWork(prepared, options, options.resampling).steps()
+    spans = ByJoints(prepared, options, "hash").steps()
     assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]
     assert (spans[0][0], spans[-1][1]) == (0, 100_000)
     assert len(spans) > 2
