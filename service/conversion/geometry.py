@@ -1,4 +1,4 @@
-"""Geometries: sweeps, poses and base targets from messages to SI units, and the result back."""
+"""Readings of a geometry: sweeps, poses and conventions from messages to SI units."""
 
 from __future__ import annotations
 
@@ -7,22 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.schemas import geometry as results
-from jointstiff.schemas.finding import Assessment, combined
 from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
-from jointstiff.schemas.robot import JointMap as StoredJointMap
-from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.frames import CentreEstimate, WristCentre
-from jointstiff.solver.geometry.identification import Conventions, IdentifiedGeometry
-from jointstiff.solver.geometry.poses import CalibratedAxes, Poses
+from jointstiff.solver.geometry.identification import Conventions
+from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet
-from jointstiff.solver.messages import message, rows
 from jointstiff.solver.readings.measurements import at_read_places
 from jointstiff.solver.robot.model import JointMap, Robot
-from jointstiff.solver.robot.urdf import write_urdf
 
 
 class _Readings:
@@ -158,72 +151,3 @@ def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMa
     if request.joint_map is None:
         return JointMap.identity(n)
     return JointMap.from_rows(request.joint_map.matrix, request.joint_map.offset)
-
-
-def to_geometry_result(
-    geometry: IdentifiedGeometry, name: str, joint_map: JointMap
-) -> results.GeometryResult:
-    """Return what was found."""
-    identified, wrist = geometry.identified, geometry.wrist
-    reasons = [finding for finding in geometry.findings if finding.weight != "use"]
-    return message(
-        results.GeometryResult,
-        geometry,
-        assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
-        poses=identified.evidence if isinstance(identified, CalibratedAxes) else None,
-        goodness=message(
-            results.GeometryGoodness,
-            geometry,
-            sigma=identified.sigma,
-            variance_factor=identified.variance_factor,
-            degrees_of_freedom=identified.dof,
-        ),
-        base_frame=message(
-            results.BaseFrameResult,
-            geometry.base,
-            by=geometry.conventions.base,
-            covariance=geometry.base_covariance,
-        ),
-        wrist=_wrist(geometry, wrist) if isinstance(wrist, WristCentre) else None,
-        no_wrist=None if isinstance(wrist, WristCentre) else wrist,
-        targets=rows(
-            results.FlangeTarget,
-            name=identified.names,
-            position=geometry.model.targets_in_flange,
-            covariance=geometry.target_covariances,
-        ),
-        flange=geometry.conventions.flange,
-        robot=_robot(geometry, name, joint_map),
-        dh=[message(results.IdentifiedDh, table) for table in geometry.tables],
-    )
-
-
-def _wrist(geometry: IdentifiedGeometry, wrist: WristCentre) -> results.WristResult:
-    return message(
-        results.WristResult,
-        wrist,
-        estimates=[
-            message(results.WristEstimate, way, **_centre(geometry, wrist, way)) for way in wrist.estimates
-        ],
-        combined=message(results.WristCentre, wrist.combined, **_centre(geometry, wrist, wrist.combined)),
-    )
-
-
-def _centre(geometry: IdentifiedGeometry, wrist: WristCentre, estimate: CentreEstimate) -> dict[str, object]:
-    centre, covariance = wrist.in_base(estimate, geometry.base, geometry.identified)
-    return {
-        "tracker": estimate.centre,
-        "tracker_covariance": estimate.covariance,
-        "base": centre,
-        "base_covariance": covariance,
-    }
-
-
-def _robot(geometry: IdentifiedGeometry, name: str, joint_map: JointMap) -> RobotDocument:
-    chain = geometry.model.chain
-    model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
-    matrix, offset = joint_map.matrix, joint_map.offset
-    plain = np.array_equal(matrix, np.eye(joint_map.n)) and not offset.any()
-    return RobotDocument(
-        name=name, model=model, joint_map=None if plain else message(StoredJointMap, joint_map)
-    )

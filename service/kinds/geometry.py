@@ -282,7 +282,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
 
 
 def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
-    from jointstiff.service.conversion.geometry import to_conventions, to_geometry_result
+    from jointstiff.service.conversion.geometry import to_conventions
     from jointstiff.service.conversion.prepared import to_base_targets
     from jointstiff.service.kinds.work import as_request_errors
     from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
@@ -308,7 +308,7 @@ def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot
             )
         else:
             raise ValueError("poses need a nominal model to calibrate, but the request has none")
-        return to_geometry_result(geometry, request.name, readings.joint_map)
+        return geometry.result(request.name, readings.joint_map)
 
 
 _EXAMPLES: Final[dict[str, Any]] = {

@@ -19,10 +19,9 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas.finding import Finding, FindingCode, Verdict
-from jointstiff.schemas.geometry import LinkComparison
+from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.frames import BaseDrift, WristCentre
-from jointstiff.solver.geometry.model import DhTable
 from jointstiff.solver.geometry.poses import CalibratedAxes
 from jointstiff.solver.geometry.sweeps import DISAGREEMENT, AxisFit, SweptAxes
 from jointstiff.solver.robot.configuration import skew
@@ -343,7 +342,7 @@ def drift_findings(drift: BaseDrift) -> Iterator[Finding]:
 
 
 def model_findings(
-    names: Sequence[str], table: DhTable, links: Sequence[LinkComparison]
+    names: Sequence[str], table: IdentifiedDh, links: Sequence[LinkComparison]
 ) -> Iterator[Finding]:
     """Report neighbouring axes between which a table's numbers run away, and vague link parameters.
 

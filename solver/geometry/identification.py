@@ -11,8 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry import IdentifiedAxis, LinkComparison, SweepEvidence
+from jointstiff.schemas import geometry as results
+from jointstiff.schemas.finding import Assessment, Finding, combined
+from jointstiff.schemas.geometry import IdentifiedAxis, IdentifiedDh, LinkComparison, SweepEvidence
+from jointstiff.schemas.robot import JointMap as StoredJointMap
+from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.findings import (
@@ -27,20 +30,20 @@ from jointstiff.solver.geometry.frames import (
     BaseDrift,
     BaseFrame,
     BaseTargets,
+    CentreEstimate,
     WristCentre,
     find_base_frame,
     find_wrist_centre,
     place_axes,
 )
 from jointstiff.solver.geometry.model import (
-    DhTable,
     FlangeConvention,
     IdentifiedModel,
     dh_table,
     identify_model,
     link_table,
 )
-from jointstiff.solver.geometry.poses import IdentifiedAxes, Poses, calibrate
+from jointstiff.solver.geometry.poses import CalibratedAxes, IdentifiedAxes, Poses, calibrate
 from jointstiff.solver.geometry.sweeps import (
     DISAGREEMENT,
     UNEVEN,
@@ -52,8 +55,10 @@ from jointstiff.solver.geometry.sweeps import (
     refine_axes,
     resting_angles,
 )
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.configuration import WRIST_JOINTS
-from jointstiff.solver.robot.model import KinematicChain
+from jointstiff.solver.robot.model import JointMap, KinematicChain
+from jointstiff.solver.robot.urdf import write_urdf
 
 SweepFit = Literal["one_by_one", "together"]
 
@@ -83,7 +88,7 @@ class IdentifiedGeometry:
     model: IdentifiedModel  #: the robot
     links: list[LinkComparison]  #: beside those of the nominal model; empty without one
     wrist: WristCentre | str  #: wrist centre, or the reason why there is none
-    tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
+    tables: tuple[IdentifiedDh, ...]  #: the model as a standard and as a modified DH table
     drift: BaseDrift | None  #: drift of the base; None if its targets were not read twice
     findings: tuple[Finding, ...]  #: findings for the user
     sweeps: Sequence[SweepEvidence] = ()  #: evidence of each sweep by itself; none for poses
@@ -107,6 +112,61 @@ class IdentifiedGeometry:
         count = len(self.identified.names)
         blocks = self.model.targets_covariance.reshape(count, 3, count, 3)
         return np.stack([blocks[t, :, t] for t in range(count)])
+
+    def result(self, name: str, joint_map: JointMap) -> results.GeometryResult:
+        """Return what was found, with a robot of that name and joint map."""
+        identified, wrist = self.identified, self.wrist
+        reasons = [finding for finding in self.findings if finding.weight != "use"]
+        return message(
+            results.GeometryResult,
+            self,
+            assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
+            poses=identified.evidence if isinstance(identified, CalibratedAxes) else None,
+            goodness=message(
+                results.GeometryGoodness,
+                self,
+                sigma=identified.sigma,
+                variance_factor=identified.variance_factor,
+                degrees_of_freedom=identified.dof,
+            ),
+            base_frame=message(
+                results.BaseFrameResult,
+                self.base,
+                by=self.conventions.base,
+                covariance=self.base_covariance,
+            ),
+            wrist=self._wrist_result(wrist) if isinstance(wrist, WristCentre) else None,
+            no_wrist=None if isinstance(wrist, WristCentre) else wrist,
+            targets=rows(
+                results.FlangeTarget,
+                name=identified.names,
+                position=self.model.targets_in_flange,
+                covariance=self.target_covariances,
+            ),
+            flange=self.conventions.flange,
+            robot=self._robot(name, joint_map),
+            dh=self.tables,
+        )
+
+    def _wrist_result(self, wrist: WristCentre) -> results.WristResult:
+        def centre(estimate: CentreEstimate) -> dict[str, object]:
+            in_base, covariance = wrist.in_base(estimate, self.base, self.identified)
+            tracker = {"tracker": estimate.centre, "tracker_covariance": estimate.covariance}
+            return {**tracker, "base": in_base, "base_covariance": covariance}
+
+        return message(
+            results.WristResult,
+            wrist,
+            estimates=[message(results.WristEstimate, way, **centre(way)) for way in wrist.estimates],
+            combined=message(results.WristCentre, wrist.combined, **centre(wrist.combined)),
+        )
+
+    def _robot(self, name: str, joint_map: JointMap) -> RobotDocument:
+        chain = self.model.chain
+        model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
+        plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
+        stored = None if plain else message(StoredJointMap, joint_map)
+        return RobotDocument(name=name, model=model, joint_map=stored)
 
 
 def identify_from_sweeps(

@@ -21,13 +21,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from jointstiff.schemas.geometry import LinkComparison, NearlyParallel
+from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison, NearlyParallel, Rigid
+from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
 from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
-from jointstiff.solver.robot.model import ChainJoint, Convention, DhRow, KinematicChain
+from jointstiff.solver.messages import message, rows
+from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
 
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""
@@ -304,27 +306,13 @@ def link_table(
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class DhTable:
-    """A table and what it leaves over.
-
-    flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.model.dh_chain`.
-    """
-
-    convention: Convention  #: convention of the rows
-    rows: tuple[DhRow, ...]  #: n
-    base: RigidTransform  #: from frame 0 to R0; the identity if z of R0 is axis 1
-    tool: RigidTransform  #: from the flange frame to frame n; the identity if z of the flange is axis n
-    parallel: list[NearlyParallel]  #: neighbours that are nearly parallel
-    #: greatest distance of the table's flange origin from the chain's, over random postures [m]; rounding
-    #: only, unless axes were made parallel
-    deviation: float
-
-
 def dh_table(
     chain: KinematicChain, convention: Convention, *, parallel_within: float = PARALLEL_WITHIN
-) -> DhTable:
-    """Write a chain as a table.
+) -> IdentifiedDh:
+    """Write a chain as a table: flange to R0 = base · T_1(q_1) … T_n(q_n) · tool.
+
+    T_i are as in `jointstiff.solver.robot.model.dh_chain`; base is the identity if z of R0 is axis 1, tool if
+    z of the flange is the last axis.
 
     Args:
         chain: any.
@@ -347,17 +335,16 @@ def dh_table(
     # Modified tables have a and alpha of the perpendicular before an axis, standard ones of that behind it
     padding = (1, 0) if convention == "modified" else (0, 1)
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
-    numbers = np.column_stack([a, alpha, geometry.d, geometry.theta]).tolist()
-    limits = [joint.limits or (None, None) for joint in chain.revolute]
+    lower, upper = zip(*(joint.limits or (None, None) for joint in chain.revolute), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
     places = [np.broadcast_to(flange.translation, (_POSTURES, 1, 3))] * 2
     for *both, angle in zip(reversed(axes), reversed(used), angles.T[::-1], strict=True):
         places = [axis.turned(axis.turns(angle), p) for axis, p in zip(both, places, strict=True)]
-    return DhTable(
+    return IdentifiedDh(
         convention=convention,
-        rows=tuple(DhRow(*row, *limit) for row, limit in zip(numbers, limits, strict=True)),
-        base=geometry.base,
-        tool=geometry.tool,
+        rows=rows(DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper),
+        base=message(Rigid, geometry.base),
+        tool=message(Rigid, geometry.tool),
         parallel=pairs,
         deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),
     )

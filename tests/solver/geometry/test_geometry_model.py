@@ -60,8 +60,9 @@ def exact_table(chain, convention):
 
 def table_gap(table, chain, points=TARGETS):
     """How far off the chain's the table's points on the flange are, in all postures [m]."""
-    moved = flange_points(dh_chain(table.rows, table.convention, "x"), ANGLES, table.tool.apply(points))
-    return table.base.apply(moved) - flange_points(chain, ANGLES, points)
+    base, tool = (RigidTransform(*map(np.array, dict(part).values())) for part in (table.base, table.tool))
+    moved = flange_points(dh_chain(table.rows, table.convention, "x"), ANGLES, tool.apply(points))
+    return base.apply(moved) - flange_points(chain, ANGLES, points)
 
 
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
@@ -100,7 +101,7 @@ def test_dh_of_exactly_parallel_axes_is_exact_and_tidy(convention):
     )
     assert lengths == [0.06, 0.24, 0.33, 0.78, 1.12, 1.31]
     assert [pair.joint for pair in table.parallel] == ["joint_2"]
-    assert table.base.rotation == pytest.approx(np.eye(3))
+    assert np.array(table.base.rotation) == pytest.approx(np.eye(3))
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
