@@ -130,16 +130,15 @@ class ComparedRun(Message):
         description="Joints, fitted to all configurations; empty if there is an error."
     )
     assessment: Assessment | None = Field(description="Assessment; null if there is an error.")
-    compensation: float | None = Field(
-        description="Compensation: share of the mean deflection that the model predicts; null as in a run. "
-        "Dimensionless."
+    compensation: Dimensionless[float | None] = Field(
+        description="Compensation: share of the mean deflection that the model predicts; null as in a run."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
     )
-    condition_number: float | None = Field(
+    condition_number: Dimensionless[float | None] = Field(
         description="Condition number of the weighted regressor with columns of unit norm, the "
-        "largest of all stages; null if rank-deficient. Dimensionless."
+        "largest of all stages; null if rank-deficient."
     )
     draws: Resampling | None = Field(description="Draws of the resampling, if there was one.")
     resampling: ResamplingResult | None = Field(description="Results of the resampling, if there was one.")
@@ -166,21 +165,21 @@ class JointRatio(Message):
     """One joint on both sides."""
 
     name: Name
-    ratio: float | None = Field(
+    ratio: Dimensionless[float | None] = Field(
         default=None,
         description="Ratio of the stiffnesses, second side to first, of the estimates without constraints; "
-        "null if one is not positive. Dimensionless.",
+        "null if one is not positive.",
     )
-    ratio_interval: tuple[float | None, float | None] | None = Field(
+    ratio_interval: Dimensionless[tuple[float | None, float | None] | None] = Field(
         default=None,
         description="Fieller's interval of the ratio, cut at zero if compliances are constrained to be "
-        "positive. A null end means no limit; null means unknown. Dimensionless.",
+        "positive. A null end means no limit; null means unknown.",
     )
-    ratio_excluded: tuple[float, float] | None = Field(
+    ratio_excluded: Dimensionless[tuple[float, float] | None] = Field(
         default=None,
-        description="Excluded ratios, if the readings exclude only those between two values. Dimensionless.",
+        description="Excluded ratios, if the readings exclude only those between two values.",
     )
-    p_value: float | None = Field(
+    p_value: Dimensionless[float | None] = Field(
         default=None,
         description="p-value of the hypothesis that the compliance has not changed (two-sided). Small: it "
         "has changed.",

@@ -281,16 +281,18 @@ class ResampledJoint(Message):
     stiffness_deviation: Stiffness[float | None] = Field(
         description="Standard deviation of one draw, of the finite stiffnesses."
     )
-    share_negative: float = Field(description="Share of the draws with a negative stiffness.")
-    share_infinite: float = Field(description="Share of the draws with compliance zero.")
-    share_undetermined: float = Field(description="Share of the draws in which the joint is not observable.")
+    share_negative: Dimensionless[float] = Field(description="Share of the draws with a negative stiffness.")
+    share_infinite: Dimensionless[float] = Field(description="Share of the draws with compliance zero.")
+    share_undetermined: Dimensionless[float] = Field(
+        description="Share of the draws in which the joint is not observable."
+    )
 
 
 class ResampledCompensation(Message):
     """Compensation on all configurations, drawn or not. Dimensionless."""
 
-    mean: float | None
-    deviation: float | None = Field(description="Standard deviation of one draw.")
+    mean: Dimensionless[float | None]
+    deviation: Dimensionless[float | None] = Field(description="Standard deviation of one draw.")
     interval: tuple[float, float] | None = Field(description="Percentile interval.")
 
 
@@ -299,7 +301,9 @@ class ResamplingResult(Message):
 
     repetitions: int
     joints: list[ResampledJoint]
-    share_any_negative: float = Field(description="Share of the draws with at least one negative stiffness.")
+    share_any_negative: Dimensionless[float] = Field(
+        description="Share of the draws with at least one negative stiffness."
+    )
     compensation: ResampledCompensation
 
 

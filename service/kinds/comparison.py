@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from jointstiff.schemas.comparison import (
     CampaignComparison,
@@ -13,12 +13,14 @@ from jointstiff.schemas.comparison import (
     ComparisonRequest,
     ComparisonResult,
     ComparisonSummary,
+    Constraint,
     DeflectionShare,
     JointRatio,
     OrderedResult,
 )
 from jointstiff.schemas.comparison import Side as SideName
-from jointstiff.schemas.run import ResampledJoint, ResamplingResult
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.kinds.run import moments
 from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
@@ -31,7 +33,6 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    Value,
     as_line,
     number,
     percent,
@@ -359,49 +360,54 @@ def _charts(result: ComparisonResult) -> list[Part]:
 # The files
 
 
+class _Row(Message):
+    """A joint in a run, as a row of the table; a run without numbers has no joint."""
+
+    fit: ComparedRun
+    constraint: Constraint
+    joint: JointResult | None = None
+    drawn: ResampledJoint | None = None
+
+
 _COLUMNS: Final = {
     "side": "fit.side",
     "method": "fit.method",
     "weighting": "fit.weighting",
-    "constraint": "fit.positive",
-    "characteristic_length [m]": "fit.characteristic_length",
+    "constraint": "constraint",
+    "characteristic_length": "fit.characteristic_length",
     "error": "fit.error.detail",
-    "compensation [1]": "fit.compensation",
-    "rms_residual [m]": "fit.rms_residual",
-    "condition_number [1]": "fit.condition_number",
+    "compensation": "fit.compensation",
+    "rms_residual": "fit.rms_residual",
+    "condition_number": "fit.condition_number",
     "joint": "joint.name",
     "status": "joint.status",
     "verdict": "joint.verdict",
-    "stiffness [N.m/rad]": "joint.stiffness",
-    "stiffness_low [N.m/rad]": "joint.stiffness_interval.0",
-    "stiffness_high [N.m/rad]": "joint.stiffness_interval.1",
-    "compliance [rad/(N.m)]": "joint.compliance",
-    "compliance_standard_uncertainty [rad/(N.m)]": "joint.standard_uncertainty",
-    "compliance_low [rad/(N.m)]": "joint.compliance_interval.0",
-    "compliance_high [rad/(N.m)]": "joint.compliance_interval.1",
-    "resamples": "draws.repetitions",
-    "resampled_stiffness_mean [N.m/rad]": "drawn.stiffness_mean",
-    "resampled_stiffness_deviation [N.m/rad]": "drawn.stiffness_deviation",
-    "resampled_compliance_mean [rad/(N.m)]": "drawn.compliance_mean",
-    "resampled_compliance_deviation [rad/(N.m)]": "drawn.compliance_deviation",
-    "share_negative [1]": "drawn.share_negative",
-    "share_infinite [1]": "drawn.share_infinite",
-    "share_undetermined [1]": "drawn.share_undetermined",
-    "share_any_negative [1]": "draws.share_any_negative",
-    "resampled_compensation_mean [1]": "draws.compensation.mean",
-    "resampled_compensation_deviation [1]": "draws.compensation.deviation",
+    "stiffness": "joint.stiffness",
+    "stiffness_{low high}": "joint.stiffness_interval",
+    "compliance": "joint.compliance",
+    "compliance_standard_uncertainty": "joint.standard_uncertainty",
+    "compliance_{low high}": "joint.compliance_interval",
+    "resamples": "fit.resampling.repetitions",
+    "resampled_stiffness_mean": "drawn.stiffness_mean",
+    "resampled_stiffness_deviation": "drawn.stiffness_deviation",
+    "resampled_compliance_mean": "drawn.compliance_mean",
+    "resampled_compliance_deviation": "drawn.compliance_deviation",
+    "share_negative": "drawn.share_negative",
+    "share_infinite": "drawn.share_infinite",
+    "share_undetermined": "drawn.share_undetermined",
+    "share_any_negative": "fit.resampling.share_any_negative",
+    "resampled_compensation_mean": "fit.resampling.compensation.mean",
+    "resampled_compensation_deviation": "fit.resampling.compensation.deviation",
 }
 _RATIOS: Final = {
-    "joint": "joint.name",
-    "ratio of stiffnesses, second to first [1]": "joint.ratio",
-    "ratio low [1]": "joint.ratio_interval.0",
-    "ratio high [1]": "joint.ratio_interval.1",
-    "excluded ratios from [1]": "joint.ratio_excluded.0",
-    "excluded ratios to [1]": "joint.ratio_excluded.1",
-    "p-value of equal stiffnesses [1]": "joint.p_value",
-    "reason": "joint.reason",
+    "joint": "name",
+    "ratio of stiffnesses, second to first": "ratio",
+    "ratio {low high}": "ratio_interval",
+    "excluded ratios {from to}": "ratio_excluded",
+    "p-value of equal stiffnesses": "p_value",
+    "reason": "reason",
 }
-"""Headers, and where each column's numbers stand."""
+"""Headers, and where each column's numbers stand; units are those of the fields."""
 
 
 def entries_sheet(job: Comparison) -> Sheet:
@@ -409,47 +415,31 @@ def entries_sheet(job: Comparison) -> Sheet:
 
     What there is no number for is empty, and so is the upper end of a stiffness without upper limit.
     """
-    rows: list[dict[str, Any]] = []
-    joints: list[tuple[Any, Any]]
+    rows: list[_Row] = []
+    pairs: list[tuple[JointResult | None, ResampledJoint | None]]
     for entry in job.result.entries if job.result else ():
+        fit = _Row.model_construct(fit=entry, constraint="positive" if entry.positive else "unconstrained")
         drawn = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
-        joints = [*zip(entry.joints, drawn, strict=True)] or [(None, None)]
-        rows += [
-            {"fit": entry, "joint": joint, "draws": entry.resampling, "drawn": own} for joint, own in joints
-        ]
-    return _sheet(_COLUMNS, rows)
-
-
-def _sheet(columns: Mapping[str, str], rows: Sequence[dict[str, Any]]) -> Sheet:
-    return Sheet.of_rows({header: _at(row, path) for header, path in columns.items()} for row in rows)
-
-
-def _at(row: dict[str, Any], path: str) -> Value:
-    """Return what stands at a path in a row."""
-    first, *steps = path.split(".")
-    value = row[first]
-    for step in steps:
-        if value is not None:
-            value = value[int(step)] if step.isdigit() else getattr(value, step)
-    if isinstance(value, bool):
-        return "positive" if value else "unconstrained"
-    cell: Value = value
-    return cell
+        pairs = [*zip(entry.joints, drawn, strict=True)] or [(None, None)]
+        rows += [fit.model_copy(update={"joint": joint, "drawn": own}) for joint, own in pairs]
+    return Sheet.of_fields(rows, _COLUMNS)
 
 
 def ratios_sheet(job: Comparison) -> Sheet:
     """Return a row a joint with its ratio; empty for one side."""
-    return _sheet(_RATIOS, [{"joint": joint} for joint in (job.result.joints if job.result else ())])
+    return Sheet.of_fields(job.result.joints if job.result else [], _RATIOS)
 
 
 def configurations_sheet(job: Comparison) -> Sheet:
     """Return a row a configuration of each run: its measured deflection, and what the run leaves of it."""
     result = job.result
     sides = {side.side: side for side in (result.sides if result else ())}
-    fits = ("side", "method", "weighting", "constraint")
     return Sheet.of_rows(
         {
-            **{name: _at({"fit": entry}, _COLUMNS[name]) for name in fits},
+            "side": entry.side,
+            "method": entry.method,
+            "weighting": entry.weighting,
+            "constraint": "positive" if entry.positive else "unconstrained",
             "configuration": label,
             "deflection [m]": measured,
             "left [m]": left,

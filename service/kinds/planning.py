@@ -29,7 +29,7 @@ from jointstiff.solver.design.results import to_assessment
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.estimate import predict
-from jointstiff.solver.messages import finite, point
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.readings.measurements import Instrument, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.weight.bodies import Burden, planned_rows
@@ -232,46 +232,40 @@ def to_plan_result(
     chosen = parameters.joints
     c, known = parameters.nominal[chosen], parameters.known[chosen]
     digits = len(str(len(plan.joints)))
-    return plans.PlanResult(
+    return message(
+        plans.PlanResult,
+        plan,
         assessment=assessment,
-        readings=[
-            plans.PlannedReading(
-                label=f"{'v' if held else 'p'}{i + 1:0{digits}d}",
-                joints=joints.tolist(),
-                force=tuple(force.tolist()),
-                anchor=None if anchor < 0 else int(anchor),
-                direction=None if plan.along is None else point(plan.along[i]),
-                validation=bool(held),
-            )
-            for i, (joints, force, anchor, held) in enumerate(
-                zip(plan.joints, plan.force, plan.anchor, plan.validation, strict=True)
-            )
-        ],
-        targets=dict(zip(names, map(point, request.equipment.targets), strict=True)),
-        load_point=point(request.equipment.load_point),
-        joints=[
-            plans.PlannedJoint(
-                name=robot.joint_names[j],
-                standard_uncertainty=float(c[i] * plan.uncertainty[i]),
-                relative=float(plan.uncertainty[i]) if known[i] else None,
-                before=finite(c[i] * plan.before[i]),
-                random=finite(c[i] * plan.random.uncertainty[i]),
-                one_at_a_time=finite(c[i] * plan.one_at_a_time.uncertainty[i]),
-            )
-            for i, j in enumerate(chosen.tolist())
-        ],
+        readings=rows(
+            plans.PlannedReading,
+            label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
+            joints=plan.joints,
+            force=plan.force,
+            anchor=[None if anchor < 0 else anchor for anchor in plan.anchor.tolist()],
+            direction=[None] * len(plan.joints) if plan.along is None else plan.along,
+            validation=plan.validation,
+        ),
+        targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
+        load_point=request.equipment.load_point,
+        joints=rows(
+            plans.PlannedJoint,
+            name=[robot.joint_names[j] for j in chosen],
+            standard_uncertainty=c * plan.uncertainty,
+            relative=np.where(known, plan.uncertainty, np.nan),
+            before=c * plan.before,
+            random=c * plan.random.uncertainty,
+            one_at_a_time=c * plan.one_at_a_time.uncertainty,
+        ),
         left_out=[
             name for j, name in enumerate(robot.joint_names) if request.joints is None and j not in chosen
         ],
         criterion=request.criterion,
         elastic_links=request.links,
-        efficiency=plan.efficiency,
-        efficiencies=dict(plan.efficiencies),
         weights_gap=max(plan.weights_gap, 0.0),
         random_efficiency=plan.random.efficiency,
         one_at_a_time_efficiency=plan.one_at_a_time.efficiency,
-        deflection_uncertainty=None if plan.deflection is None else plan.deflection[0],
-        worst_deflection_uncertainty=None if plan.deflection is None else plan.deflection[1],
+        deflection_uncertainty=plan.deflection and plan.deflection[0],
+        worst_deflection_uncertainty=plan.deflection and plan.deflection[1],
         considered=plan.pool.feasible + sum(plan.pool.struck_out.values()),
         feasible=plan.pool.feasible,
         struck_out=plan.pool.struck_out,
