@@ -570,7 +570,7 @@ class TestFrames:
         tracked = in_tracker(document, cell.rotation, cell.translation)
         frame = {"geometry_id": geometry.id}
         set_id = stored(memory, tracked | {"frame": frame}, robot_id(memory))
-        memory.jobs["geometry"].delete(geometry.id)
+        memory.jobs["geometry"].records.delete(geometry.id)
         with pytest.raises(DeletedError):
             memory.jobs["geometry"].current(geometry.id)
         assert Parts(memory.store).sets.prepared(set_id).measurements.position == pytest.approx(
@@ -643,9 +643,9 @@ class TestResource:
             ("robot_id", robot_id(parts), 1),
         ):
             assert len(parts.jobs["geometry"].page(GEOMETRY.query(**{column: value})).items) == count
-        parts.jobs["geometry"].delete(named.id)
+        parts.jobs["geometry"].records.delete(named.id)
         assert len(parts.jobs["geometry"].page(GEOMETRY.query()).items) == 1
-        assert parts.jobs["geometry"].restore(named.id)
+        assert parts.jobs["geometry"].records.restore(named.id)
 
     def test_equal_inputs_have_equal_hashes(self):
         document = sweeps(TrackedArm(), count=4)

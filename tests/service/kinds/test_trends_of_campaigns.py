@@ -11,7 +11,7 @@ import pytest
 from jointstiff.schemas.run import JointResult
 from jointstiff.schemas.trend import TrendSelection
 from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of, trend_of
-from jointstiff.service.store.records import MeasurementSetEntry
+from jointstiff.service.store.tables import MeasurementSetEntry
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 SELECTION = TrendSelection(
