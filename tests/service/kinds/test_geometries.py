@@ -645,7 +645,8 @@ class TestResource:
             assert len(parts.jobs["geometry"].page(GEOMETRY.query(**{column: value})).items) == count
         parts.jobs["geometry"].records.delete(named.id)
         assert len(parts.jobs["geometry"].page(GEOMETRY.query()).items) == 1
-        assert parts.jobs["geometry"].records.restore(named.id)
+        parts.jobs["geometry"].records.restore(named.id)
+        assert len(parts.jobs["geometry"].page(GEOMETRY.query()).items) == 2
 
     def test_equal_inputs_have_equal_hashes(self):
         document = sweeps(TrackedArm(), count=4)
