@@ -33,6 +33,7 @@ from jointstiff.service.programs.language import (
     Name,
     Named,
     Op,
+    Part,
     Use,
     Value,
 )
@@ -127,6 +128,7 @@ class Machine:
         self.initial: dict[str, Held] = {}  # what names have before the program runs
         self.steady: set[str] = set()  # those that no other program changes
         self._givers: dict[str, list[int]] = defaultdict(list)  # lines that give a name a value
+        self._written: dict[str, set[int]] = defaultdict(set)  # which of their numbers
         self._changed: dict[str, Cause] = {}  # names that get what is not known
         self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
         self._causes: list[Cause] = []  # whatever is not understood
@@ -139,6 +141,7 @@ class Machine:
         )
         self._work = 0
         self._shared: set[str] = set()  # names that other programs use, too
+        self._own: set[str] = set()  # names that no other program knows
         self.written: dict[str, str] = {}  # names of frames as the program writes them
 
     # reading
@@ -209,6 +212,7 @@ class Machine:
     def _declare(self, place: Place, op: Assign, kind: str) -> None:
         name = place.name(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
+        self._own |= {name} if op.own else set()
         held = self._value(place, name, op.value, {})
         if self.initial.setdefault(name, held) != held:
             self.initial[name] = Cause(place.line, f"{name} is declared twice", CONSTANT, place.source)
@@ -228,6 +232,9 @@ class Machine:
             if isinstance(op, Assign):
                 place = self._place(i)
                 self._givers[place.name(op.name)].append(place.line)
+                begin = op.value.begin if isinstance(op.value, Part) else 0
+                end = begin + 7 if isinstance(op.value, Part) else 14
+                self._written[place.name(op.name)].update(range(begin, end))
             elif isinstance(op, Havoc):
                 place = self._place(i)
                 self._causes.append(place.cause(op.reason, op.remedy))
@@ -406,12 +413,15 @@ class Machine:
 
     def _is_steady(self, name: str) -> bool:
         """Return whether no unknown routine changes what a name has."""
-        return name in self.steady or OF in name
+        own = name in self._own and name not in self._givers and name not in self._changed
+        return own or name in self.steady or OF in name
 
     def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
         if isinstance(value, Literal):
             label = name if self._dialect.is_frame(name) else f"{name} of line {place.line}"
             return Given(label, place.source, place.line, place.first, value)
+        if isinstance(value, Part):
+            return self._joined(place, name, value, state)
         held: Held = place.name(value.name)
         if "\0" in held:
             return Cause(place.line, "the number of a frame is not a whole number", CONSTANT, place.source)
@@ -419,6 +429,20 @@ class Machine:
             if isinstance(held, str):
                 held = self._look(state, held)[0]
         return held
+
+    def _joined(self, place: Place, name: str, part: Part, state: State) -> Held:
+        """Return the numbers of a declaration with others in place of some; no other part may change."""
+        held, old = self.initial.get(name), self._look(state, name)[0]
+        rest = (set(range(14)) - set(range(part.begin, part.begin + 7))) & self._written[name]
+        unknown = self._earlier is not None and name not in self._own
+        if not isinstance(held, Given) or rest or name in self._changed or unknown:
+            reason = f"{shown(name)} changes while the program runs"
+            return old if isinstance(old, Cause) else Cause(place.line, reason, CONSTANT, place.source)
+        numbers = [number + held.first - place.first for number in held.literal.numbers]
+        numbers[part.begin : part.begin + 7] = part.literal.numbers
+        return Given(
+            name, place.source, place.line, place.first, Literal(held.literal.notation, tuple(numbers))
+        )
 
     def _look(self, state: State, name: str) -> tuple[Held, int]:
         """Return what a name has in a state, and the line that gave it."""

@@ -41,7 +41,14 @@ class Named(NamedTuple):
     name: Name
 
 
-Value: TypeAlias = Literal | Copy | Named
+class Part(NamedTuple):
+    """Numbers in place of some of those that a name has by its declaration."""
+
+    literal: Literal
+    begin: int
+
+
+Value: TypeAlias = Literal | Part | Copy | Named
 
 
 class Assign(NamedTuple):
@@ -51,6 +58,7 @@ class Assign(NamedTuple):
     value: Value
     declares: str = ""  # `variable` or `constant`, where the name has it before the program runs
     shared: bool = False  # whether other programs know the name
+    own: bool = False  # whether no other program knows it
 
 
 class Local(NamedTuple):

@@ -22,6 +22,7 @@ from jointstiff.service.programs.language import (
     Move,
     Name,
     Op,
+    Part,
     Use,
     attached,
     calls,
@@ -227,7 +228,8 @@ def _declared(line: Line, match: re.Match[str]) -> list[Op]:
     sizes += _LEXICON.expression(f"{{{size}") if array else []
     literal = _literal(line, end - len(value), end, kind) if equals and not array else None
     if literal is not None:
-        return [*sizes, Assign(name.upper(), literal, "constant" if constant else "variable")]
+        declares = "constant" if constant else "variable"
+        return [*sizes, Assign(name.upper(), literal, declares, own=(match[1] or "").upper() == "LOCAL")]
     found = _LEXICON.expression(value) if equals else []
     what = "frame" if "data" in kind else "target"
     shown = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
@@ -244,6 +246,10 @@ def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
     )
     if literal is not None:
         return [Assign(name.upper(), literal)]
+    slot = {".UFRAME": 0, ".OFRAME": 7, ".TFRAME": 0}.get(parts_of.upper())
+    if slot is not None and re.fullmatch(_POSES, value):
+        first = line.text.count("\0", 0, start)
+        return [Assign(name.upper(), Part(Literal(POSE, line.ordinals[first : first + 7]), slot))]
     uses = (
         _LEXICON.expression(parts_of.replace("{", ",[").replace("}", "]").lstrip(","), empty=True)
         if "{" in parts_of

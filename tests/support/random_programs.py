@@ -368,7 +368,12 @@ RAPID_STATEMENTS = [
     lambda d: f"p4:=p{d.randint(1, 3)};",
     lambda d: f"t{d.randint(2, 3)}:={rapid_tool(d)};",
     lambda d: f"w2:={rapid_frame(d)};",
-    lambda d: f"w2.uframe.trans.x:={x_of(d)};",
+    lambda d: (
+        f"w2.uframe.trans.x:={x_of(d)};"
+        if d.random() < 0.3
+        else f"w{d.randint(1, 2)}.uframe:=[[{x_of(d)},0,0],[1,0,0,0]];"
+    ),
+    lambda d: f"t{d.randint(1, 2)}.tframe:=[[{x_of(d)},0,9],[1,0,0,0]];",
     *[lambda d: d.choice(["b;", "c;"])] * 2,
     lambda d: d.choice(["ext;", "ext p3;", "n:=ext(2);", "SetDO do1,1;", "WaitTime 1;", "n:=n+1;"]),
     lambda d: d.choice(["RETURN;", "GOTO l1;", "n:=2;", 'TPWrite "MoveL";']),
@@ -384,7 +389,7 @@ def rapid_make(draw):
     head = [f"{draw.choice(['CONST', 'PERS'])} robtarget p{i}:={rapid_point(draw)};" for i in (1, 2)]
     head += [f"PERS robtarget p{i}:={rapid_point(draw)};" for i in (3, 4)]
     head += [f"PERS tooldata t{i}:={rapid_tool(draw)};" for i in (1, 2)] + [
-        f"PERS wobjdata w{i}:={rapid_frame(draw)};" for i in (1, 2)
+        f"{draw.choice(['LOCAL PERS', 'PERS'])} wobjdata w{i}:={rapid_frame(draw)};" for i in (1, 2)
     ]
     if draw.random() < 0.2:
         head.append("TRAP b2\nc;\nENDTRAP")
@@ -415,6 +420,8 @@ def rapid_act(cell, number, text, call):
         cell.give(match[1], value(match[2]))
     elif match := re.fullmatch(rf"([pw]\d)\.(?:uframe\.)?trans\.x:=({NUMBER})", text):
         cell.give(match[1], float(match[2]))
+    elif match := re.fullmatch(r"([wt]\d)\.[ut]frame:=(.*)", text):
+        cell.give(match[1], value(match[2]))
     elif "ext" in text:
         if text == "ext p3":
             cell.give("p3", cell.junk())
@@ -428,9 +435,11 @@ def rapid_act(cell, number, text, call):
 
 
 def rapid_start(cell, text):
-    found = re.findall(rf'(CONST|PERS) \w+ (\w+):=\[(?:TRUE,|FALSE,TRUE,"",)?\[\[?({NUMBER})', text)
+    found = re.findall(
+        rf'(CONST|LOCAL PERS|PERS) \w+ (\w+):=\[(?:TRUE,|FALSE,TRUE,"",)?\[\[?({NUMBER})', text
+    )
     cell.points.update({name: float(x) for _, name, x in found})
-    cell.active["constants"] = {name for kind, name, _ in found if kind == "CONST"}
+    cell.active["constants"] = {name for kind, name, _ in found if kind != "PERS"}
 
 
 def rapid_again(cell):

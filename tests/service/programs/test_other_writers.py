@@ -210,7 +210,8 @@ def test_rapid_tool_set_in_numbers_before_the_moves():
     [
         (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "after IF"),
         (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),  # noqa: E501
-        (f"t1.tframe := [[0,0,9],[1,0,0,0]];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
+        (f"MoveL {POSE},v1,z1,t1;\nt1.tframe := [[0,0,9],[1,0,0,0]];", 5, "changes"),
+        (f"t1.tframe.trans := [0,0,9];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
         (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 4, "changes"),
     ],
 )  # fmt: skip
