@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import uuid
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from support.api import CANCEL, DELETE, RESTORE, file_at, job_at, posted_set
+from support.api import CANCEL, DELETE, RESTORE, job_at, posted_set
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs.life import Parts
-from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.kinds.map import MAP
-from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
@@ -198,49 +194,7 @@ class TestJobs:
 CAMPAIGN = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
 
 
-@pytest.fixture
-def set_id(client):
-    return posted_set(client, CAMPAIGN)
-
-
 class TestHttp:
-    @pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.is_form], ids=lambda kind: kind.name)
-    def test_delete_and_restore(self, client, set_id, kind):
-        collection, body = kind.collection, {"measurement_set_id": set_id}
-        if collection == "comparisons":
-            runs = [client.post("/v1/runs", json=body | {"positive": each}).json() for each in (True, False)]
-            body = {"run_ids": [run["id"] for run in runs]}
-        if collection == "geometries":
-            body = next(iter(GEOMETRY.examples.values()))
-        if collection == "plans":
-            body |= {"load": {"kind": "any_direction", "force": 1500.0}, "candidates": 100, "readings": 8}
-        if collection == "maps":
-            run = client.post("/v1/runs", json=body).json()["id"]
-            body = next(iter(MAP.examples.values())) | {"run_id": run, "force": [0.0, 0.0, -500.0]}
-        key = {"Idempotency-Key": uuid.uuid4().hex}
-        created = client.post(f"/v1/{collection}", json=body, headers=key)
-        assert created.status_code == 201, created.text
-        address = created.headers["location"]
-        for _ in range(2):
-            answer = client.delete(job_at(address))
-            assert (answer.status_code, answer.content) == (204, b"")
-        gone = client.get(address)
-        assert gone.status_code == 404
-        problem = Problem.model_validate(gone.json())
-        assert problem.type.endswith(":deleted")
-        assert f"PATCH {job_at(address)}" in problem.remedy
-        names = [item["id"] for item in client.get(f"/v1/{collection}").json()["items"]]
-        assert created.json()["id"] not in names
-        for gone in (f"{job_at(address)}/events", file_at(address, "tables.json")):
-            assert client.get(gone).json()["type"].endswith(":deleted")
-        repeated = client.post(f"/v1/{collection}", json=body, headers=key)
-        assert (repeated.status_code, repeated.json()) == (201, created.json())
-        for _ in range(2):
-            restored = client.patch(job_at(address), json=RESTORE)
-            assert (restored.status_code, restored.json()) == (200, created.json())
-        assert client.get(address).json() == created.json()
-        assert client.get(f"/v1/{collection}").json()["items"][0]["id"] == created.json()["id"]
-
     @pytest.mark.parametrize("collection", ["jobs", "robots", "measurement-sets"])
     @pytest.mark.parametrize("identifier", ["nothing", "%00", "%F0%9F%92%A9", "a%ED%A0%80"])
     def test_unknown(self, client, collection, identifier):

@@ -14,53 +14,31 @@ import httpx2
 import pypdf
 import pytest
 from support.api import file_at, posted
-from support.programs import options, path, tool_poses
+from support.kinds import posted_job
 
 from jointstiff.service.app import create_app
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.programs import program_text
 
 HOSTILE = '[bold red]=1+1 #read("/etc/passwd") <script>'
-MAP = {
-    "area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]],
-    "grid": [2, 2, 1],
-    "place": [0.0, 0.0, 0.25],
-    "turns": 2,
-    "force": [0.0, 300.0, -500.0],
-}
-PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "force": 1500.0}}
 
 
 @pytest.fixture(scope="module")
 def jobs(local):
     """The address of a job of each kind, on a robot whose first joint has a hostile name."""
 
-    def post(collection, body):
-        answer = local.request("POST", f"/v1/{collection}", json=body)
-        assert answer.status_code == 201, answer.text
-        return answer.json()["id"]
-
     campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
     model = campaign["robot"]["model"]
     escaped = HOSTILE.replace("<", "&lt;").replace('"', "&quot;")
     urdf = model["urdf"].replace('name="joint_1"', f'name="{escaped}"')
     hostile = {"robot": campaign["robot"] | {"model": model | {"urdf": urdf}}}
-    made = posted(local, campaign | hostile)
-    run, measured = made["id"], made["request"]["measurement_set_id"]
-    text = program_text("krl", tool_poses(path(3)), 4).encode("latin-1")
-    stated = json.dumps(options("krl") | {"run_id": run})
-    program = local.request(
-        "POST", "/v1/programs", files=[("files", ("cell.src", text))], data={"options": stated}
-    )
-    side = {"measurement_set_id": measured}
-    other = posted(local, simulate_campaign(default_arm(), load="pull", configurations=12, seed=2) | hostile)
-    return {
-        "run": f"/v1/runs/{run}",
-        "comparison": f"/v1/comparisons/{post('comparisons', {'run_ids': [run, other['id']]})}",
-        "plan": f"/v1/plans/{post('plans', PLAN | side)}",
-        "map": f"/v1/maps/{post('maps', MAP | {'run_id': run})}",
-        "program": program.headers["location"],
+    other = simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)
+    run, again = (posted(local, each | hostile) for each in (campaign, other))
+    made = {
+        kind: posted_job(local, kind, run, again["id"]) for kind in ("comparison", "plan", "map", "program")
+    }
+    return {"run": f"/v1/runs/{run['id']}"} | {
+        kind: answer.headers["location"] for kind, answer in made.items()
     }
 
 

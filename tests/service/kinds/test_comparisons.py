@@ -257,22 +257,6 @@ def test_options_that_make_no_sense(options):
         CampaignComparison.model_validate(options)
 
 
-def test_it_is_stored_and_listed_on_every_database(database_url, memory):
-    with Store.open(database_url) as store:
-        parts = Parts(store)
-        runs = two_encoders(parts)
-        found = made(parts, *runs, ordered=True)
-        assert Comparison.model_validate_json(parts.jobs["comparison"].document(found.id)) == found
-        sets = [set_of(parts, run) for run in runs]
-        for query in ({"first_set_id": sets[0]}, {"second_set_id": sets[1]}, {"state": "succeeded"}):
-            (entry,) = parts.jobs["comparison"].page(COMPARISON.query(**query)).items
-            assert (entry.id, entry.first_set_id, entry.second_set_id) == (found.id, *sets)
-        assert not parts.jobs["comparison"].page(COMPARISON.query(first_set_id=sets[1])).items
-    elsewhere = made(memory, *two_encoders(memory), ordered=True)
-    assert (elsewhere.result.joints, elsewhere.result.ordered) == (found.result.joints, found.result.ordered)
-    assert elsewhere.provenance.input_hash == found.provenance.input_hash
-
-
 class TestCampaigns:
     def test_a_method_that_the_readings_cannot_support_is_an_entry_without_numbers(self):
         document = simulate_campaign(default_arm(), **PULL, targets={"P10": (0.1, 0.1, 0.0)})
@@ -464,10 +448,6 @@ def test_the_default_methods_are_the_papers_and_the_complete_pose_by_covariance(
         ("decoupled_partial_pose", "covariance"),
     ]
     assert ComparedMethod(method="partial_pose").weighting == "covariance"
-
-
-def test_a_stored_comparison_reads_back(comparison):
-    assert type(comparison).model_validate_json(comparison.model_dump_json()) == comparison
 
 
 @pytest.fixture

@@ -77,11 +77,6 @@ class TestSummary:
         assert result["model_error_postures"] == 20
         assert "own weight" in result["remarks"][0]
 
-    def test_is_listed(self, client, made):
-        listed = client.get("/v1/maps", params={"name": "plate"}).json()["items"]
-        assert [each["id"] for each in listed] == [made["id"]]
-        assert listed[0]["run_id"] == made["request"]["run_id"]
-
     def test_its_worst_place_is_predicted_alike(self, client, made, run_id):
         worst = made["result"]["worst"]
         asked = {
@@ -110,9 +105,6 @@ class TestDownloads:
             read = [float(row[header] or "nan") for header in headers]
             np.testing.assert_allclose(read, numbers, rtol=1e-9)
         assert table[1, 2] != table[0, 2]  # z runs fastest
-
-    def test_of_no_map(self, client):
-        assert client.get(file_at("none", "map.csv")).status_code == 404
 
 
 @pytest.mark.parametrize(

@@ -135,8 +135,6 @@ class TestPlans:
         assert result.random_efficiency < 0.8
         assert all(joint.relative is None and joint.before is None for joint in result.joints)
         assert result.considered == 300
-        listed = parts.jobs["plan"].page(PLAN.query(robot_id=robot))
-        assert [each.id for each in listed.items] == [plan.id]
 
     def test_that_goes_on_with_a_campaign(self, parts, robot):
         posted = MeasurementSetRequest.model_validate(CAMPAIGN["measurement_set"] | {"robot_id": robot})
@@ -162,11 +160,6 @@ class TestPlans:
         assert joint.standard_uncertainty <= known
         assert joint.standard_uncertainty < without.joints[3].standard_uncertainty
         assert joint.relative == pytest.approx(joint.standard_uncertainty * 5e5)
-
-    def test_the_same_every_time(self, parts, robot):
-        first, second = (plan_of(parts, robot_id=robot, **BEGIN) for _ in range(2))
-        assert first.result == second.result
-        assert first.provenance.input_hash == second.provenance.input_hash
 
     @pytest.mark.parametrize(
         ("changes", "where", "message"),

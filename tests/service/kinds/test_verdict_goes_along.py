@@ -8,9 +8,10 @@ import json
 
 import pytest
 from rich.console import Console
-from support.api import file_at
+from support.api import file_at, posted
 from support.in_process import Client
-from support.programs import options, path, tool_poses
+from support.kinds import MAP, PLAN, TEXT, posted_job
+from support.programs import options
 from typer.testing import CliRunner
 
 import jointstiff
@@ -21,19 +22,10 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.programs import program_text
 
-MAP = {
-    "area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]],
-    "grid": [2, 2, 1],
-    "place": [0.0, 0.0, 0.25],
-    "force": [0.0, 300.0, -500.0],
-}
-PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "force": 1500.0}}
 ACCEPTED = {"accept_verdict": "do_not_use"}
 REFUSED = ("plan", "map", "program")
 """Kinds that act on a robot, or guide a measurement."""
-TEXT = program_text("krl", tool_poses(path(3)), 4)
 HEADLINE = "Do not use: "
 
 
@@ -53,43 +45,24 @@ def client():
 
 
 @pytest.fixture(scope="module")
-def posted(client):
-    """Return ids of a robot, its measurement set, and the run of it."""
-
-    def post(collection, body):
-        answer = client.request("POST", f"/v1/{collection}", json=body)
-        assert answer.status_code == 201, answer.text
-        return answer.json()["id"]
-
+def runs(client):
+    """Return runs of two measurement sets of the campaign."""
     document = campaign()
-    robot = post("robots", document["robot"])
-    readings = document["measurement_set"] | {"robot_id": robot}
-    measured, again = post("measurement-sets", readings), post("measurement-sets", readings)
-    run, other = (post("runs", {"measurement_set_id": each}) for each in (measured, again))
-    return {"robot": robot, "set": measured, "run": run, "other": other}
+    again = document | {"measurement_set": document["measurement_set"] | {"name": "again"}}
+    return posted(client, document), posted(client, again)
 
 
-def post(client, posted, kind, **more):
-    """Post a job of a kind that is made from the run or its campaign."""
-    side = {"measurement_set_id": posted["set"]}
-    if kind == "program":
-        stated = json.dumps(options("krl") | {"run_id": posted["run"]} | more)
-        files = [("files", ("cell.src", TEXT.encode("latin-1")))]
-        return client.request("POST", "/v1/programs", files=files, data={"options": stated})
-    collection, body = {
-        "run": ("runs", side),
-        "comparison": ("comparisons", {"run_ids": [posted["run"], posted["other"]]}),
-        "plan": ("plans", PLAN | side),
-        "map": ("maps", MAP | {"run_id": posted["run"]}),
-    }[kind]
-    return client.request("POST", f"/v1/{collection}", json=body | more)
+@pytest.fixture(scope="module")
+def post(client, runs):
+    """Post a job of a kind that is made from the runs."""
+    return lambda kind, **more: posted_job(client, kind, runs[0], runs[1]["id"], **more)
 
 
 @pytest.fixture(scope="module", params=[kind.name for kind in KINDS if kind.name != "geometry"])
-def made(request, client, posted):
+def made(request, post):
     """Return each kind with a job of it that is made from the run."""
     kind = next(kind for kind in KINDS if kind.name == request.param)
-    answer = post(client, posted, kind.name, **(ACCEPTED if kind.name in REFUSED else {}))
+    answer = post(kind.name, **(ACCEPTED if kind.name in REFUSED else {}))
     assert answer.status_code == 201, answer.text
     return kind, answer.json()
 
@@ -136,10 +109,10 @@ class TestEveryKind:
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_nothing_acts_on_a_robot_unasked(client, posted, kind):
+def test_nothing_acts_on_a_robot_unasked(client, post, kind):
     collection = next(each.collection for each in KINDS if each.name == kind)
     before = client.get(f"/v1/{collection}").json()["items"]
-    answer = post(client, posted, kind)
+    answer = post(kind)
     assert answer.status_code == 422
     problem = answer.json()
     assert problem["type"] == "urn:jointstiff:problem:not-to-be-used"
@@ -147,12 +120,12 @@ def test_nothing_acts_on_a_robot_unasked(client, posted, kind):
     assert "accept_verdict" in problem["remedy"]
     assert any("joint_2" in each["reason"] and each["remedy"] for each in problem["errors"])
     assert client.get(f"/v1/{collection}").json()["items"] == before
-    assert post(client, posted, kind, accept_verdict="use_with_care").status_code == 422
+    assert post(kind, accept_verdict="use_with_care").status_code == 422
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_nor_does_an_export(client, posted, name):
-    address = file_at(posted["run"], f"model.{name}")
+def test_nor_does_an_export(client, runs, name):
+    address = file_at(runs[0], f"model.{name}")
     assert client.get(address).json()["type"] == "urn:jointstiff:problem:not-to-be-used"
     accepted = client.get(address, params=ACCEPTED)
     assert accepted.status_code == 200
@@ -160,17 +133,17 @@ def test_nor_does_an_export(client, posted, name):
         assert "Verdict on the result: do not use." in accepted.text
 
 
-def test_the_program_says_it_even_unmarked(client, posted):
-    program = post(client, posted, "program", **ACCEPTED, mark=False).json()
+def test_the_program_says_it_even_unmarked(client, post):
+    program = post("program", **ACCEPTED, mark=False).json()
     text = client.get(file_at(program, "program")).text
     (mark,) = [line for line in text.splitlines() if "Jointstiff run" in line]
     assert mark.endswith("verdict: do not use")
 
 
-def test_a_prediction_has_it(client, posted, tmp_path):
+def test_a_prediction_has_it(client, runs, tmp_path):
     case = {"joints": [0.1] * 6, "force": [0.0, 0.0, -500.0], "load_point": [0.0, 0.0, 0.2]}
     units = {"length": "m", "angle": "rad", "force": "N"}
-    body = {"run_id": posted["run"], "units": units, "cases": [case]}
+    body = {"run_id": runs[0]["id"], "units": units, "cases": [case]}
     answer = client.request("POST", "/v1/deflections", json=body)
     assert answer.json()["assessment"]["verdict"] == "do_not_use"
     (tmp_path / "campaign.json").write_text(json.dumps(campaign()))
@@ -225,20 +198,14 @@ def test_with_care_is_not_refused():
 
 
 def test_a_trend_has_it(client):
-    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
-    robot = client.request("POST", "/v1/robots", json=document["robot"]).json()["id"]
-    readings = document["measurement_set"] | {"robot_id": robot}
-    measured = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
-    run = client.request("POST", "/v1/runs", json={"measurement_set_id": measured}).json()
+    run = posted(client, simulate_campaign(default_arm(), load="pull", configurations=12, seed=1))
+    robot = client.get(f"/v1/measurement-sets/{run['request']['measurement_set_id']}").json()["robot_id"]
     (entering,) = client.get(f"/v1/robots/{robot}/trend").json()["campaigns"]
     assert entering["assessment"] == run["result"]["assessment"]
 
 
 def test_a_plan_goes_on_from_too_few_readings(client):
-    document = simulate_campaign(default_arm(), load="pull", configurations=2, seed=1)
-    robot = client.request("POST", "/v1/robots", json=document["robot"]).json()["id"]
-    readings = document["measurement_set"] | {"robot_id": robot}
-    measured = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
-    answer = client.request("POST", "/v1/plans", json=PLAN | {"measurement_set_id": measured})
+    run = posted(client, simulate_campaign(default_arm(), load="pull", configurations=2, seed=1))
+    answer = posted_job(client, "plan", run)
     assert answer.status_code == 201, answer.text
     assert answer.json()["result"]["assessment"]["verdict"] != "use"

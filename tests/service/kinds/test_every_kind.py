@@ -1,0 +1,98 @@
+"""What jobs of every kind have in common over HTTP, on both databases."""
+
+from __future__ import annotations
+
+import uuid
+
+import pytest
+from support.api import RESTORE, file_at, job_at, posted
+from support.kinds import CHANGES, posted_job
+
+from jointstiff.schemas.finding import Problem
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.simulator import default_arm, simulate_campaign
+
+CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+
+kinds = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+
+
+@pytest.fixture
+def post(client):
+    """Post a job of a kind, always made of the same runs."""
+    run, other = (posted(client, CAMPAIGN, positive=positive) for positive in (True, False))
+
+    def post(kind, **more):
+        return posted_job(client, kind.name, run, other["id"], **more)
+
+    return post
+
+
+@kinds
+def test_it_is_made_once_and_the_same_input_gives_the_same_numbers(client, post, kind):
+    key = {"Idempotency-Key": uuid.uuid4().hex}
+    answer = post(kind, headers=key)
+    assert answer.status_code == 201, answer.text
+    job = kind.message.model_validate_json(answer.content)
+    assert (job.state, job.error, job.progress) == ("succeeded", None, None)
+    assert answer.headers["location"] == f"/v1/{kind.collection}/{job.id}"
+    assert client.get(answer.headers["location"]).content == answer.content
+    assert post(kind, headers=key).content == answer.content
+    other = post(kind, headers=key, **CHANGES[kind.name])
+    assert (other.status_code, other.json()["type"][-20:]) == (422, "idempotency-conflict")
+    again, changed = (
+        kind.message.model_validate(post(kind, **more).json()) for more in ({}, CHANGES[kind.name])
+    )
+    assert (again.id != job.id, again.result) == (True, job.result)
+    hashes = [each.provenance.input_hash for each in (job, again, changed)]
+    assert hashes[0] == hashes[1] != hashes[2]
+    assert job.provenance.created_at <= job.provenance.started_at <= job.provenance.ended_at
+
+
+@kinds
+def test_it_is_listed_by_each_of_its_filters(client, post, kind):
+    made, address = post(kind).json(), f"/v1/{kind.collection}"
+
+    def listed(**filters):
+        answer = client.get(address, params=filters)
+        assert answer.status_code == 200, answer.text
+        return {item["id"]: item for item in answer.json()["items"]}
+
+    item = listed()[made["id"]]
+    assert item == kind.summary.model_validate(item).model_dump(mode="json")
+    for name in (*kind.listed_by, "state"):
+        if item[name] is not None:
+            assert made["id"] in listed(**{name: item[name]}), name
+        if name.endswith("_id"):
+            assert listed(**{name: "nobody"}) == {}, name
+    assert made["id"] not in listed(state="failed")
+    assert client.get(address, params={"colour": "red"}).status_code == 422
+    missing = Problem.model_validate(client.get(f"{address}/nobody").json())
+    assert (missing.status, missing.type[-10:]) == (404, ":not-found")
+
+
+@kinds
+def test_it_is_deleted_and_brought_back(client, post, kind):
+    key = {"Idempotency-Key": uuid.uuid4().hex}
+    created = post(kind, headers=key)
+    address, job = created.headers["location"], created.json()
+    for _ in range(2):
+        answer = client.delete(job_at(address))
+        assert (answer.status_code, answer.content) == (204, b"")
+    gone = Problem.model_validate(client.get(address).json())
+    assert (gone.status, gone.type[-8:]) == (404, ":deleted")
+    assert f"PATCH {job_at(address)}" in gone.remedy
+    assert job["id"] not in [item["id"] for item in client.get(f"/v1/{kind.collection}").json()["items"]]
+    names = [file.name for file in kind.files]
+    for hidden in (
+        f"{job_at(address)}/events",
+        *(file_at(address, each) for each in ("tables.json", *names)),
+    ):
+        assert client.get(hidden).json()["type"].endswith(":deleted")
+    repeated = post(kind, headers=key)
+    assert (repeated.status_code, repeated.json()) == (201, job)
+    for _ in range(2):
+        restored = client.patch(job_at(address), json=RESTORE)
+        assert (restored.status_code, restored.json()) == (200, job)
+    assert client.get(address).json() == job
+    assert client.get(f"/v1/{kind.collection}").json()["items"][0]["id"] == job["id"]
