@@ -58,6 +58,7 @@ BENCHMARKS = {
     "replication": Benchmark("studies.replication", "the paper's study; docs/replication.md"),
     "invariance": Benchmark("studies.invariance", "docs/replication.md"),
     "assessment": Benchmark("studies.assessment", "verdicts on planted mistakes and clean sets; 10 minutes"),
+    "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
     "default_clean": Benchmark(
         "studies.defaults", "runs without options: clean campaigns", "run_clean", in_parts=True
     ),

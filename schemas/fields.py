@@ -154,6 +154,12 @@ def prior_of(text: str) -> tuple[str, dict[str, float]]:
         ) from None
 
 
+def cause_of(text: str) -> dict[str, str | None]:
+    """Return the cause of `NAME[:FIRST]`."""
+    name, _, first = text.partition(":")
+    return {"name": name, "first": first or None}
+
+
 def chain_of(text: str) -> list[str]:
     """Return the names of `JOINT,JOINT,...`."""
     return [name.strip() for name in text.split(",")]

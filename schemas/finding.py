@@ -46,8 +46,7 @@ ActionKind = Literal[
     "exchange_columns",
     "apply_joint_map",
     "exchange_load_and_target",
-    "correct_load_point",
-    "correct_force",
+    "fit_causes",
     "convert_units",
     "exchange_readings",
     "choose_model",
@@ -57,12 +56,25 @@ ActionKind = Literal[
 Unit = Literal["m", "mm", "deg", "rad", "N", "kN"]
 
 
+class NamedCause(Message):
+    """Something that moved the targets beside the joints, such as a load point elsewhere or play in gears."""
+
+    name: Name = Field(
+        description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force in the flange's "
+        "axes), `load_scale` (of each distinct load, or before and after), `play`, `shift` or `turn` (with a "
+        "shift) of what was read under load."
+    )
+    first: Name | None = Field(
+        default=None, description="Label of the first observation that it concerns; null for all."
+    )
+
+
 class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="Action. `correct_load_point` and `correct_force` add `correction` to every load point "
-        "or force; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
+        description="Action. `fit_causes` fits `causes` beside the joints and leaves the readings as they "
+        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
         "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and loss."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
@@ -76,10 +88,7 @@ class Action(Message):
     target: Name | None = Field(
         description="Target whose position is exchanged with the load point; null for other actions."
     )
-    correction: list[float] = Field(
-        description="Vector to add to the load points (flange frame, in m) or to the forces (axes of R0, in "
-        "N); empty for other actions.",
-    )
+    causes: list[NamedCause] = Field(description="Causes to fit beside the joints; empty for other actions.")
     unit: Unit | None = Field(description="Unit of the numbers; null for other actions.")
 
     @classmethod
@@ -92,7 +101,7 @@ class Action(Message):
         joint_map: Sequence[Sequence[float]] = (),
         offset: Sequence[float] = (),
         target: str | None = None,
-        correction: Sequence[float] = (),
+        causes: Sequence[NamedCause] = (),
         unit: Unit | None = None,
     ) -> Action:
         """Return an action; what its kind does not need is empty."""
@@ -103,7 +112,7 @@ class Action(Message):
             joint_map=[list(row) for row in joint_map],
             offset=list(offset),
             target=target,
-            correction=list(correction),
+            causes=list(causes),
             unit=unit,
         )
 
@@ -160,6 +169,7 @@ FindingCode = Literal[
     "residuals_vanish",
     "deflection_unexplained",
     "alternative_explains_better",
+    "cause_fitted",
     "load_at_target",
     "stiffness_implausible",
     "prior_dominates",

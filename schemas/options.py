@@ -14,10 +14,12 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
+    cause_of,
     chain_of,
     draws_of,
     prior_of,
 )
+from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.robot import MAX_JOINTS
 
 ElasticModel = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
@@ -47,6 +49,7 @@ class CrossValidation(Message):
 
 
 MAX_REPETITIONS = 100_000
+MAX_CAUSES = 4
 
 
 class Resampling(Message):
@@ -197,6 +200,15 @@ class RunOptions(MethodOptions):
         description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
         "Kao's conservative congruence transformation, K_c); the paper neglects it, and so do the models "
         "with elastic links or coupling.",
+    )
+    causes: Annotated[
+        list[NamedCause],
+        Field(max_length=MAX_CAUSES),
+        Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
+    ] = Field(
+        default_factory=list,
+        description="Causes to fit beside the joints, such as those that a reason advises: the readings stay "
+        "as they are, and the intervals hold the uncertainty of what was fitted.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],

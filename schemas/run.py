@@ -117,8 +117,8 @@ BudgetSource = Annotated[
     str,
     Field(
         description="Source of uncertainty: `readings`, the name of a stated error (`force_scale`, "
-        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, `model_error` or "
-        "`complementary_stiffness`."
+        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, `fitted_causes`, "
+        "`model_error` or `complementary_stiffness`."
     ),
 ]
 BudgetGap = Literal["model_error", "lack_of_fit"]
@@ -499,6 +499,17 @@ class ModelChoice(Message):
     )
 
 
+class CauseTest(Message):
+    """Test of something that may have moved the targets beside the joints."""
+
+    name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
+    first: Name | None = Field(description="Label of the first observation that it concerns; null for all.")
+    p_value: Dimensionless[float] = Field(
+        description="p-value of its F test beside the joints: the larger of those with the weights stated "
+        "and with equal weights."
+    )
+
+
 class RunResult(Result):
     """Result of the job."""
 
@@ -541,6 +552,11 @@ class RunResult(Result):
     )
     choice: ModelChoice | None = Field(
         default=None, description="Elastic elements and loss of this run, with the reason."
+    )
+    causes: list[CauseTest] = Field(
+        default_factory=list,
+        description="Causes that were tested beside the joints, the most significant first; empty where none "
+        "could be.",
     )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(

@@ -165,6 +165,9 @@ def _fit(
         if before is None:
             excitation.add(block)
             np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
+    common = measurements.common_uncertainty
+    if common is not None and common.fitted is not None:  # each unknown beside the joints takes a reading
+        triangles.judged.rows -= len(common.fitted.covariance)
     observability = _require_observable(excitation) if before is None else before.observability
     fit = fit_method(triangles, observability.null, settings.constraints)
     if settings.prior is not None:
@@ -340,21 +343,27 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
 def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors:
     """Return what a standard uncertainty of each error that all observations share moves in the estimate."""
     common = last.measurements.common_uncertainty
+    fitted = () if common is None or common.fitted is None else common.fitted.terms
+    told = {term.name for term in fitted}  # the readings take the place of a statement
     sizes = {} if common is None else {name: term.prior(common) for name, term in TERMS.items()}
-    terms = [TERMS[name] for name, size in sizes.items() if any(size)]
-    if common is None or not terms:
+    terms = [TERMS[name] for name, size in sizes.items() if any(size) and name not in told]
+    if common is None or not (terms or fitted):
         return CommonErrors({}, np.zeros((robot.n, 0)))
     responses = last.triangles.responses(
         regressor_blocks(robot, last.measurements, last.balanced),
-        terms,
+        [*terms, *fitted],
         last.fit.compliance,
         np.flatnonzero(~last.observability.null),
         None if settings.prior is None else settings.prior.rows(sigma),
     )
     by_source = {
-        common.source(name): np.resize(sizes[name], moved.shape[1]) * moved
-        for name, moved in responses.items()
+        common.source(term.name): np.resize(sizes[term.name], responses[term.name].shape[1])
+        * responses[term.name]
+        for term in terms
     }
+    if common.fitted is not None:
+        root = np.linalg.cholesky(common.fitted.covariance)
+        by_source["fitted_causes"] = np.hstack([responses[term.name] for term in fitted]) @ root
     return CommonErrors(by_source, np.hstack(list(by_source.values())))
 
 

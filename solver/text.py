@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import floor, log10
+from collections.abc import Sequence
+from math import degrees, floor, log10
 
 
 def length_text(length: float) -> str:
@@ -11,6 +12,25 @@ def length_text(length: float) -> str:
         if abs(length) * factor >= 1.0:
             return f"{length * factor:.3g} {unit}"
     return f"{length * 1e9:.3g} nm"
+
+
+def unknowns_text(unit: str, values: Sequence[float]) -> str:
+    """Return unknowns of a term for people: shifts [m], then turns [rad], or play [rad], forces, scales."""
+    if unit == "m, rad":
+        shift, turn = values[:3], values[3:]
+        return f"{unknowns_text('m', shift)} and ({_joined(1e6, turn)}) µrad"
+    if unit == "m":
+        small = max(map(abs, values), default=0.0) < 1e-3
+        return f"({_joined(1e6, values)}) µm" if small else f"({_joined(1e3, values)}) mm"
+    if unit == "rad":
+        return f"({_joined(60.0 * degrees(1.0), values)}) arcmin"
+    if unit == "1":
+        return f"({_joined(1e2, values)}) %"
+    return f"({_joined(1.0, values)}) {unit}"
+
+
+def _joined(factor: float, values: Sequence[float]) -> str:
+    return ", ".join(f"{factor * value:.3g}" for value in values)
 
 
 def rounded_down(limit: float) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -165,25 +165,35 @@ class Triangle:
         ratio = explained / leading.shape[1] / (left / freedom)
         return float(special.fdtrc(leading.shape[1], freedom, ratio))
 
-    def fit_beside_joints(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Fit the joints and one more term by least squares, without bounds.
+    def fit_beside_joints(self, names: Sequence[str]) -> BesideJoints:
+        """Fit the joints and more terms by least squares, without bounds.
 
-        Returns:
-            Unknowns of the joints' columns, and those of the term; combinations of the term's that the joints
-            explain as well are zero.
+        Combinations of the terms' unknowns that the joints explain as well are zero.
         """
-        joints, columns, d = self.R[:, self.span["joints"]], self.R[:, self.span[name]], self.rhs
+        joints, d = self.R[:, self.span["joints"]], self.R[:, -1]
+        columns = self.R[:, np.concatenate([self.span[name] for name in names])]
         length = np.linalg.norm(columns, axis=0)
         length = np.where(length > 0.0, length, 1.0)
         known = basis(self.unit_columns(["joints"]))
         unit = columns / length
         U, s, Vt = np.linalg.svd(unit - known @ (known.T @ unit), full_matrices=False)
         distinct = s > TOLD_APART
-        step = Vt[distinct].T @ ((U[:, distinct].T @ d) / s[distinct])
+        root = Vt[distinct].T / s[distinct]
+        step = root @ (U[:, distinct].T @ d)
         scale = np.linalg.norm(joints, axis=0)
         scale = np.where(scale > 0.0, scale, 1.0)
         fitted = np.linalg.lstsq(joints / scale, d - unit @ step, rcond=INDEPENDENT)[0]
-        return fitted / scale, step / length
+        hidden = Vt[~distinct].T / length[:, None]
+        return BesideJoints(fitted / scale, step / length, root / length[:, None], hidden)
+
+
+class BesideJoints(NamedTuple):
+    """Least squares of p joints and K unknowns of other terms, in units of sigma."""
+
+    joints: FloatArray  #: (p,)
+    unknowns: FloatArray  #: (K,)
+    root: FloatArray  #: (K, r); its product with the transpose is the covariance of the unknowns
+    hidden: FloatArray  #: (K, K - r) combinations of them that the joints explain as well
 
 
 def basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:

@@ -27,8 +27,8 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.alternatives import better_alternative
 from jointstiff.solver.evidence.assessment import Assessment, assess, judge
-from jointstiff.solver.evidence.causes import better_alternative
 from jointstiff.solver.evidence.estimate import Estimate, predict
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.integrity import inspect

@@ -70,6 +70,7 @@ describe("run of a campaign file", () => {
     huber_threshold: 2.5,
     complementary_stiffness: "neglected",
     priors: { joint_5: { stiffness: 4e5, standard_uncertainty: 3.3e4 } },
+    causes: [{ name: "shift", first: "P9" }],
     stiffness_order: [["joint_2", "joint_4"]],
     elasticity: "joints_and_links",
     links: ["joint_2", "joint_3"],

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.finding import Finding, NamedCause
 from jointstiff.schemas.measurement import (
     Frame,
     MeasurementSetDocument,
@@ -32,7 +32,7 @@ from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
-from jointstiff.solver.evidence.causes import Screening
+from jointstiff.solver.evidence.causes import Screening, fit_causes
 from jointstiff.solver.evidence.estimate import Estimate, Prediction
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.integrity import inspect
@@ -204,6 +204,18 @@ class PreparedSet:
                 remedy="identify it by the robot's own weight: give `weight` in the run",
             )
         return self
+
+    def beside(self, causes: Sequence[NamedCause]) -> PreparedSet:
+        """Return the set without what causes moved, fitted beside the joints; their uncertainty goes along.
+
+        Raises:
+            RequestError: the readings do not show such a cause.
+            SolverError: it leads to loads that no arm balances.
+        """
+        if not causes:
+            return self
+        named = [(cause.name, cause.first) for cause in causes]
+        return replace(self, measurements=fit_causes(self.robot, self.measurements, named))
 
     def is_sound(self, estimate: Estimate) -> bool:
         """Return whether no gross mistake shows, behind which tests of smaller effects say nothing."""

@@ -310,6 +310,7 @@ class ByJoints(Work):
             resampling=self._statistics(parts, estimate) if parts else None,
             model=stored_model(model, error),
             choice=choice or to_choice_of_joints(options, screening, self._excluded),
+            causes=messages_of(runs.CauseTest, screening.tests),
         )
 
 
@@ -326,7 +327,7 @@ def identification(inputs: Inputs, request: RunRequest) -> Work:
     if request.weight is not None:
         compute = partial(identified_by_weight, prepared, request, request.weight)
         return QuickWork(compute, input_hash, prepared.robot_id)
-    prepared = prepared.with_loads()
+    prepared = prepared.with_loads().beside(request.causes)
     if request.elasticity == "joints":
         return ByJoints(prepared, request, input_hash)
     excluded = _excluded(prepared, request) if request.elasticity == "automatic" else None
@@ -554,6 +555,7 @@ class ByLinks(Work):
             links=to_links_result(elastic, options, self._losses),
             model=self._model(elastic),
             choice=choice,
+            causes=messages_of(runs.CauseTest, screening.tests),
         )
 
     def _model(self, elastic: ElasticEstimate) -> IdentifiedModel:

@@ -14,9 +14,8 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observ
 from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot, without
-from jointstiff.service.conversion.units import FORCE, LENGTH
+from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT
 
 _Set = MeasurementSetDocument
 _OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
@@ -56,6 +55,9 @@ def mended(campaign: Campaign, action: Action) -> Campaign:
     measured = campaign.measurement_set
     if action.kind in _OPTIONS:
         return campaign.model_copy(update={"run": campaign.run.model_copy(update=_OPTIONS[action.kind])})
+    if action.kind == "fit_causes":
+        causes = [*campaign.run.causes, *action.causes]
+        return campaign.model_copy(update={"run": campaign.run.model_copy(update={"causes": causes})})
     if action.kind == "apply_joint_map":
         joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
         changes = {"joint_map": joint_map, "name": _renamed(campaign.robot.name, "joint map corrected")}
@@ -80,12 +82,6 @@ def _renamed(name: str, label: str) -> str:
 
 def _each(measured: _Set, change: Callable[[Observation], Mapping[str, object]]) -> list[Observation]:
     return [each.model_copy(update=dict(change(each))) for each in measured.observations]
-
-
-def _plus(vector: Vector3, added: Sequence[float], unit: float) -> Vector3:
-    """Return a vector with an SI vector added; `unit` is its own unit in the SI unit."""
-    x, y, z = (value + more / unit for value, more in zip(vector, added, strict=True))
-    return x, y, z
 
 
 def _without_readings(measured: _Set, action: Action) -> _Set:
@@ -133,34 +129,6 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
             "observations": _each(measured, lambda _: {"load_point": None}),
         }
     )
-
-
-def _with_load_point(measured: _Set, action: Action) -> _Set:
-    """Move the load point, and forget how well it was said to be known where less would be assumed."""
-    unit, noise = LENGTH[measured.units.length], measured.noise
-    if noise is not None and unit * (noise.load_point or 0.0) < ASSUMED_LOAD_POINT:
-        noise = noise.model_copy(update={"load_point": None})
-        noise = noise if noise.states_something else None
-
-    def moved(each: Observation) -> dict[str, object]:
-        own = each.load_point
-        return {"load_point": None if own is None else _plus(own, action.correction, unit)}
-
-    point = _plus(measured.load_point or (0.0, 0.0, 0.0), action.correction, unit)
-    changes = {"load_point": point, "noise": noise, "observations": _each(measured, moved)}
-    return measured.model_copy(update=changes)
-
-
-def _with_force(measured: _Set, action: Action) -> _Set:
-    if measured.frame is not None and measured.frame.forces != "base":
-        raise RequestError(
-            "the forces of the set are in the tracker's frame, the missing one in R0",
-            where="measurement_set.frame.forces",
-            remedy="add the missing force to the set in its own frame",
-        )
-    unit = FORCE[measured.units.force]
-    forces = _each(measured, lambda each: {"force": _plus(each.force, action.correction, unit)})
-    return measured.model_copy(update={"observations": forces})
 
 
 def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
@@ -245,8 +213,6 @@ _SETS: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "leave_out_readings": _without_readings,
     "omit_noise": _with_refuted_noise,
     "exchange_load_and_target": _with_target_exchanged,
-    "correct_load_point": _with_load_point,
-    "correct_force": _with_force,
     "exchange_readings": _with_readings_exchanged,
     "convert_units": _with_units,
 }

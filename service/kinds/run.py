@@ -214,9 +214,20 @@ def detail_lines(result: RunResult) -> list[Line]:
         *_goodness(result),
         *_budget(result),
         *_complementary_stiffness(result),
+        *_causes(result),
         *_identifiability(result.identifiability),
     )
     return [*lines, *(Line(f"  {line}", "dim") for line in others)]
+
+
+def _causes(result: RunResult) -> Iterator[str]:
+    if result.causes:
+        since = {None: ""} | {cause.first: f" since {cause.first}" for cause in result.causes if cause.first}
+        told = (
+            f"{cause.name.replace('_', ' ')}{since[cause.first]} {cause.p_value:.1g}"
+            for cause in result.causes
+        )
+        yield f"causes tested beside the joints, p-value: {', '.join(told)}"
 
 
 def _goodness(result: RunResult) -> Iterator[str]:
@@ -236,6 +247,7 @@ _SOURCES = {
     "force_direction": "direction of the force",
     "load_point": "load point",
     "assumed_load_point": "load point, 10 mm assumed",
+    "fitted_causes": "causes fitted beside the joints",
     "target_places": "places of the targets",
     "axes": "axes of the robot's model",
     "model_error": "model error",

@@ -15,24 +15,22 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
+from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.evidence.causes import (
+from jointstiff.solver.evidence.alternatives import (
     LARGEST_RATIO,
     AlternativeKind,
     BetterAlternative,
-    LoadMistake,
-    Screening,
     better_alternative,
     places_on_flange,
-    screen_estimate,
 )
+from jointstiff.solver.evidence.causes import Cause, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import ComplementaryStiffness, Estimate, JointCompliance, Prediction
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import unloaded_configurations
-from jointstiff.solver.text import length_text
+from jointstiff.solver.text import length_text, unknowns_text
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
@@ -140,15 +138,16 @@ def assess(
         screening = None
     elif screening is None and prediction.contributions is not None:
         screening = screen_estimate(robot, measurements, estimate)
-    load = None if screening is None else screening.mistake
+    causes: Sequence[Cause] = () if screening is None else screening.causes
     if better is not None:
-        if load is not None and load.proved and load.ratio < LARGEST_RATIO * better.ratio:
+        if screening is not None and screening.proved and causes[0].ratio < LARGEST_RATIO * better.ratio:
             better = None
         else:
-            screening = load = None
+            screening, causes = None, ()
     reasons = chain(
         () if better is None else [alternative_reason(robot, measurements, better)],
-        () if load is None else [load_mistake_reason(load, estimate)],
+        [causes_reason(causes, estimate)] if causes else (),
+        fitted_reason(measurements),
         reading_reasons(robot, measurements, settings, prediction, findings),
         fit_reasons(measurements, estimate, prediction, screening, explained=better is not None),
     )
@@ -256,47 +255,62 @@ def alternative_reason(robot: Robot, measurements: Measurements, better: BetterA
     )
 
 
-def load_mistake_reason(mistake: LoadMistake, estimate: Estimate) -> Finding:
-    """Report a load point elsewhere or a constant force beside the load.
+def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
+    """Report the cause that explains most, or causes that explain as much: a tie.
 
     It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL` and by
     more than the intervals hold of a load point elsewhere: a load point stated to 1 mm that is 10 mm off
     contradicts the statement, while the intervals of an assumed one hold 10 mm.
     """
-    x, y, z = mistake.correction.tolist()
-    action: Action | None = Action.of("correct_force", correction=(x, y, z))
-    if mistake.kind == "load_point":
-        moved = f"({1e3 * x:.3g}, {1e3 * y:.3g}, {1e3 * z:.3g}) mm"
-        what = f"with every load point moved by {moved} in the flange frame"
-        remedy = "measure the load point; if it is there, correct it"
-        action = Action.of("correct_load_point", correction=(x, y, z))
-    else:
-        what = f"with a constant force of ({x:.3g}, {y:.3g}, {z:.3g}) N (axes of R0) added to every load"
-        remedy = "check for a weight that hangs on the flange only while loaded, and for the load cell's zero"
-        if mistake.movement_as_well:
-            what += ", or with tracker or base moved between the unloaded and the loaded readings"
-            remedy = (
-                "read a posture again without the load: if it is elsewhere, tracker or base moved; if not, "
-                f"{remedy}"
-            )
-            action = None
-    known = estimate.estimated & (estimate.compliance > 0.0) & (mistake.compliance > 0.0)
-    change = np.abs(mistake.compliance[known] / estimate.compliance[known] - 1.0)
-    harmful = change > HARMFUL
-    if mistake.kind == "load_point" and estimate.common is not None:
-        # What the intervals hold of a load point elsewhere does no harm.
-        sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
-        held = np.linalg.norm(np.hstack(sources)[known], axis=1)
-        harmful &= change * estimate.compliance[known] > COVERED * held
-    beside = "" if mistake.proved else ", but links may bend beside it"
+    whats, remedies, changes, harm = [], [], [0.0], False
+    for cause in causes:
+        term, first = cause.suspect.term, cause.suspect.first
+        since = "" if first is None else f" since observation '{first}'"
+        whats.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())) + since)
+        remedies.append(term.remedy)
+        known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
+        change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
+        harmful = change > HARMFUL
+        if cause.suspect.name == "load_point" and estimate.common is not None:
+            # What the intervals hold of a load point elsewhere does no harm.
+            sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
+            held = np.linalg.norm(np.hstack(sources)[known], axis=1)
+            harmful &= change * estimate.compliance[known] > COVERED * held
+        changes.append(float(change.max(initial=0.0)))
+        harm |= bool(harmful.any())
+    proved = all(cause.proved for cause in causes)
+    beside = "" if proved else ", but links may bend beside it"
     return Finding(
         code="alternative_explains_better",
-        weight="do_not_use" if mistake.proved and harmful.any() else "use_with_care",
-        message=f"{what}, the joints explain the readings better than chance allows (F test, p = "
-        f"{mistake.p_value:.1g}){beside}; a compliance changes by {100 * change.max(initial=0.0):.2g} %",
-        remedy=remedy,
-        action=action,
+        weight="do_not_use" if proved and harm else "use_with_care",
+        message=f"with {', or with '.join(whats)}, the joints explain the readings better than chance allows "
+        f"(F test, p = {max(cause.p_value for cause in causes):.1g}){beside}; a compliance changes by "
+        f"{100 * max(changes):.2g} %",
+        remedy="; ".join(dict.fromkeys(remedies)),
+        action=Action.of(
+            "fit_causes", causes=[NamedCause(name=c.suspect.name, first=c.suspect.first) for c in causes]
+        ),
     )
+
+
+def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
+    """Report causes that were fitted beside the joints: what was stated is refuted."""
+    common = measurements.common_uncertainty
+    if common is None or common.fitted is None:
+        return
+    fitted, start = common.fitted, 0
+    uncertainty = np.sqrt(np.diagonal(fitted.covariance))
+    for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
+        half = 2.0 * uncertainty[start : start + len(values)]
+        start += len(values)
+        text = f"{unknowns_text(term.unit, values.tolist())} ± {unknowns_text(term.unit, half.tolist())}"
+        yield Finding(
+            code="cause_fitted",
+            weight="use_with_care",
+            message=f"{term.words.format(text)} (95 %) was fitted beside the joints; the intervals hold its "
+            "uncertainty, and what was stated stays refuted",
+            remedy=term.remedy,
+        )
 
 
 def reading_reasons(

@@ -1,295 +1,118 @@
-"""Causes of what joints alone leave unexplained: stated wrongly, or bending too (method.md §7).
+"""Causes of what joints alone leave unexplained: they compete (method.md §7, §13).
 
-A *gross mistake* leaves numbers plausible: columns exchanged, a wrong joint map, the load as target. Each
-such alternative is one more regressor of the same deflections: ``q = M (E q_c + e) + o`` with E exchanging,
-reversing or coupling the controller's angles, e offsetting them, or the load at a target's place. As it has
-as many parameters as the fit itself, their residual sums compare directly. Zeros of joints are offset by
-quarter turns, as makers' conventions are.
+A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
+gears, a tracker or base that moved: each is a term beside the joints, which are fitted with K_c to the
+targets' rows, without bounds. One triangle of all terms answers every F test. Each test is made twice, with
+the weights stated and with equal weights, and the larger p-value counts: a noise of the wrong shape would
+accuse clean springs. Causes that speak are followed by Gauss-Newton to what they explain most, and compared
+by the Bayesian information criterion (Schwarz 1978), with bending links among them. Those that differ by
+less than `AS_WELL` are a tie.
 
-A *load point* elsewhere, a *forgotten force* and *links* are terms beside the joints, which are fitted with
-K_c to the targets' rows, without bounds: one triangle of all terms in question answers every F test. Mistakes
-come first: beside columns of links the tests of mistakes accuse clean campaigns of elastic arms, and without
-them a load point elsewhere looks like links. A tracker or base that moved between the unloaded and the loaded
-readings looks like a constant force: the Bayesian information criterion compares the two.
+Mistakes come before links: beside columns of links the tests of mistakes accuse clean campaigns of elastic
+arms, and without them a load point elsewhere looks like links.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from itertools import combinations, product
-from typing import Final, Literal, get_args
+from typing import Final
 
 import numpy as np
-from scipy import optimize, special
+from scipy import optimize
 
 from jointstiff.schemas.model import HeldOutGain
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.errors import SolverError
+from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Excitation
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.readings.measurements import CommonUncertainty, FittedErrors, Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, unloaded_block, whitened_rows
-from jointstiff.solver.terms.errors import MOVEMENT, TERMS
+from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of, whitened_rows
+from jointstiff.solver.terms.errors import SHIFT, TERMS, load_scale, since, turn_about
 from jointstiff.solver.terms.springs import DIAGONAL_LINKS, JOINTS
-from jointstiff.solver.triangle import INDEPENDENT, Triangle
+from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis
 
-AlternativeKind = Literal[
-    "columns_exchanged",
-    "sign_reversed",
-    "zero_offset",
-    "joints_coupled",
-    "joint_map",
-    "load_and_target_exchanged",
-]
-LoadMistakeKind = Literal["load_point", "constant_force"]
-
-FALSE_ALARM: Final = 1e-4
-"""Probability that noise alone makes any alternative of a set fit better."""
-LARGEST_RATIO: Final = 0.7
-"""Largest ratio of the residual sums, alternative to fit: model errors favour a wrong alternative by less."""
-LEAST_COMPENSATION: Final = 0.7
-"""Least compensation of an alternative; below it as given, whole joint maps are tried."""
-_MAPPED_JOINTS: Final = 7
-"""Number of joints up to which whole joint maps are tried: their number doubles with each joint."""
-_COMPARED: Final = 60
-"""Number of observations that suffice to find a mistake of the whole set."""
-_SCREENED: Final = 3
-"""Number of coordinates for each joint in the observations that select the alternatives to examine."""
-_MOST_TARGETS: Final = 8
-_READINGS: Final = 24_576
-"""Maximum number of readings computed: with many joints fewer observations are compared."""
-_LEAST_FREEDOM: Final = 3
-_NULL: Final = 1e-9
-"""Norm of a column, relative to the largest, below which no load twists its joint."""
-_RIDGE: Final = 1e-12
 MISTAKE_LEVEL: Final = 1e-5
-"""p-value below which a load point elsewhere, or a constant force beside the load, is a mistake."""
+"""Probability that noise alone makes any cause of a set speak."""
 LINKS_LEVEL: Final = 3e-3
 """p-value below which links are worth a cross-validation."""
 CLEAR_GAIN: Final = 2.0
 """Gain in paired standard errors above which joints alone do not fit."""
-_REFITS: Final = 4
-"""Largest number of Gauss-Newton steps towards a load point or a force."""
+AS_WELL: Final = 6.0
+"""Difference of the information criterion below which neither of two causes is preferred."""
+_REFITS: Final = 6
+"""Largest number of Gauss-Newton steps towards a cause."""
 _STEADY: Final = 1e-3
 """Relative step at which they end."""
 _LEADING: Final = 12
 """Number of combinations of link compliances that are tested: those that deflect most."""
 _TESTED: Final = 500
 """Number of observations that suffice for the tests."""
-_AS_WELL: Final = 6.0
-"""Difference of the information criterion below which neither of two causes is preferred."""
+_LEAST_PART: Final = 4
+"""Least number of observations before and after something came about, or under one of several loads."""
+_DISTINCT: Final = 0.03
+"""Relative difference of two loads from which on they are distinct."""
+_MOST_LOADS: Final = 6
+"""Largest number of distinct loads of a set that may each have a scale of their own."""
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """Something that may have moved the targets beside the joints."""
+
+    name: str  #: name of the cause
+    term: Term  #: how it moves them
+    first: str | None = None  #: label of the first observation that it concerns; None for all
+    tried: int = 1  #: number of observations from which on it may have come about
+
+
+@dataclass(frozen=True)
+class CauseTest:
+    """F test of a cause beside the joints."""
+
+    name: str  #: name of the cause
+    first: str | None  #: label of the first observation that it concerns; None for all
+    p_value: float  #: the larger of those with the weights stated and with equal weights
 
 
 @dataclass(frozen=True, eq=False)
-class Alternative:
-    """One mistake that may have been made."""
+class Cause:
+    """A cause that was followed to what it explains most."""
 
-    kind: AlternativeKind  #: kind of mistake
-    joints: tuple[int, ...]  #: indices of the controller's joints concerned
-    matrix: FloatArray  #: (n, n) E, the controller's angles meant from those given, dimensionless
-    offset: FloatArray  #: (n,) e [rad]
-    #: index of the target whose place and the load point are exchanged; None for other kinds
-    target: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class BetterAlternative:
-    """An alternative that explains the readings far better than the set as given."""
-
-    alternative: Alternative  #: the mistake that was undone
-    ratio: float  #: residual sum of squares with it over that without
-    compensation: float  #: share of the mean deflection explained with it
-    compensation_as_given: float  #: the same without it
-
-
-def better_alternative(robot: Robot, measurements: Measurements) -> BetterAlternative | None:
-    """Return the alternative of least residual sum if neither noise nor model errors explain its gain.
-
-    The gain must be significant by an F test in which the alternative counts as n further parameters, all
-    compliances of each fit being non-negative.
-
-    Returns:
-        The alternative, or None where no alternative fits far better.
-    """
-    best, plain = _best(robot, measurements, _alternatives(robot.n, measurements.present.shape[1]))
-    if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
-        mapped, _ = _best(robot, measurements, _joint_maps(robot.n))
-        best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
-    return best
-
-
-def _best(
-    robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
-) -> tuple[BetterAlternative | None, float]:
-    """Compare alternatives: the best that is significant, and the compensation as given."""
-    affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = measurements.evenly(max(1, min(_COMPARED, affordable)))
-    # A rigid flange moves by six coordinates at most.
-    coordinates = int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
-    freedom = coordinates - robot.n
-    if freedom < _LEAST_FREEDOM:
-        return None, 1.0
-    # Noise alone goes below that ratio of residual sums with probability `FALSE_ALARM`.
-    quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
-    ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
-    # Some of the observations select the alternatives to examine.
-    some = part.evenly(math.ceil(_SCREENED * robot.n * len(part) / coordinates))
-    rows, grams = _rows(robot, some, alternatives)
-    as_given, plain = _fit(rows[0], grams[0])
-    sums = _least_sums(grams[1:])
-    alternatives = [a for a, left in zip(alternatives, sums, strict=True) if left < as_given]
-    if not alternatives:
-        return None, plain
-    rows, grams = _rows(robot, part, alternatives)
-    as_given, plain = _fit(rows[0], grams[0])
-    needed, best = as_given * ratio, None
-    for k in (1 + np.flatnonzero(_least_sums(grams[1:]) < needed)).tolist():
-        left, compensation = _fit(rows[k], grams[k])
-        if left < needed and compensation >= LEAST_COMPENSATION:
-            best, needed = BetterAlternative(alternatives[k - 1], left / as_given, compensation, plain), left
-    # Where every force is reversed, much explains more than nothing; the integrity checks find the sign.
-    if best is not None and _fit(rows[0] * np.append(np.ones(robot.n), -1.0), grams[0])[0] < needed:
-        return None, plain
-    return best, plain
-
-
-@lru_cache
-def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
-    """Return the mistakes that are compared."""
-    unit, none = np.eye(n), np.zeros(n)
-    mistakes: list[Alternative] = []
-    for j, k in combinations(range(n), 2):
-        order = np.arange(n)
-        order[[j, k]] = k, j
-        mistakes.append(Alternative("columns_exchanged", (j, k), unit[order], none))
-    for j, row in enumerate(unit):
-        reversed_joint = unit - 2.0 * np.outer(row, row)
-        mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, none))
-    for sign in (1.0, -1.0) if n > 2 else ():
-        coupled = unit + sign * np.outer(unit[2], unit[1])
-        mistakes.append(Alternative("joints_coupled", (1, 2), coupled, none))
-    for j, turn in product(range(n), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
-        mistakes.append(Alternative("zero_offset", (j,), unit, turn * unit[j]))
-    exchanges = [
-        Alternative("load_and_target_exchanged", (), unit, none, t)
-        for t in range(min(targets, _MOST_TARGETS))
-    ]
-    return (*mistakes, *exchanges)
-
-
-@lru_cache
-def _joint_maps(n: int) -> tuple[Alternative, ...]:
-    """Return joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
-    unit, maps = np.eye(n), []
-    for coupling, signs in product((0.0, 1.0, -1.0), product((1.0, -1.0), repeat=n)):
-        concerned = {*np.flatnonzero(np.array(signs) < 0.0).tolist()}
-        if len(concerned) + abs(coupling) > 1:
-            joints = tuple(sorted(concerned | ({1, 2} if coupling else set())))
-            matrix = np.diag(signs) @ (unit + coupling * np.outer(unit[2], unit[1]))
-            maps.append(Alternative("joint_map", joints, matrix, np.zeros(n)))
-    return tuple(maps)
-
-
-def _rows(
-    robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
-) -> tuple[FloatArray, FloatArray]:
-    """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative.
-
-    Their Gram matrices (K + 1, n + 1, n + 1) follow.
-    """
-    count, times = len(given), len(alternatives) + 1
-    matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
-    offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
-    joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
-    at = Configurations(robot, robot.joint_map.model_angles(joints))
-    stacked = given[np.tile(np.arange(count), times)]
-    load_point, position = stacked.load_point.copy(), stacked.position.copy()
-    places = places_on_flange(given, at.flange_rotation[:count], at.flange_translation[:count])
-    for k, t in enumerate((each.target for each in alternatives), 1):
-        if t is not None:
-            part = slice(k * count, (k + 1) * count)
-            load_point[part] = places[:, t]
-            position[part, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
-    block = unloaded_block(
-        robot, at, replace(stacked, joints=joints, load_point=load_point, position=position)
-    )
-    rows = whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(times, -1, robot.n + 1)
-    return rows, rows.transpose(0, 2, 1) @ rows
-
-
-def places_on_flange(part: Measurements, rotation: FloatArray, translation: FloatArray) -> FloatArray:
-    """Compute places (N, T, 3) of targets on a flange (N, 3, 3), (N, 3) [m]: given, or means of the read."""
-    read = (part.position - translation[:, None]) @ rotation
-    seen = np.where(part.in_flange[..., None], part.position, read)
-    weight = part.present[..., None] / np.maximum(part.present.sum(axis=0), 1)[:, None]
-    return np.where(part.in_flange[..., None], part.position, (weight * seen).sum(axis=0))
-
-
-def _least_sums(grams: FloatArray) -> FloatArray:
-    """Compute the residual sums (K,) of fits without bounds from Gram matrices (K, n + 1, n + 1) of [A d]."""
-    gram, moment, squares = grams[:, :-1, :-1], grams[:, :-1, -1], grams[:, -1, -1]
-    norms = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
-    seen = norms > _NULL * norms.max(axis=1, keepdims=True, initial=0.0)
-    unit = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
-    scaled = gram * unit[:, :, None] * unit[:, None, :] + (_RIDGE + ~seen)[..., None] * np.eye(gram.shape[1])
-    b = moment * unit
-    sums: FloatArray = squares - (b * np.linalg.solve(scaled, b[..., None])[..., 0]).sum(axis=1)
-    return sums
-
-
-def _fit(rows: FloatArray, gram: FloatArray) -> tuple[float, float]:
-    """Fit non-negative compliances to rows (R, n + 1) [A d]: residual sum of squares, and compensation."""
-    A, d = rows[:, :-1], rows[:, -1]
-    norms = np.sqrt(np.diagonal(gram)[:-1])
-    unit = np.where(norms > _NULL * norms.max(initial=0.0), 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
-    residual = d - A @ (unit * optimize.nnls(A * unit, d)[0])
-    left = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
-    moved = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
-    return float(residual @ residual), float(1.0 - left / moved) if moved > 0.0 else 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class LoadMistake:
-    """A load that explains the readings far better than the load as stated."""
-
-    kind: LoadMistakeKind  #: kind of mistake
-    #: (3,) correction: of every load point, flange frame [m]; or to every force, axes of R0 [N]
-    correction: FloatArray
-    p_value: float  #: p value of its F test
+    suspect: Suspect
+    unknowns: FloatArray  #: (k,) in the term's unit
+    p_value: float  #: of its F test
     links_p_value: float  #: p-value of the F test of links beside it
-    compliance: FloatArray  #: (n,) compliance of the joints once it is corrected [rad/(N·m)]
-    ratio: float  #: sum of squared residuals once it is corrected, over that of the load as stated
-    #: whether one movement of all loaded readings would explain the readings as well as this constant force
-    movement_as_well: bool = False
+    compliance: FloatArray  #: (n,) of the joints beside it [rad/(N·m)]
+    ratio: float  #: sum of squared residuals with it, over that without
+    criterion: float  #: information criterion; the least is preferred
 
     @property
     def proved(self) -> bool:
-        """Return True if nothing is left for links to explain once it is corrected."""
+        """Return True if nothing is left for links to explain beside it."""
         return self.links_p_value >= LINKS_LEVEL
-
-    def corrected(self, measurements: Measurements) -> Measurements:
-        """Return the measurements with the load that the readings show."""
-        if self.kind == "load_point":
-            return replace(measurements, load_point=measurements.load_point + self.correction)
-        return replace(measurements, force=measurements.force + self.correction)
 
 
 @dataclass(frozen=True, eq=False)
 class Screening:
     """Outcome of the tests."""
 
-    links_p_value: float  #: of the test of links, the load as stated; 1 where the readings cannot tell
-    #: p-value of each suspected term beside the joints, by name; empty where nothing could be tested
-    p_values: Mapping[str, float]
-    mistake: LoadMistake | None  #: the mistake in the load that explains most; None where none is significant
+    links_p_value: float  #: of the test of links beside the joints; 1 where the readings cannot tell
+    tests: tuple[CauseTest, ...]  #: of all causes, the most significant first; none where none could be made
+    causes: tuple[Cause, ...]  #: the cause that explains most, and those that explain as much; none, or few
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
+
+    def p_value(self, name: str) -> float:
+        """Return the least p-value of a cause's tests; 1 where none was made."""
+        return min((test.p_value for test in self.tests if test.name == name), default=1.0)
+
+    @property
+    def proved(self) -> bool:
+        """Return True if causes are named that leave nothing for links to explain."""
+        return bool(self.causes) and all(cause.proved for cause in self.causes)
 
     @property
     def lack_of_fit(self) -> bool:
@@ -301,77 +124,338 @@ class Screening:
 
     @property
     def links_speak(self) -> bool:
-        """Return True if links are worth a cross-validation: no proved mistake in the load explains them."""
-        explained = self.mistake is not None and self.mistake.proved
-        return self.links_p_value < LINKS_LEVEL and not explained
+        """Return True if links are worth a cross-validation: no proved cause explains them."""
+        return self.links_p_value < LINKS_LEVEL and not self.proved
 
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
     """Test what an identification of joints alone leaves unexplained; encoders take no part.
 
-    Without a balance under the load, or without residual freedom, no test is significant.
+    Without a balance under the load, or without residual freedom, no test is significant. Causes that were
+    fitted beside the joints already stay beside them.
     """
     part, compliance = measurements.evenly(_TESTED), np.maximum(estimate.compliance, 0.0)
     balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
         block = next(regressor_blocks(robot, part, balanced))
     except SolverError:  # no balance: other reasons say so
-        return Screening(1.0, {}, None)
-    triangle = _triangle(block, compliance, estimate.observability.null)
-    p_values = {name: triangle.p_value(name) for name, term in TERMS.items() if term.suspected}
-    mistakes: list[LoadMistake] = []
-    for kind in get_args(LoadMistakeKind):
-        if p_values[kind] < MISTAKE_LEVEL:
+        return Screening(1.0, (), ())
+    before, seen = _fitted(measurements), ~estimate.observability.null
+    suspects = _suspects(measurements, block, compliance, before)
+    triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
+    links = triangles.links_p_value()
+    tests = {s: min(1.0, s.tried * triangles.p_value(s.term.name)) for s in suspects}
+    ordered = sorted(suspects, key=tests.__getitem__)
+    told = tuple(CauseTest(s.name, s.first, tests[s]) for s in ordered)
+    causes: list[Cause] = []
+    for suspect in ordered:
+        if tests[suspect] < MISTAKE_LEVEL / len(suspects):
             with suppress(SolverError):  # it leads to loads that no arm balances
-                mistakes.append(_followed(robot, part, triangle, kind))
-    best = min(mistakes, key=lambda each: each.ratio, default=None)
-    if best is not None and best.kind == "constant_force":
-        # A movement of all loaded readings, with three unknowns more, may explain them as well.
-        left = max(triangle.residual_squares([JOINTS.name, MOVEMENT.name]), 1e-300)
-        left_by_force = max(best.ratio * triangle.residual_squares([JOINTS.name]), 1e-300)
-        difference = triangle.rows * np.log(left / left_by_force) + 3 * np.log(triangle.rows)
-        best = replace(best, movement_as_well=bool(difference < _AS_WELL))
-    return Screening(_links_p_value(triangle, robot.n), p_values, best)
+                causes.append(_followed(robot, part, triangles, suspect, tests[suspect]))
+    causes.sort(key=lambda cause: -cause.criterion)
+    of_name = {cause.suspect.name: cause for cause in causes}  # the best of each
+    best = min((cause.criterion for cause in causes), default=np.inf)
+    named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
+    if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
+        named = tuple(cause for cause in named if cause.proved)
+    return Screening(links, told, named)
 
 
-def _triangle(block: RegressorBlock, compliance: FloatArray, null: BoolArray) -> Triangle:
-    """Return the triangle of the targets' rows of all terms in question, without joints that are not seen."""
-    suspected = [term for term in TERMS.values() if term.suspected]
-    rows = whitened_rows(block, [JOINTS, *suspected, DIAGONAL_LINKS], compliance)
-    triangle = Triangle(**rows.widths)
-    triangle.add(rows.targets, count=int(block.measurements.coordinates.sum()))
-    triangle.span[JOINTS.name] = np.flatnonzero(~null)
-    return triangle
+def fit_causes(
+    robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
+) -> Measurements:
+    """Return the readings without what causes moved, fitted beside the joints; their uncertainty goes along.
 
-
-def _links_p_value(triangle: Triangle, n: int, beside: tuple[str, ...] = ()) -> float:
-    """Return the p-value of the F test of links beside the joints, and beside other terms."""
-    most = max(0, min(_LEADING, (triangle.rows - n) // 3))
-    return triangle.p_value(DIAGONAL_LINKS.name, (JOINTS.name, *beside), most=most, least=INDEPENDENT)
-
-
-def _followed(robot: Robot, part: Measurements, triangle: Triangle, kind: LoadMistakeKind) -> LoadMistake:
-    """Follow a mistake by Gauss-Newton.
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        named: name of each cause, and label of the first observation that it concerns; None for all.
 
     Raises:
-        SolverError: the load that it leads to has no balance.
+        RequestError: the readings do not show such a cause.
+        SolverError: it leads to loads that no arm balances.
     """
-    mistake = LoadMistake(kind, np.zeros(3), triangle.p_value(kind), 1.0, np.zeros(robot.n), 1.0)
-    as_stated = triangle.residual_squares([JOINTS.name])
-    for _ in range(_REFITS):
-        compliance = np.zeros(robot.n)
-        compliance[triangle.span[JOINTS.name]], step = triangle.fit_beside_joints(kind)
-        compliance = np.maximum(compliance, 0.0)
-        mistake = replace(mistake, correction=mistake.correction + step, compliance=compliance)
-        block = next(regressor_blocks(robot, mistake.corrected(part), compliance))
-        seen = Excitation(robot.joint_names)  # a load elsewhere may twist joints that it did not as stated
-        seen.add(block)
-        triangle = _triangle(block, compliance, seen.observability().null)
-        if np.linalg.norm(step) <= _STEADY * np.linalg.norm(mistake.correction):
-            break
-    left = triangle.residual_squares([JOINTS.name, kind])
+    part = measurements.evenly(_TESTED)
+    block = next(regressor_blocks(robot, part))
+    rows = whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(-1, robot.n + 1)
+    length = np.linalg.norm(rows[:, :-1], axis=0)
+    unit = 1.0 / np.where(length > 0.0, length, 1.0)
+    compliance = unit * optimize.nnls(unit * rows[:, :-1], rows[:, -1])[0]
+    firsts = [first for _, first in named if first is not None]
+    known = {(s.name, s.first): s for s in _suspects(measurements, block, compliance, (), firsts)}
+    missing = next((each for each in named if each not in known), None)
+    if missing is not None:
+        since_first = f" since observation '{missing[1]}'" if missing[1] else ""
+        raise RequestError(
+            f"the readings have nothing that shows '{missing[0]}'{since_first}",
+            where="causes",
+            remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
+        )
+    fitted = _fit(robot, part, [known[each].term for each in named], compliance)
+    common = measurements.common_uncertainty or CommonUncertainty()
     return replace(
-        mistake,
-        links_p_value=_links_p_value(triangle, robot.n, (kind,)),
-        ratio=left / max(as_stated, 1e-300),
+        _without(robot, measurements, fitted.errors, fitted.compliance),
+        common_uncertainty=replace(common, fitted=fitted.errors),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Causes fitted beside the joints."""
+
+    errors: FittedErrors
+    compliance: FloatArray  # (n,) of the joints beside them
+    triangles: _Triangles  # of the readings without them
+    count: int  # number of combinations of their unknowns that the readings tell apart from the joints
+
+
+def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: FloatArray) -> _Fitted:
+    """Fit causes beside the joints by Gauss-Newton.
+
+    Combinations that the joints explain as well stay zero, and are as uncertain as the others are large.
+
+    Raises:
+        SolverError: they lead to loads that no arm balances.
+    """
+    now, unknowns = part, np.zeros(())
+    for _ in range(_REFITS):
+        block = next(regressor_blocks(robot, now, compliance))
+        excitation = Excitation(robot.joint_names)  # a load elsewhere may twist joints that it did not
+        excitation.add(block)
+        seen = ~excitation.observability().null
+        triangles = _Triangles(block, compliance, seen, terms, ())
+        found = triangles.stated.fit_beside_joints([term.name for term in terms])
+        compliance = np.zeros(robot.n)
+        compliance[seen] = np.maximum(found.joints, 0.0)
+        ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
+        before, unknowns = unknowns, unknowns + found.unknowns
+        own = np.split(unknowns, ends)
+        size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in own])
+        hidden = np.linalg.qr(found.hidden / size[:, None])[0]
+        unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
+        root, even = triangles.sigma * found.root, size[:, None] * hidden
+        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root @ root.T + even @ even.T)
+        fitted = _Fitted(errors, compliance, triangles, found.root.shape[1])
+        if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
+            break
+        now = _without(robot, part, errors, compliance)
+    return fitted
+
+
+def _followed(
+    robot: Robot, part: Measurements, triangles: _Triangles, suspect: Suspect, p_value: float
+) -> Cause:
+    """Follow a cause to what it explains most.
+
+    Raises:
+        SolverError: it leads to loads that no arm balances.
+    """
+    before = _fitted(part)
+    fitted = _fit(robot, part, [*before, suspect.term], triangles.compliance)
+    left = fitted.triangles.residual_squares()
+    return Cause(
+        suspect,
+        fitted.errors.unknowns[-1],
+        p_value,
+        fitted.triangles.links_p_value(),
+        fitted.compliance,
+        left / triangles.residual_squares(),
+        fitted.triangles.criterion(left, fitted.count + (suspect.first is not None)),
+    )
+
+
+def _without(
+    robot: Robot, measurements: Measurements, errors: FittedErrors, compliance: FloatArray
+) -> Measurements:
+    """Return the readings without what errors moved, at a compliance (n,) of the joints."""
+    pairs = list(zip(errors.terms, errors.unknowns, strict=True))
+    for term, own in pairs:
+        if term.under is not None:
+            measurements = term.under(robot, measurements, own)
+    pairs = [(term, own) for term, own in pairs if term.under is None]
+    if not pairs:
+        return measurements
+    targets, joints = [], []
+    for block in regressor_blocks(robot, measurements, compliance):
+        motions = [(term.motion(block, compliance), own) for term, own in pairs]
+        targets.append(np.sum([motion.targets @ own for motion, own in motions], axis=0))
+        turned = [motion.joints @ own for motion, own in motions if motion.joints is not None]
+        joints.append(np.sum([np.zeros_like(block.torque), *turned], axis=0))
+    moved = np.where(measurements.present[..., None], np.concatenate(targets), 0.0)
+    encoders = measurements.encoders
+    if encoders is not None:
+        behind = np.where(encoders.present, encoders.deflection - np.concatenate(joints), 0.0)
+        encoders = replace(encoders, deflection=behind)
+    return replace(measurements, deflection=measurements.deflection - moved, encoders=encoders)
+
+
+def _fitted(measurements: Measurements) -> tuple[Term, ...]:
+    """Return the terms that were fitted beside the joints already."""
+    common = measurements.common_uncertainty
+    return () if common is None or common.fitted is None else common.fitted.terms
+
+
+def _suspects(
+    measurements: Measurements,
+    block: RegressorBlock,
+    compliance: FloatArray,
+    before: Sequence[Term],
+    firsts: Sequence[str] | None = None,
+) -> list[Suspect]:
+    """Return what may have moved the targets of a set.
+
+    Args:
+        measurements: N observations.
+        block: some of them.
+        compliance: (n,) of the joints.
+        before: terms that are fitted in any case.
+        firsts: labels of observations from which on something came about; None to look for them.
+    """
+    part, labels = block.measurements, measurements.labels
+    turn = turn_about(block.points[part.present].mean(axis=0))
+    found = [Suspect(t.name, t) for t in (*TERMS.values(), turn) if t.suspected]
+    loads = _distinct_loads(measurements)
+    if len(loads) > 1:
+        found.append(Suspect("load_scale", load_scale(loads)))
+    for term in (SHIFT, turn, load_scale([labels])):
+        chosen, tried = firsts, 1
+        if chosen is None:
+            chosen, tried = _came_about(block, term, compliance, before)
+        for first in chosen:
+            if first in labels:
+                row = labels.index(first)
+                later = since(term, labels[row:])
+                if term.name == "load_scale":
+                    later = replace(load_scale([labels[:row], labels[row:]]), name=later.name)
+                found.append(Suspect(term.name, later, first, tried))
+    return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
+
+
+def _distinct_loads(measurements: Measurements) -> list[list[str]]:
+    """Return labels of the observations under each of few distinct loads, by their size."""
+    size = np.hypot(np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1))
+    order = np.argsort(size, kind="stable")
+    steps = 1 + np.flatnonzero(np.diff(size[order]) > _DISTINCT * size[order][1:])
+    groups = np.split(order, steps)
+    if len(groups) > _MOST_LOADS or min(map(len, groups)) < _LEAST_PART:
+        return []
+    return [[measurements.labels[i] for i in group.tolist()] for group in groups]
+
+
+def _came_about(
+    block: RegressorBlock, term: Term, compliance: FloatArray, before: Sequence[Term]
+) -> tuple[list[str], int]:
+    """Return the label of the observation since which a term explains most, and how many were tried.
+
+    Sums over the observations after each one, from the last to the first, give the gain of every choice.
+    """
+    count = len(block.measurements)
+    if count < 2 * _LEAST_PART:
+        return [], 0
+    width = term.motion(block, compliance).targets.shape[-1]
+    rows = whitened_rows(block, [JOINTS, *before, term], compliance).targets
+    rows = rows.reshape(count, -1, rows.shape[-1])
+    flat = rows.reshape(-1, rows.shape[-1])
+    known = basis(_unit(flat[:, : -width - 1]))
+    X = _unit(flat[:, -width - 1 : -1])
+    left = flat[:, -1] - known @ (known.T @ flat[:, -1])
+    X, known, left = (each.reshape(count, rows.shape[1], -1) for each in (X, known, left))
+
+    def after(products: FloatArray) -> FloatArray:
+        return np.cumsum(products[::-1], axis=0)[::-1]
+
+    gram = after(X.transpose(0, 2, 1) @ X)
+    shared = after(known.transpose(0, 2, 1) @ X)
+    moment = after(X.transpose(0, 2, 1) @ left)
+    own = gram - shared.transpose(0, 2, 1) @ shared + INDEPENDENT * np.eye(width)
+    gain = (moment * np.linalg.solve(own, moment)).sum(axis=(1, 2))
+    tried = slice(_LEAST_PART, count - _LEAST_PART + 1)
+    best = _LEAST_PART + int(np.argmax(gain[tried]))
+    return [block.measurements.labels[best]], len(gain[tried])
+
+
+def _unit(columns: FloatArray) -> FloatArray:
+    length = np.linalg.norm(columns, axis=0)
+    return columns / np.where(length > 0.0, length, 1.0)
+
+
+class _Triangles:
+    """Triangles of joints, causes and links: with the weights stated, and with equal ones where they differ.
+
+    Attributes:
+        stated: with the weights stated.
+    """
+
+    def __init__(
+        self,
+        block: RegressorBlock,
+        compliance: FloatArray,
+        seen: BoolArray,
+        before: Sequence[Term],
+        terms: Sequence[Term],
+    ) -> None:
+        """Compress a block's rows; joints that are not seen are left out."""
+        self.beside = (JOINTS.name, *(term.name for term in before))
+        self.compliance = compliance
+        self._block, self._seen = block, np.flatnonzero(seen)
+        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS]
+        self._n = len(seen)
+        self._equal: Triangle | None = None
+        self.stated = self._triangle(equal=False)
+
+    def _triangle(self, *, equal: bool) -> Triangle:
+        make = rows_of if equal else whitened_rows
+        rows = make(self._block, self._terms, self.compliance)
+        triangle = Triangle(**rows.widths)
+        triangle.add(rows.targets, count=int(self._block.measurements.coordinates.sum()))
+        triangle.span[JOINTS.name] = self._seen
+        return triangle
+
+    def _larger(self, level: float, test: Callable[[Triangle], float]) -> float:
+        """Return the p-value of a test with the weights stated, or with equal ones where that is larger."""
+        p = test(self.stated)
+        if p >= level or self._block.measurements.covariance.ndim == 2:
+            return p
+        if self._equal is None:
+            self._equal = self._triangle(equal=True)
+        return max(p, test(self._equal))
+
+    def p_value(self, name: str) -> float:
+        """Return the p-value of a term beside the joints."""
+        return self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_value(name, self.beside))
+
+    def links_p_value(self) -> float:
+        """Return the p-value of links beside the joints."""
+        return self._larger(
+            LINKS_LEVEL,
+            lambda triangle: triangle.p_value(
+                DIAGONAL_LINKS.name, self.beside, most=self._leading, least=INDEPENDENT
+            ),
+        )
+
+    @property
+    def _leading(self) -> int:
+        return max(0, min(_LEADING, (self.stated.rows - self._n) // 3))
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty of a coordinate by the residuals, or as stated where that is larger [m]."""
+        freedom = max(1, self.stated.rows - basis(self.stated.unit_columns(self.beside)).shape[1])
+        stated = self._block.measurements.sigma or 0.0
+        return max(stated, float(np.sqrt(self.residual_squares() / freedom)))
+
+    def residual_squares(self) -> float:
+        """Return the sum of squared residuals of the joints and of what is fitted in any case."""
+        return max(self.stated.residual_squares(self.beside), 1e-300)
+
+    def criterion(self, squares: float, unknowns: int) -> float:
+        """Return the Bayesian information criterion of a sum of squared residuals with more unknowns."""
+        return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
+
+    def links_criterion(self) -> float:
+        """Return the same of links: their leading combinations."""
+        known = basis(self.stated.unit_columns(self.beside))
+        links = self.stated.unit_columns([DIAGONAL_LINKS.name])
+        leading = basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading]
+        explained = float(np.square(leading.T @ self.stated.rhs).sum())
+        return self.criterion(max(self.residual_squares() - explained, 1e-300), leading.shape[1])

@@ -11,7 +11,7 @@ turns with the line of sight and grows with the distance.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
+
+if TYPE_CHECKING:
+    from jointstiff.solver.terms.block import Term
 
 SHORTEST_SIGHT: Final = 0.01
 """Distance from station to target [m] below which the line of sight is undefined."""
@@ -223,6 +226,15 @@ ASSUMED_LOAD_POINT: Final = 0.01
 """Standard uncertainty of each coordinate of a load point of which nothing is stated [m]."""
 
 
+@dataclass(frozen=True, eq=False)
+class FittedErrors:
+    """Errors that were fitted beside the joints and taken out of the readings: K unknowns."""
+
+    terms: tuple[Term, ...]  #: terms that they are of
+    unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
+    covariance: FloatArray  #: (K, K) of all unknowns, beside the joints
+
+
 @dataclass(frozen=True)
 class CommonUncertainty:
     """Standard uncertainties, each fully correlated over the observations (method.md §8).
@@ -244,6 +256,7 @@ class CommonUncertainty:
     #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
     axis_direction: float = 0.0
     load_point_assumed: bool = False  #: whether `load_point` was not stated with the readings
+    fitted: FittedErrors | None = None  #: errors fitted beside the joints; None without
 
     @property
     def stated(self) -> CommonUncertainty:

@@ -341,6 +341,10 @@ class Term:
     #: standard uncertainties of its unknowns as the readings state them, repeated over them; none without
     prior: Callable[[CommonUncertainty], tuple[float, ...]] = lambda _: ()
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
+    #: measurements under the loads that its unknowns say; None for what moves the targets by itself
+    under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
+    words: str = ""  #: what it is as a cause, with a place {} for its unknowns
+    remedy: str = ""  #: what to check, or to read, to be certain of it
     #: standard uncertainty of its unknowns as a nuisance of plans under one load; 0 leaves it out
     hedged: float = 0.0
 

@@ -7,17 +7,30 @@ axes of joints, tracker and base.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import skew
-from jointstiff.solver.robot.model import displaced_axis
-from jointstiff.solver.terms.block import Motion, RegressorBlock, Term, by_torque, regressor_blocks
+from jointstiff.solver.robot.model import Robot, displaced_axis
+from jointstiff.solver.terms.block import (
+    Motion,
+    RegressorBlock,
+    Term,
+    by_torque,
+    regressor_blocks,
+    unloaded_configurations,
+)
 
 _STEP = 1e-5
 """Half the step of the difference quotients of an axis [m and rad]."""
+_READ_AGAIN = "read a posture again without the load: if it is elsewhere, tracker or base moved"
+_SETTLED = 50.0
+"""Torque at which a gear lies against one side of its play [N·m]; below it, in proportion."""
 
 
 def _load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -44,10 +57,80 @@ def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
 
 
-LOAD_POINT = Term("load_point", "m", _load_point, lambda common: (common.load_point,), suspected=True)
+def _load_zero(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Add one force, axes of the flange, to every load: the zero of a load cell that turns with it."""
+    forces = block.load_jacobian.transpose(0, 2, 1) @ block.configurations.flange_rotation
+    return by_torque(block, compliance, forces)
+
+
+def _at_load_point(robot: Robot, part: Measurements, error: FloatArray) -> Measurements:  # noqa: ARG001
+    return replace(part, load_point=part.load_point + error)
+
+
+def _with_force(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:  # noqa: ARG001
+    return replace(part, force=part.force + force)
+
+
+def _with_zero(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:
+    return replace(part, force=part.force + unloaded_configurations(robot, part).flange_rotation @ force)
+
+
+LOAD_POINT = Term(
+    "load_point",
+    "m",
+    _load_point,
+    lambda common: (common.load_point,),
+    suspected=True,
+    under=_at_load_point,
+    words="every load point moved by {} in the flange frame",
+    remedy="measure the load point on the flange",
+)
 FORCE_SCALE = Term("force_scale", "1", _force_scale, lambda common: (common.scale,))
 FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, lambda common: (common.direction,))
-CONSTANT_FORCE = Term("constant_force", "N", _constant_force, suspected=True)
+CONSTANT_FORCE = Term(
+    "constant_force",
+    "N",
+    _constant_force,
+    suspected=True,
+    under=_with_force,
+    words="a constant force of {} (axes of R0) added to every load",
+    remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
+)
+LOAD_ZERO = Term(
+    "load_zero",
+    "N",
+    _load_zero,
+    suspected=True,
+    under=_with_zero,
+    words="a constant force of {} (axes of the flange) added to every load",
+    remedy="read the load cell without load in two postures",
+)
+
+
+def load_scale(groups: Collection[Collection[str]]) -> Term:
+    """Return the term of a scale of its own for each group of loads, by the labels of their observations."""
+
+    def members(part: Measurements) -> FloatArray:
+        return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
+
+    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+        """Scale forces and moments of each group."""
+        torque = block.torque[..., None] * members(block.measurements)[:, None]
+        return by_torque(block, compliance, torque)
+
+    def under(robot: Robot, part: Measurements, scale: FloatArray) -> Measurements:  # noqa: ARG001
+        factor = 1.0 + members(part) @ scale[:, None]
+        return replace(part, force=factor * part.force, moment=factor * part.moment)
+
+    return Term(
+        "load_scale",
+        "1",
+        motion,
+        suspected=True,
+        under=under,
+        words="the loads scaled by {} one after the other",
+        remedy="weigh the loads, or check the load cell against one of them",
+    )
 
 
 def _target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -78,18 +161,75 @@ def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion(np.stack(targets, axis=-1), np.stack(joints, axis=-1))
 
 
-def _movement(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Shift, and turn about the middle of all targets, what was read under load: tracker or base moved."""
-    turn = -skew(block.points - block.points[block.measurements.present].mean(axis=0))
-    return Motion(np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1))
+def _play(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Turn each joint through half of its gear's play, to the side that the torque pushes it."""
+    side = np.clip(block.torque / _SETTLED, -1.0, 1.0)
+    return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
+
+
+def _shift(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Shift what was read under load: tracker or base moved."""
+    return Motion(np.broadcast_to(np.eye(3), (*block.points.shape, 3)))
+
+
+def turn_about(pivot: FloatArray) -> Term:
+    """Return the term of a shift and a turn, about a pivot (3,) in R0 [m], of what was read under load."""
+
+    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+        turned = -skew(block.points - pivot)
+        return Motion(np.concatenate([_shift(block, compliance).targets, turned], axis=-1))
+
+    return Term(
+        "turn",
+        "m, rad",
+        motion,
+        suspected=True,
+        words="what was read under load moved by {}",
+        remedy=_READ_AGAIN,
+    )
+
+
+def since(term: Term, labels: Sequence[str]) -> Term:
+    """Return a term that moves the targets of some observations only: of those after it came about."""
+
+    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+        moved = np.isin(block.measurements.labels, list(labels))
+        return Motion(np.where(moved[:, None, None, None], term.motion(block, compliance).targets, 0.0))
+
+    return replace(term, name=f"{term.name} since {labels[0]}", motion=motion)
 
 
 TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))
 AXES = Term("axes", "m, rad", _axes, lambda common: (common.axis_position, common.axis_direction))
-MOVEMENT = Term("movement", "m, rad", _movement, suspected=True)
+PLAY = Term(
+    "play",
+    "rad",
+    _play,
+    suspected=True,
+    words="play of {} in the gears",
+    remedy="read the same posture at half the load: play stays, and a spring bends by half",
+)
+SHIFT = Term(
+    "shift",
+    "m",
+    _shift,
+    suspected=True,
+    words="what was read under load moved by {}",
+    remedy=_READ_AGAIN,
+)
 
 TERMS: Final[dict[str, Term]] = {
     term.name: term
-    for term in (FORCE_SCALE, FORCE_DIRECTION, LOAD_POINT, CONSTANT_FORCE, MOVEMENT, TARGET_PLACES, AXES)
+    for term in (
+        FORCE_SCALE,
+        FORCE_DIRECTION,
+        LOAD_POINT,
+        CONSTANT_FORCE,
+        LOAD_ZERO,
+        PLAY,
+        SHIFT,
+        TARGET_PLACES,
+        AXES,
+    )
 }
 """Errors by name. Each has its line in the budget where the readings state its uncertainty."""

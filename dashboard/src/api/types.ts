@@ -3,7 +3,7 @@ import type { components } from "./schema";
 
 type Schemas = components["schemas"];
 
-export type Action = Schemas["Action"];
+export type Action = Schemas["Action-Output"];
 export type Advice = Schemas["Advice"];
 export type Assessment = Schemas["Assessment"];
 export type Authorisation = Schemas["Authorisation"];

@@ -29,6 +29,17 @@ export type FileFault = Fault | "mixed" | "several" | "too_large";
 const some = (names: string[]): string =>
   names.length > 3 ? `${names.slice(0, 3).join(", ")} and ${names.length - 3} more` : names.join(", ");
 
+/** Causes that move the targets beside the joints. */
+const causeNames: Record<string, string> = {
+  load_point: "a load point elsewhere",
+  constant_force: "a constant force",
+  load_zero: "the load cell's zero",
+  load_scale: "the scale of the loads",
+  play: "play in the gears",
+  shift: "a movement of tracker or base",
+  turn: "a turn of tracker or base",
+};
+
 const plural = (count: number, one: string, many: string) => `${count} ${count === 1 ? one : many}`;
 
 export const en = {
@@ -444,6 +455,7 @@ export const en = {
       force_direction: "direction of the force",
       load_point: "load point",
       assumed_load_point: "load point, 10 mm assumed",
+      fitted_causes: "causes fitted beside the joints",
       target_places: "positions of the targets",
       axes: "axes of the robot's model",
       model_error: "model error",
@@ -599,8 +611,7 @@ export const en = {
       exchange_columns: ({ joints }) => `Exchange the columns of ${joints.join(" and ")}`,
       apply_joint_map: () => "Use the suggested joint map",
       exchange_load_and_target: ({ target }) => `Exchange load point and ${target ?? "target"}`,
-      correct_load_point: () => "Correct the load point and repeat",
-      correct_force: () => "Add the missing force and repeat",
+      fit_causes: ({ causes }) => `Fit ${some(causes.map(({ name }) => causeNames[name] ?? name))} beside the joints`,
       convert_units: ({ unit }) => `Read the numbers in ${unit ?? "another unit"} and repeat`,
       exchange_readings: () => "Exchange unloaded and loaded and repeat",
       choose_model: () => "Choose the model by the readings",
@@ -948,6 +959,10 @@ export const en = {
   },
   evidence: {
     title: "Evidence",
+    causes: "Causes tested beside the joints",
+    cause: "Cause",
+    causeName: (name: string) => causeNames[name] ?? name,
+    first: "From observation",
     identifiability: "Observability",
     rank: "Rank",
     rankOf: (rank: number, total: number) => `${rank} of ${total}`,

@@ -22,6 +22,7 @@ export function Evidence({ context, result }: { context: RunContext; result: Run
         <Goodness result={result} />
         <Certificate result={result} />
         {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
+        {result.causes.length > 0 && <Causes causes={result.causes} />}
         {result.weight && <WeightTable weight={result.weight} />}
         {result.budget && <BudgetTable budget={result.budget} joints={result.joints} />}
         <Provenance context={context} />
@@ -157,6 +158,21 @@ function Suspicious({ result }: { result: RunResult }) {
             { title: words.norm, show: (v) => fixed(v, 1) },
           ],
           rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
+        }}
+      />
+    </section>
+  );
+}
+
+function Causes({ causes }: { causes: RunResult["causes"] }) {
+  return (
+    <section class="wide">
+      <h3>{words.causes}</h3>
+      <DataTable
+        caption={words.causes}
+        table={{
+          columns: [words.cause, words.first, { title: words.pValue, show: (v) => v.toPrecision(1) }],
+          rows: causes.map((cause) => [words.causeName(cause.name), cause.first ?? "", cause.p_value]),
         }}
       />
     </section>

@@ -253,7 +253,7 @@ def test_nothing_depends_on_what_else_is_asked_of_the_same_set(pulls):
         answered = [found.compliance]
         for question in (
             lambda: predict(robot, measurements, found.compliance, balanced=found.balanced).predicted,
-            lambda: list(screen_estimate(robot, measurements, found).p_values.values()),
+            lambda: [test.p_value for test in screen_estimate(robot, measurements, found).tests],
             lambda: gram_blocks(robot, measurements, settings, found).regressor,
         ):
             for other in others:

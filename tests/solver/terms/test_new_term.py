@@ -13,7 +13,7 @@ from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import PlanRequest, whitened_rows
 from jointstiff.solver.design.feasibility import Equipment, Loads
 from jointstiff.solver.design.results import to_budget
-from jointstiff.solver.evidence.causes import screen_estimate
+from jointstiff.solver.evidence.causes import fit_causes, screen_estimate
 from jointstiff.solver.evidence.estimate import UncertaintyBudget
 from jointstiff.solver.readings.measurements import CommonUncertainty
 from jointstiff.solver.robot.configuration import Configurations
@@ -23,15 +23,16 @@ from jointstiff.solver.terms.errors import TERMS
 ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 
 
-def load_zero(block, compliance):
+def cell_zero(block, compliance):
     """Move the targets by a force that is constant in the flange's frame: the zero of a load cell there."""
     force = block.load_jacobian.transpose(0, 2, 1) @ block.configurations.flange_rotation
     return by_torque(block, compliance, force)
 
 
 @pytest.fixture
-def load_zero_term(monkeypatch):
-    term = Term("load_zero", "N", load_zero, lambda _: (UNCERTAINTY,), suspected=True, hedged=UNCERTAINTY)
+def cell_zero_term(monkeypatch):
+    term = Term("cell_zero", "N", cell_zero, lambda _: (UNCERTAINTY,), suspected=True, hedged=UNCERTAINTY)
+    monkeypatch.delitem(TERMS, "load_zero")  # the same by its own name
     monkeypatch.setitem(TERMS, term.name, term)
 
 
@@ -40,7 +41,7 @@ def campaign():
     return prepare(simulate_campaign(ARM, load="pull", configurations=24, seed=4, sigma=1e-5))
 
 
-def test_it_is_tested_as_a_cause(campaign, load_zero_term):
+def test_it_is_tested_as_a_cause(campaign, cell_zero_term):
     """A zero of the load cell is seen where springs balance it exactly, and nothing where there is none."""
     robot, measurements = campaign
     at = Configurations(robot, measurements.joints)
@@ -50,17 +51,35 @@ def test_it_is_tested_as_a_cause(campaign, load_zero_term):
     unloaded, loaded = deflections(ARM, *load, places)
     noise = np.random.default_rng(1).normal(0.0, np.sqrt(2.0) * 1e-5, loaded.shape)
     off = replace(measurements, deflection=loaded - unloaded + noise)
-    seen, clean = (screen_estimate(robot, m, estimate(robot, m)).p_values for m in (off, measurements))
-    assert seen["load_zero"] < 1e-20
-    assert clean["load_zero"] > 1e-3
+    seen, clean = (screen_estimate(robot, m, estimate(robot, m)) for m in (off, measurements))
+    assert seen.p_value("cell_zero") < 1e-20
+    assert clean.p_value("cell_zero") > 1e-3
 
 
-def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, load_zero_term):
+def test_it_is_fitted_beside_the_joints(campaign, cell_zero_term):
+    """What it moved is taken out of the readings, and the intervals hold its uncertainty."""
+    robot, measurements = campaign
+    off = replace(measurements, force=measurements.force + rotation_of(measurements) @ ZERO)
+    screening = screen_estimate(robot, off, estimate(robot, off))
+    assert [cause.suspect.name for cause in screening.causes] == ["cell_zero"]
+    beside = fit_causes(robot, off, [("cell_zero", None)])
+    (zero,) = beside.common_uncertainty.fitted.unknowns
+    np.testing.assert_allclose(zero, -ZERO, atol=10.0)
+    found = estimate(robot, beside, complementary_stiffness="included")
+    u = np.sqrt(np.diag(found.covariance))
+    assert (np.abs(found.compliance - ARM.compliances) < 3 * u).all()
+
+
+def rotation_of(measurements):
+    return ARM.posture(measurements.joints).flange_rotation
+
+
+def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, cell_zero_term):
     robot, measurements = campaign
     stated = replace(measurements, common_uncertainty=CommonUncertainty())
     budget = UncertaintyBudget.of(estimate(robot, stated), 0.95)
     message = to_budget(budget, robot.joint_names, ())
-    (part,) = (part for part in message.components if part.source == "load_zero")
+    (part,) = (part for part in message.components if part.source == "cell_zero")
     assert all(0.0 < u < 0.1 / k for u, k in zip(part.contributions, ARM.stiffnesses, strict=True))
     # Neglecting K_c is a part of the whole budget alone.
     parts, included = [part.contributions for part in message.components], [True, True, False]
@@ -73,7 +92,7 @@ def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, load_zero_t
         np.testing.assert_allclose(expanded, message.coverage_factor * together, rtol=1e-9)
 
 
-def test_it_is_a_nuisance_of_plans(campaign, load_zero_term):
+def test_it_is_a_nuisance_of_plans(campaign, cell_zero_term):
     """Its columns follow those of the joints, in units of what is known of it."""
     robot, measurements = campaign
     loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
