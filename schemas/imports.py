@@ -96,8 +96,7 @@ class ImportOptions(Message):
     )
     by_order: bool = Field(
         default=False,
-        description="Match rows of files without names by their order: the first row is the first "
-        "observation. All files must have as many rows.",
+        description="Number the rows of files without names: the first row of each is observation 1.",
     )
     allow_missing: bool = Field(
         default=False,

@@ -18,6 +18,7 @@ from benchmarks.mutations import MUTATIONS, mutated
 from benchmarks.report import Figure, Section
 from benchmarks.spreadsheets import FACTORS, HABITS, Campaign, Upload, campaign_of
 from jointstiff.schemas.imports import ImportOptions
+from jointstiff.service.importing.grammar import Kind
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 
 __all__ = ["Tally", "outcome", "run", "tallies"]
@@ -55,11 +56,11 @@ def outcome(campaign: Campaign, upload: Upload) -> str:
 
 def _as_written(campaign: Campaign, understood: Understood) -> bool:
     units: Mapping[Any, str] = understood.units
+    known: dict[Kind, Mapping[str, tuple[float, ...]]] = {"joint": campaign.joints, "force": campaign.force}
     for one in understood.observations:
-        known = {"joint": campaign.joints, "force": campaign.force}
-        for kind, (vector, _) in one.values.items():
+        for kind, vector in ((kind, one.vector(kind) or ()) for kind in known):
             unit = units["angle" if kind == "joint" else "force"]
-            expected = known.get(kind, {}).get(one.label)
+            expected = known[kind].get(one.label)
             if kind == "joint" and expected is not None and len(vector) < len(expected):
                 expected = expected[: len(vector)]  # the last column was removed: too few for the robot
             if not _same(vector, expected, unit):

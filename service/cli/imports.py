@@ -478,7 +478,7 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
         _vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
     ),
     "force": partial(_vector, "Force on the robot in R0, X,Y,Z", None),
-    "by_order": partial(typer.confirm, "Match rows without names by their order?", default=False, err=True),
+    "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
     "sheet": partial(typer.prompt, "Sheet", err=True),
     "point_name": partial(

@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import ImportFileError, Place, shown
-from jointstiff.service.importing.grid import MAX_COLUMNS, CellKind, Grid, Row, check_size
+from jointstiff.service.importing.grid import MAX_COLUMNS, CellKind, Grid, Remark, Row
 
 MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
 """All parts of an Excel file together, unpacked."""
@@ -66,6 +66,8 @@ _ALLOWED: Final = MappingProxyType(
 _KINDS: Final[Mapping[str, CellKind]] = MappingProxyType(
     {"s": "text", "str": "text", "inlineStr": "text", "b": "truth value", "e": "error", "d": "date"}
 )
+_EMPTY: Final[tuple[CellKind, ...]] = ("text",)
+"""Kind of one empty cell."""
 _ZIP_FAULTS: Final = (
     zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, RuntimeError, LookupError,
     OverflowError,
@@ -99,23 +101,30 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         reason, remedy = f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}"
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     rows: list[Row] = []
-    comments: list[Row] = []
+    comments: list[Remark] = []
     for row in sheets[name].rows():
-        first = next(cell for cell in row.cells if cell)
-        mark = next((mark for mark in grid.COMMENT_MARKS if first.startswith(mark)), None)
-        if mark is None:
-            rows.append(row)
+        filled = [cell for cell in row.cells if cell]
+        if filled[0].startswith(grid.COMMENT_MARKS):
+            comments.append(Remark(row.line, grid.without_mark("\t".join(filled))))
         else:
-            at = row.cells.index(first)
-            cells = (*row.cells[:at], first.removeprefix(mark).strip(), *row.cells[at + 1 :])
-            comments.append(Row(row.line, cells, row.kinds, " ".join(cells)))
-    check_size(file, rows)
+            rows.append(row)
+    if not rows:
+        raise grid.no_rows(file)
+    width = max(len(row.cells) for row in rows)
+    if width * len(rows) > grid.MAX_CELLS:
+        raise grid.too_large(file, rows[0].line)
     notes = sheets[name].notes
     if comments:
         count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
         notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")
     preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
-    return Grid(preview, tuple(rows), tuple(comments))
+    return Grid(preview, tuple(_padded(row, width) for row in rows), tuple(comments))
+
+
+def _padded(row: Row, width: int) -> Row:
+    """Return a row of a sheet with empty cells at its end."""
+    more = width - len(row.cells)
+    return Row(row.line, row.cells + ("",) * more, (row.kinds or ()) + _EMPTY * more)
 
 
 def _only_filled(file: str, sheets: Mapping[str, _Sheet]) -> str:
@@ -252,7 +261,7 @@ class _Sheet:
                 if text:
                     gap = self._column - 1 - len(cells)
                     cells += [*[""] * gap, text]
-                    kinds += [*grid.EMPTY * gap, kind]
+                    kinds += [*_EMPTY * gap, kind]
         return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 
     def _find_place(self, address: str | None) -> None:

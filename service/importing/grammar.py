@@ -1,198 +1,71 @@
 """The grammar of headers: what one column means, by its header alone (docs/import.md).
 
-Words are English, German and French, compared in lower case, with single blanks for blanks and underscores. A
-word that means two things is left out. Letters of units keep their case: mN is no MN, and nm no N·m.
+The words are in words.toml.
 """
 
 from __future__ import annotations
 
 import re
+import tomllib
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, TypeVar
 
-from jointstiff.schemas.imports import State
+from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, shown
 
-# ---- words
-
-_Words = tuple[str, ...]
 Kind = Literal[
-    "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "validation", "joint",
-    "force", "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty",
-    "ignored", "unknown",
+    "name", "collection", "group", "target", "state", "deleted", "time", "validation", "joint", "force",
+    "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty", "ignored",
+    "unknown",
 ]  # fmt: skip
 """What the cells of a column are."""
+Dimension = Literal["length", "angle", "force", "moment"]
+_Value = TypeVar("_Value")
 
-_KEYS: Final[Mapping[Kind, _Words]] = MappingProxyType(
-    {
-        "name": (
-            "label", "name", "id", "observation", "configuration", "config", "pose", "posture",
-            "point", "point name", "pointname", "point id",
-            "bezeichnung", "konfiguration", "stellung", "pose nr", "punkt",
-            "punktname", "punkt nr", "messung",
-            "nom", "étiquette", "posture n°", "nom du point", "mesure",
-        ),
-        "collection": ("collection", "collection name", "sammlung"),
-        "group": ("group", "group name", "point group", "gruppe", "punktgruppe", "groupe"),
-        "target": ("target", "reflector", "smr", "reflektor", "zielmarke", "cible", "réflecteur"),
-        "state": ("state", "load state", "zustand", "lastzustand", "état", "état de charge"),
-        "deleted": ("deleted", "delete", "gelöscht", "supprimé"),
-        "temperature": ("temperature", "air temperature", "temperatur", "température"),
-        "time": (
-            "time", "timestamp", "time stamp", "date", "date time", "measured at",
-            "datum", "uhrzeit", "zeit", "zeitstempel", "heure", "horodatage",
-        ),
-        "validation": ("validation",),
-        "ignored": (
-            "comment", "comments", "remark", "remarks", "note", "notes",
-            "operator", "instrument", "rms", "i", "j", "k", "ignore", "ignored",
-            "tilt", "image rms", "pressure", "humidity", "otg applied", "luftdruck", "luftfeuchte",
-            "kommentar", "bemerkung", "bediener", "messgerät", "commentaire", "remarque", "opérateur",
-            "pression", "humidité",
-            "anchor", "overall verdict",
-        ),
-    }
-)  # fmt: skip
-"""Whole headers of columns that hold no quantity of a campaign."""
 
-_STATES: Final[Mapping[State, _Words]] = MappingProxyType(
-    {
-        "unloaded": (
-            "unloaded", "unload", "noload", "no load", "without load", "ul", "u",
-            "unbelastet", "unbel", "ohne last", "entlastet",
-            "à vide", "a vide", "déchargé", "decharge", "sans charge",
-            "before", "off", "without", "vorher", "vor", "ohne", "aus", "avant", "sans",
-        ),
-        "loaded": (
-            "loaded", "load", "with load", "under load", "ld", "l",
-            "belastet", "bel", "last", "mit last", "unter last",
-            "chargé", "charge", "chargée", "en charge", "sous charge", "avec charge",
-            "after", "on", "with", "nachher", "nach", "mit", "ein", "après", "apres", "avec",
-        ),
-        "deflection": (
-            "deflection", "defl", "displacement", "delta", "d",
-            "durchbiegung", "verformung", "auslenkung", "verschiebung",
-            "déflexion", "deflexion", "flèche", "déplacement", "deplacement",
-        ),
-    }
-)  # fmt: skip
-"""States of a target; a phrase of two words counts as one."""
+def _by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
+    return MappingProxyType({word: value for value, group in groups.items() for word in group})
 
-DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
-"""States where nothing else can be meant; elsewhere a digit is part of a name."""
 
-MARKS: Final = MappingProxyType(
-    {
-        **dict.fromkeys(("", "0", "false", "no", "nein", "non", "-", "falsch", "faux"), False),
-        **dict.fromkeys(("1", "true", "yes", "ja", "oui", "x", "delete", "deleted", "wahr", "vrai"), True),
-    }
+# ---- words and units
+
+_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
+_BESIDE: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
+_KEY_OF: Final[Mapping[str, Kind]] = _by_word(_WORDS["keys"])
+_STATE_OF: Final[Mapping[str, State]] = _by_word(_WORDS["states"])
+_VECTOR_OF: Final[Mapping[str, Kind]] = _by_word(_WORDS["vectors"])
+MARKS: Final[Mapping[str, bool]] = MappingProxyType(
+    {word: mark == "true" for word, mark in _by_word(_WORDS["marks"]).items()}
 )
 """Whether a cell below `deleted` marks its row."""
-
-_JOINTS: Final = ("j", "a", "q", "joint", "axis", "theta", "θ", "achse", "gelenk", "axe", "articulation")
-"""Before the number of a joint."""
-
-_VECTORS: Final[Mapping[Kind, _Words]] = MappingProxyType(
-    {
-        "force": ("f", "force", "kraft", "effort"),
-        "moment": ("m", "moment", "torque", "drehmoment", "couple"),
-        "load point": (
-            "lp", "load point", "pw", "lastpunkt", "kraftangriffspunkt", "lastangriffspunkt",
-            "point d'application", "point de charge",
-        ),
-    }
-)  # fmt: skip
-"""Before x, y or z."""
-
-_EXPANDED: Final = ("u(95)", "u95", "u(95%)", "u95%")
-"""Expanded uncertainty at 95 %: beside x, y or z of that coordinate, else of the point."""
-
+DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
+"""States where nothing else can be meant; elsewhere a digit is part of a name."""
 _ADDED: Final = "plus"
 """Beside x, y or z: a deviation, to be added to that coordinate of the same target and state."""
-
 _ALONG: Final = "along"
 """Beside x, y or z: a displacement along that axis of R0, read by a dial gauge."""
-
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
-    {**dict.fromkeys(_EXPANDED, "uncertainty"), _ADDED: "addition", _ALONG: "along"}
+    {**dict.fromkeys(_BESIDE["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
 )
 """Words that make something else of a position."""
+_NOT_TARGETS: Final = frozenset((*_BESIDE["other"], *_BESIDE["expanded"]))
 
-_COORDINATES: Final = ("position", "coordinate", "koordinate", "coordonnée", "pos")
-"""Say no more than x, y or z beside them."""
-
-_NOT_TARGETS: Final = frozenset(
-    (
-        "sigma", "std", "stdev", "stddev", "sd", "variance", "var", "covariance", "cov", "uncertainty", "unc",
-        "err", "stderr", "rmse", "residue", "noise", "quality", "range", "spread", "median", "avg",
-        "standardabweichung", "stdabw", "varianz", "fehler", "mittel", "mittelwert", "rauschen",
-        "résidu", "erreur", "médiane", "bruit", "nominal", "nom", "theoretical", "dev", "deviation",
-        "tol", "tolerance", "error", "rms", "normal", "offset", "residual", "max", "min", "mean", "average",
-        "goal", "command", "commanded", "setpoint", "desired", "nominell", "soll", "sollwert", "abweichung",
-        "unsicherheit", "streuung", "toleranz", "consigne", "écart", "incertitude", "tolérance", "moyenne",
-        "dif", "diff", "difference", "differenz", "différence", "rotation", "u(k=2)", *_EXPANDED,
-    )
-)  # fmt: skip
-"""Words beside x, y and z that tell of something other than a target's position."""
-
-Dimension = Literal["length", "angle", "force", "moment"]
-
-UNITS: Final[Mapping[Dimension, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
-    {
-        "length": {
-            "m": ("m", "meter", "meters", "metre", "metres", "metern", "mètre", "mètres"),
-            "mm": (
-                "mm", "MM", "millimeter", "millimeters", "millimetre", "millimetres", "millimetern",
-                "millimètre", "millimètres",
-            ),
-            "in": ("in", "inch", "inches", "zoll", "pouce", "pouces"),
-        },
-        "angle": {
-            "rad": ("rad", "RAD"),
-            "deg": ("deg", "DEG", "°", "degree", "degrees", "degré", "degrés"),
-        },
-        "force": {"N": ("N",), "kN": ("kN",), "kgf": ("kgf", "kp")},
-        "moment": {
-            "N.m": ("N.m", "Nm"),
-            "N.mm": ("N.mm", "Nmm"),
-            "kN.m": ("kN.m", "kNm"),
-            "kgf.m": ("kgf.m", "kgfm", "kpm", "kp.m"),
-        },
-    }
-)  # fmt: skip
-"""Canonical name and spellings, by dimension; for the full stop of a product any sign of one, or a blank."""
 _PRODUCT: Final = re.compile(r"(?<=\w)[ ·*-](?=\w)")
-
 INCH: Final = 25.4
 """Millimetres, exactly: what is in inches is converted when it is read."""
-
-_SPELT: Final = MappingProxyType(
+_SPELT: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
     {
         spelling: (dimension, unit)
-        for dimension, units in UNITS.items()
+        for dimension, units in _WORDS["units"].items()
         for unit, spellings in units.items()
         for spelling in spellings
     }
 )
-_FOREIGN: Final[Mapping[str, Dimension | None]] = MappingProxyType(
-    {
-        **dict.fromkeys(("kg", "g", "t", "lbf", "lb", "lbs", "daN", "MN", "mN", "kip"), "force"),
-        **dict.fromkeys(
-            ("ft", "feet", "foot", "yd", "cm", "dm", "km", "µm", "μm", "um", "nm", "mil", "thou",
-             "zentimeter", "centimeter", "centimetre", "centimètre"),
-            "length",
-        ),
-        **dict.fromkeys(
-            ("grad", "gon", "mrad", "arcsec", "arcmin", "rev", "turns", "inc", "counts", "ticks"), "angle"
-        ),
-        **dict.fromkeys(("lbf.ft", "ft.lbf", "N.cm", "Ncm", "mNm"), "moment"),
-        **dict.fromkeys(("V", "mV", "%")),
-    }
-)  # fmt: skip
-"""Units that we do not take, by their dimension: no column can be said to be in another."""
+_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _by_word(_WORDS["foreign"])
 
 
 def spoken(unit: str) -> str:
@@ -208,7 +81,10 @@ def unit_named(text: str) -> tuple[Dimension, str] | None:
 def any_unit(text: str) -> tuple[Dimension | None, str] | None:
     """Return the dimension and name of a unit, ours or a foreign one; None if it is none."""
     spelt = _spelt(text)
-    return _SPELT.get(spelt) or ((_FOREIGN[spelt], spelt) if spelt in _FOREIGN else None)
+    if spelt in _SPELT:
+        return _SPELT[spelt]
+    dimension = _FOREIGN.get(spelt)
+    return None if dimension is None else (None if dimension == "none" else dimension, spelt)
 
 
 def _spelt(text: str) -> str:
@@ -224,11 +100,9 @@ _LENGTHS: Final[dict[Kind, Dimension]] = dict.fromkeys(("load point", *POINTS), 
 DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
     {"joint": "angle", "force": "force", "moment": "moment", **_LENGTHS}
 )
-_MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("temperature", "time", "ignored"))
+_MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
-
-_Value = TypeVar("_Value")
 
 
 def folded(text: str) -> str:
@@ -241,20 +115,13 @@ def collapsed(text: str) -> str:
     return " ".join(text.split())
 
 
-def _by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
-    return MappingProxyType({word: value for value, group in groups.items() for word in group})
-
-
 def _either(texts: Iterable[str]) -> str:
     """Return a pattern of texts, the longest first; blanks in them may be any."""
     longest = sorted(texts, key=len, reverse=True)
     return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
 
 
-_KEY_OF: Final = _by_word(_KEYS)
-_STATE_OF: Final = _by_word(_STATES)
-_VECTOR_OF: Final = _by_word(_VECTORS)
-_JOINT: Final = re.compile(rf"(?:{_either(_JOINTS)})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
+_JOINT: Final = re.compile(rf"(?:{_either(_BESIDE['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
 _VECTOR: Final = re.compile(rf"({_either(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
 _PHRASE: Final = re.compile(
     rf"(?<![^\s_])(?:{_either(word for word in _STATE_OF if ' ' in word)})(?![^\s_])", re.IGNORECASE
@@ -264,6 +131,8 @@ _TOKEN: Final = re.compile(r"[^\s_]+")
 _PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
+_TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
+"""Coordinates if they are in a unit of length; else they may be moments."""
 
 
 class Quantity(NamedTuple):
@@ -285,7 +154,7 @@ class Meaning:
     quantity: Quantity  # that the column is a part of
     # number of the joint, or of the axis x, y, z, from 0; 0 of a point's uncertainty; None for texts
     axis: int | None = None
-    unit: str | None = None  # canonical, if the header names it; of a temperature as it is written
+    unit: str | None = None  # canonical, if the header names it
     guessed: bool = False  # whether it is to be checked: the unit stood without brackets, 0 and 1 as states
 
     @property
@@ -339,7 +208,7 @@ def is_key(text: str) -> bool:
 
 def is_joint(text: str) -> bool:
     """Return whether a text is a word for a joint, which needs its number."""
-    return folded(split_unit(text)[0]) in _JOINTS
+    return folded(split_unit(text)[0]) in _BESIDE["joints"]
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
@@ -352,7 +221,7 @@ def split_unit(header: str) -> tuple[str, str | None]:
     if slashed is not None:
         slashed = slashed.strip("() ")
         return (base, slashed) if unit_named(slashed) else (header, None)
-    if round_ is not None and folded(header).rpartition(" ")[2] in _EXPANDED:
+    if round_ is not None and folded(header).rpartition(" ")[2] in _BESIDE["expanded"]:
         return header, None
     return base, bracketed if bracketed is not None else round_
 
@@ -365,9 +234,11 @@ def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
         if unit is not None and key not in _MAY_HAVE_UNITS:
             reason = f"{shown(header)} has a unit, but is a column of texts"
             raise ImportFileError(NOWHERE, reason, "check the header")
-        return Meaning(Quantity(key), unit=unit if key == "temperature" else None)
+        return Meaning(Quantity(key))
     suffixed = None if unit is not None else _split_suffix(base)
     base, unit = suffixed or (base, unit)
+    if folded(base) in _TRANSLATIONS and unit is not None and (unit_named(unit) or [""])[0] == "length":
+        base = base[1:]
     if joint := _JOINT.fullmatch(base):
         if not joint[1].strip("0"):
             reason = f"{shown(header)}: joints are numbered from 1"
@@ -378,7 +249,8 @@ def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
         meaning = Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
     else:
         meaning = _position(header, base, state_words)
-    return replace(meaning, unit=checked_unit(header, unit, meaning.kind), guessed=suffixed is not None)
+    unit = checked_unit(header, unit, meaning.kind)
+    return replace(meaning, unit=unit, guessed=meaning.guessed or suffixed is not None)
 
 
 def _split_suffix(base: str) -> tuple[str, str] | None:
@@ -397,53 +269,65 @@ def checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
     dimension, known = DIMENSIONS[kind], unit_named(text)
     if known is None or known[0] != dimension:
         reason = f"{shown(header)}: {shown(text)} is not a known unit of {dimension}"
-        raise ImportFileError(NOWHERE, reason, f"convert to one of {', '.join(UNITS[dimension])}")
+        raise ImportFileError(NOWHERE, reason, f"convert to one of {', '.join(_WORDS['units'][dimension])}")
     return known[1]
 
 
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece."""
+    """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece.
+
+    Each axis of `tip along z` or `dial gauge z` is a reading of its own, whose name says it.
+    """
     base = _PHRASE.sub(lambda phrase: _STATE_OF[folded(phrase[0].replace("-", " "))], base)
-    rest = []
-    axes: list[int] = []
-    states: set[State] = set()
-    kinds: list[Kind] = []
-    for token in _TOKEN.finditer(base):
-        if coordinate := _COORDINATE.fullmatch(token[0]):
-            axes.append("xyz".index(coordinate[2].casefold()))
-            states.update(["deflection"] if coordinate[1] else [])
-        elif state := state_named(token[0], state_words):
-            states.add(state)
-        elif kind := _KINDS.get(folded(token[0])):
-            kinds.append(kind)
-        elif folded(token[0]) not in _COORDINATES:
-            rest.append(token)
+    axes, states, kinds, rest = _sorted_words(base, state_words)
     target = base[rest[0].start() : rest[-1].end()] if rest else None
     named = _TOKEN.findall(target or "")
-    (meant, *more) = kinds or ["position"]
+    gauges = set(_BESIDE["gauges"]).intersection(map(folded, named))
+    gauged = bool(gauges) and not kinds and states <= {"deflection"}
+    meant: Kind = min(kinds, default="position")
+    if gauged:
+        meant = "along"
     if meant == "uncertainty" and not axes:
         meant = "point uncertainty"
-    unclear = more or len(axes) != (meant != "point uncertainty") or len(states) > 1
+    unclear = len(kinds) > 1 or len(axes) != (meant != "point uncertainty") or len(states) > 1
     if unclear or len(named) != len(rest) or any(map(_no_target, named)):
         raise ImportFileError(
             NOWHERE,
             f"unknown column header {shown(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
-            "[mm]`, `P10 dx [mm]`, `x [mm]`; give its meaning in `columns`, or skip it with `ignore`",
+            "[mm]`, `P10 dx [mm]`, `tip along z [mm]` of a gauge, `x [mm]`; give its meaning in `columns`, "
+            "or skip it with `ignore`",
             UNKNOWN,
         )
-    meaning = Meaning(Quantity(meant, target, next(iter(states), None)), sum(axes))
-    return _along(header, meaning) if meant == "along" else meaning
-
-
-def _along(header: str, meaning: Meaning) -> Meaning:
-    """`tip along z`: each axis is a reading of its own, whose name says it."""
-    _, target, state = meaning.quantity
+    state = next(iter(states), None)
+    if meant != "along":
+        return Meaning(Quantity(meant, target, state), sum(axes))
     if target is None or state not in (None, "deflection"):
         reason = f"{shown(header)}: a reading along an axis has a target, and is a deflection"
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
-    name = f"{target} {_ALONG} {'xyz'[meaning.axis or 0]}"
-    return Meaning(Quantity("along", name, "deflection"), 0)
+    return Meaning(Quantity("along", f"{target} {_ALONG} {'xyz'[axes[0]]}", "deflection"), 0, guessed=gauged)
+
+
+def _sorted_words(
+    base: str, state_words: Mapping[str, State]
+) -> tuple[list[int], set[State], set[Kind], list[re.Match[str]]]:
+    """Return axes, states and kinds that words of a header name, and the words that name none."""
+    axes: list[int] = []
+    states: set[State] = set()
+    kinds: set[Kind] = set()
+    rest = []
+    for token in _TOKEN.finditer(base):
+        word = folded(token[0])
+        if coordinate := _COORDINATE.fullmatch(token[0]):
+            axes.append("xyz".index(coordinate[2].casefold()))
+            states.update(["deflection"] if coordinate[1] else [])
+        elif state := state_named(token[0], state_words):
+            states.add(state)
+        elif word in _KINDS:
+            kinds.add(_KINDS[word])
+        elif word not in _BESIDE["coordinates"]:
+            rest.append(token)
+    return axes, states, kinds, rest
 
 
 def _no_target(word: str) -> bool:
@@ -456,3 +340,66 @@ def along_axis(target: str) -> tuple[str, int]:
     """Return target and axis of a reading along an axis: those of `tip along z` are `tip` and 2."""
     name, _, axis = target.rpartition(f" {_ALONG} ")
     return name, "xyz".index(axis)
+
+
+class Vocabulary:
+    """The grammar of headers with the words and the meanings that the caller states."""
+
+    def __init__(self, options: ImportOptions) -> None:
+        """Take the caller's words."""
+        self.states = options.state_words
+        self.ignored = {collapsed(text) for text in options.ignore}
+        self.stated = {collapsed(text): meaning for text, meaning in options.columns.items()}
+
+    def meaning(self, header: str, *, guessed: bool) -> Meaning:
+        """Return the meaning of a header, or the one that is stated, in the unit of the file if it has one.
+
+        Raises:
+            ImportFileError: it is not understood, or the units differ.
+        """
+        text = collapsed(header)
+        if text in self.ignored:
+            return Meaning(Quantity("ignored"))
+        stated = self.stated.get(text)
+        meaning = meaning_of(header if stated is None else stated, self.states)
+        if stated is None:
+            return replace(meaning, guessed=meaning.guessed or guessed)
+        return meaning if meaning.axis is None else _in_unit_of(text, stated, meaning)
+
+    def find(self, header: str) -> Meaning | None:
+        """Return what a header may mean; None if it is not understood."""
+        text = collapsed(header)
+        if text in self.ignored or text in self.stated or folded(split_unit(header)[0]) == "q0":
+            return Meaning(Quantity("ignored"))
+        try:
+            return meaning_of(header, self.states)
+        except ImportFileError:
+            return None
+
+    def count_known(self, headers: Iterable[str]) -> int:
+        """Return how many are understood; 0 if two are the same part of a quantity, or only one is."""
+        found = [meaning for text in headers if text and (meaning := self.find(text))]
+        parts = [(meaning.quantity, meaning.axis) for meaning in found if meaning.axis is not None]
+        return 0 if len(set(parts)) < len(parts) or len(found) < 2 else len(found)
+
+
+def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
+    """Return a meaning that the caller states, in the unit of the header if it has one.
+
+    What stands in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
+    of a position `x_t` is no tonne, and the m of `x_m` no metre if the caller states a unit.
+    """
+    bracketed, dimension = split_unit(header)[1], DIMENSIONS[meaning.kind]
+    tail = bracketed if bracketed is not None else header.replace("_", " ").split(" ")[-1]
+    known = any_unit(tail)
+    certain = bracketed is not None and (known is not None or header.endswith("]"))
+    measured = header.endswith("_m") and meaning.unit is not None
+    if not certain and (measured or known is None or known[0] != dimension):
+        return meaning
+    ours = unit_named(tail)
+    if ours is None:
+        checked_unit(header, tail, meaning.kind)  # which refuses it
+    elif ours[0] != dimension or meaning.unit not in (None, ours[1]):
+        reason = f"{shown(header)} is in {spoken(ours[1])}, but {shown(stated)} by `columns`"
+        raise ImportFileError(NOWHERE, reason, "correct one of them; a unit is never converted silently")
+    return replace(meaning, unit=ours and ours[1], guessed=bracketed is None)

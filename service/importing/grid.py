@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import DecimalMark, Delimiter, FilePreview
@@ -36,8 +36,6 @@ MAX_NUMBER_LENGTH: Final = 40
 COMMENT_MARKS: Final = ("#", "//", "%")
 
 CellKind = Literal["text", "number", "date", "percentage", "truth value", "error", "formula"]
-EMPTY: Final[tuple[CellKind, ...]] = ("text",)
-"""Kind of one empty cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +46,13 @@ class Row:
     cells: tuple[str, ...]  # without blanks at the ends
     # what each cell of a sheet is; None in a text file, where all is text
     kinds: tuple[CellKind, ...] | None = None
-    text: str = ""  # of a comment, without its mark
+
+
+class Remark(NamedTuple):
+    """A comment, or a title above the table."""
+
+    line: int  # line of a text file or row of a sheet, from 1
+    text: str  # without the mark of comments; a tab between the cells of a sheet
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +60,8 @@ class Grid:
     """All rows of a file."""
 
     preview: FilePreview  # its name and form, and what was assumed in reading it
-    rows: tuple[Row, ...]  # those that are neither empty nor comments; all of the same length in a text file
-    comments: tuple[Row, ...] = ()  # rows that begin with a mark of comments, without it
+    rows: tuple[Row, ...]  # those that are neither empty nor comments; all of one length in a sheet
+    comments: tuple[Remark, ...] = ()  # rows that begin with a mark of comments
     ended: bool = True  # whether its last line has an end
 
     @property
@@ -75,26 +79,20 @@ class Grid:
         return Place(self.file, row.line, None if column is None else column + 1)
 
 
-def check_size(file: str, rows: Sequence[Row]) -> None:
-    """Refuse a table that is empty or beyond the limits."""
-    if not rows:
-        raise ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
-    cells = 0
-    for row in rows:
-        cells += len(row.cells)
-        if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
-            raise _too_many_cells(file, row)
-        for column, cell in enumerate(row.cells, start=1):
-            if len(cell) > MAX_CELL_LENGTH:
-                reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}"
-                remedy = "check for a missing quotation mark or delimiter"
-                raise ImportFileError(Place(file, row.line, column), reason, remedy)
+def no_rows(file: str) -> ImportFileError:
+    """Return the fault of a file without a row of data."""
+    return ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
 
 
-def _too_many_cells(file: str, row: Row) -> ImportFileError:
+def too_large(file: str, line: int) -> ImportFileError:
+    """Return the fault of a table with too many cells."""
     reason = f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells"
-    remedy = "remove columns that are not needed, or split the file"
-    return ImportFileError(Place(file, row.line), reason, remedy)
+    return ImportFileError(Place(file, line), reason, "remove columns that are not needed, or split the file")
+
+
+def without_mark(text: str) -> str:
+    """Return a comment without its mark."""
+    return next(text.removeprefix(mark).strip() for mark in COMMENT_MARKS if text.startswith(mark))
 
 
 # ---- types of files, by their first bytes or the parts of an archive
@@ -178,28 +176,32 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     """Split a text into cells; the delimiter is found out if None."""
     text, encoding = _decode(file, content)
     lines: list[_Line] = []
-    comments: list[_Line] = []
+    comments: list[Remark] = []
     for number, line in enumerate(_LINE_END.split(text), start=1):
         bare = line.strip(" \t")
-        mark = next((mark for mark in COMMENT_MARKS if bare.startswith(mark)), None)
-        if mark is not None:
-            comments.append((number, bare.removeprefix(mark).strip()))
+        if bare.startswith(COMMENT_MARKS):
+            comments.append(Remark(number, without_mark(bare)))
         elif bare:
             lines.append((number, line))
     if delimiter is None and lines:
         delimiter = _delimiter(file, lines)
     rows = [row for row in _rows(file, lines, delimiter or "comma") if any(row.cells)]
-    check_size(file, rows)
-    remarks = list(_rows(file, comments, delimiter or "comma", comments=True))
-    preview = FilePreview(
-        file=file,
-        format="text",
-        encoding=encoding,
-        delimiter=delimiter,
-        assumptions=[_LATIN1] * (encoding == "latin-1") + _notes_on(remarks, len(rows[-1].cells)),
-    )
-    ended = text.rstrip(" \t").endswith(("\n", "\r")) or comments[-1:] > lines[-1:]
-    return Grid(preview, tuple(rows), tuple(remarks), ended)
+    if not rows:
+        raise no_rows(file)
+    notes = [_LATIN1] if encoding == "latin-1" else []
+    if comments:
+        count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
+        notes.append(f"comments were skipped ({count}); the first: {shown(comments[0].text)}")
+    mark = None if delimiter == "whitespace" else _CHARACTERS[delimiter or "comma"]
+    split = (comment.text.split(mark) for comment in comments)
+    width = len(rows[-1].cells)
+    alike = sum(len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in split)
+    if alike:
+        notes.append(f"{alike} of the comments look like rows of data; they were not read")
+    preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
+    last = comments[-1].line if comments else 0
+    ended = text.rstrip(" \t").endswith(("\n", "\r")) or last > lines[-1][0]
+    return Grid(preview, tuple(rows), tuple(comments), ended)
 
 
 def _decode(file: str, content: bytes) -> tuple[str, str]:
@@ -266,29 +268,17 @@ def _attempt(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tu
     return rows[first:] if alike and width > 1 else []
 
 
-def _rows(
-    file: str, lines: Iterable[_Line], delimiter: Delimiter, *, comments: bool = False
-) -> Iterator[Row]:
-    """Yield rows as long as a table may have as many rows and cells; empty rows have none.
-
-    Comments are rows as far as they can be: one of them may be the header.
-    """
+def _rows(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Iterator[Row]:
+    """Yield rows as long as a table may have as many rows and cells; empty rows have none."""
     cells = 0
     for index, (number, text) in enumerate(lines):
-        if index == MAX_ROWS and not comments:
+        if index == MAX_ROWS:
             reason = f"the file has more than {MAX_ROWS} rows"
             raise ImportFileError(Place(file, number), reason, "split the file")
-        try:
-            row = _row(file, number, text, delimiter)
-        except ImportFileError:
-            if not comments:
-                raise
-            row = Row(number, (text,))
-        if comments:
-            row = Row(number, row.cells, text=text)
-        cells += len(row.cells) if comments or any(row.cells) else 0
-        if cells > MAX_CELLS:
-            raise _too_many_cells(file, row)
+        row = _row(file, number, text, delimiter)
+        cells += len(row.cells) if any(row.cells) else 0
+        if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
+            raise too_large(file, number)
         yield row
 
 
@@ -306,21 +296,13 @@ def _row(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
         raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None
     stripped = tuple(cell.strip(" \t") for cell in cells)
     for column, cell in enumerate(stripped, start=1):
+        at = place._replace(column=column)
+        if len(cell) > MAX_CELL_LENGTH:
+            reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}"
+            raise ImportFileError(at, reason, "check for a missing quotation mark or delimiter")
         if '"' in cell:
-            reason = f"a quotation mark occurs within a cell, {shown(cell)}"
-            raise ImportFileError(Place(file, number, column), reason, "remove it")
+            raise ImportFileError(at, f"a quotation mark occurs within a cell, {shown(cell)}", "remove it")
     return Row(number, stripped)
-
-
-def _notes_on(comments: Sequence[Row], width: int) -> list[str]:
-    if not comments:
-        return []
-    count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
-    notes = [f"comments were skipped ({count}); the first: {shown(comments[0].text)}"]
-    alike = sum(len(row.cells) == width > 1 and looks_like_a_number(row.cells[-1]) for row in comments)
-    if alike:
-        notes.append(f"{alike} of the comments look like rows of data; they were not read")
-    return notes
 
 
 # ---- numbers as people and instruments write them, read strictly or not at all

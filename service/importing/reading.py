@@ -16,11 +16,10 @@ from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.excel import read_workbook
-from jointstiff.service.importing.grammar import collapsed, spoken
+from jointstiff.service.importing.grammar import POINTS, Quantity, along_axis, collapsed, spoken
 from jointstiff.service.importing.grid import Grid, file_type, read_text
 from jointstiff.service.importing.layout import Layout, lay_out
-from jointstiff.service.importing.names import labels_in_order, names_of
-from jointstiff.service.importing.records import Gathered, Point, RowReader, Surroundings, Vector
+from jointstiff.service.importing.rows import Gathered, Names, RowReader, Surroundings, Value
 
 _NO_OPTIONS: Final = ImportOptions()
 _Uncertainty = Literal["coordinate", "point"]
@@ -60,14 +59,18 @@ class Understood:
     # absent from all of them; none if there are faults
     observations: tuple[Gathered, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)  # units by dimension, of all numbers that occur
-    surroundings: Surroundings = field(default_factory=Surroundings)  # times and temperatures
+    surroundings: Surroundings = field(default_factory=Surroundings)  # when the points were read
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
 
     @property
     def places(self) -> dict[str, str]:
         """Return the name of its place in the flange by each target that was read as a deflection."""
-        read = [point for point in _points(self.observations) if point.state == "deflection"]
-        return {point.target: point.along[0] if point.along else point.target for point in read}
+        read = (quantity for one in self.observations for quantity in one.values)
+        return {
+            target or "": along_axis(target or "")[0] if kind == "along" else target or ""
+            for kind, target, state in read
+            if state == "deflection"
+        }
 
 
 def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
@@ -110,44 +113,36 @@ class _Reader:
 
     def __init__(self, options: ImportOptions, faults: Faults) -> None:
         self._options, self._faults = options, faults
-        self._frames: dict[str, str | None] = {}
         self._layouts: list[Layout] = []  # of the files whose rows were found
+        self._notes: list[str] = []
         self._units: dict[str, str] = {}
         self._surroundings = Surroundings()
 
     def read(self, files: Sequence[SourceFile]) -> Understood:
         """Read all files."""
+        faults = self._faults
         for file in files:
-            with self._faults.collected():
-                self._layouts.append(lay_out(_grid(file, self._options), self._options, self._faults))
+            with faults.collected():
+                self._layouts.append(lay_out(_grid(file, self._options), self._options, faults))
                 self._compare(self._layouts[-1])
-        sound = all(not one.columns.faulty for one in self._layouts) and len(self._layouts) == len(files)
-        if sound:
+        if all(not one.columns.faulty for one in self._layouts) and len(self._layouts) == len(files):
             self._check_options()
-        labels = labels_in_order(self._layouts, self._faults) if sound and self._options.by_order else []
-        notes: list[str] = []
         readers = []
         for layout in self._layouts:
-            columns = layout.columns
-            if layout.mark is not None and not columns.faulty and (labels or "name" in columns.texts):
-                with self._faults.collected():
-                    names = names_of(layout, self._options, notes)
-                    readers.append(RowReader(layout, names, labels, self._surroundings))
-        if self._units.get("length") == "in":
-            self._units["length"] = "mm"
-        observations = _gather(
-            (record for reader in readers for record in reader.records(self._faults)), self._faults
-        )
-        if self._faults.found:
-            return self.understood()
-        return self._checked(observations, notes)
+            if layout.mark is not None and not layout.columns.faulty:
+                with faults.collected():
+                    names = Names(layout, self._options, self._notes)
+                    readers.append(RowReader(layout, names, self._surroundings))
+        records = (record for reader in readers for record in reader.records(faults))
+        observations = _gather(records, faults)
+        return self.understood() if faults.found else self._checked(observations)
 
-    def _checked(self, observations: list[Gathered], notes: list[str]) -> Understood:
+    def _checked(self, observations: list[Gathered]) -> Understood:
         """Return the observations of all files, if they are complete."""
-        faults = self._faults
+        faults, notes = self._faults, self._notes
         targets = _targets(observations)
         _check_values(observations, faults)
-        present = {point.state for point in _points(observations)}
+        present = {quantity.state for one in observations for quantity in one.values}
         states = [state for state in _STATES if state in present]
         read = states not in _HALVES
         if targets and read:
@@ -162,12 +157,12 @@ class _Reader:
         held_out = [one.label for one in observations if one.held_out]
         if held_out:
             notes.append(f"held out from the fit, to judge it: {', '.join(held_out)}")
-        joints = observations[0].values.get("joint") if observations else None
+        joints = observations[0].vector("joint") if observations else None
         preview = self.understood().preview.model_copy(
             update={
                 "observation_count": len(observations),
                 "first_labels": [one.label for one in observations[:MAX_PREVIEW_ROWS]],
-                "joint_count": None if joints is None else len(joints[0]),
+                "joint_count": None if joints is None else len(joints),
                 "targets": targets,
                 "states": states,
                 "reading_count": sum(len(one.points) for one in observations) if read else 0,
@@ -175,9 +170,10 @@ class _Reader:
                 "uncertainty": next(iter(sigmas), None),
             }
         )
+        units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
         doubts = [layout.doubt for layout in self._layouts if layout.doubt]
         unusual = (*doubts, *_unusual(observations))
-        return Understood(preview, (), tuple(observations), self._units, self._surroundings, unusual)
+        return Understood(preview, (), tuple(observations), units, self._surroundings, unusual)
 
     def understood(self) -> Understood:
         """Return the files as far as they were understood, and the faults."""
@@ -212,13 +208,18 @@ class _Reader:
                 other = spoken(self._units[dimension])
                 reason = f"the unit of {dimension} is {spoken(unit)}, but {other} in other files"
                 self._faults.report(place, reason, "use one unit for every quantity")
-        if any(quantity.kind == "position" for quantity in layout.columns.quantities):
-            before = self._frames.setdefault("frame", layout.frame)
-            if before != layout.frame:
-                frames = layout.frame or "not named", before or "not named"
-                reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
-                remedy = "export all in one frame; add a line `# Frame: NAME` to a file that names none"
-                self._faults.report(place, reason, remedy)
+        if not _has_positions(layout):
+            return
+        first = next(filter(_has_positions, self._layouts))
+        if first.frame != layout.frame:
+            frames = layout.frame or "not named", first.frame or "not named"
+            reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
+            remedy = "export all in one frame; add a line `# Frame: NAME` to a file that names none"
+            self._faults.report(place, reason, remedy)
+
+
+def _has_positions(layout: Layout) -> bool:
+    return any(quantity.kind == "position" for quantity in layout.columns.quantities)
 
 
 def _grid(file: SourceFile, options: ImportOptions) -> Grid:
@@ -243,70 +244,66 @@ def _gather(records: Iterable[Gathered], faults: Faults) -> list[Gathered]:
     gathered: dict[str, Gathered] = {}
     whole: dict[tuple[str | None, str], Place] = {}
     for record in records:
-        with faults.collected():
-            before = whole.setdefault((record.place.file, record.label), record.place)
-            if record.whole and before is not record.place:
-                raise _twice(f"the label {shown(record.label)}", record.place, before)
-            known = gathered.setdefault(record.label, record)
-            if known is not record:
-                _add(known, record, faults)
+        before = whole.setdefault((record.place.file, record.label), record.place)
+        known = gathered.setdefault(record.label, record)
+        if record.whole and before is not record.place:
+            _report_twice(f"the label {shown(record.label)}", record.place, before, faults)
+        elif known is not record:
+            _add(known, record, faults)
         if len(gathered) > MAX_OBSERVATIONS:
             reason = f"there are more than {MAX_OBSERVATIONS} observations"
             raise ImportFileError(record.place, reason, "split the campaign into several sets")
     return list(gathered.values())
 
 
-def _twice(what: str, place: Place, before: Place) -> ImportFileError:
-    return ImportFileError(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
+def _report_twice(what: str, place: Place, before: Place, faults: Faults) -> None:
+    faults.report(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
 
 
 def _add(gathered: Gathered, record: Gathered, faults: Faults) -> None:
     gathered.held_out |= record.held_out
-    for kind, (vector, _) in record.values.items():
-        before, place = gathered.values.setdefault(kind, (vector, record.place))
-        if before != vector:
-            reason = f"the {kind} of {shown(record.label)} differs from that at {place}"
+    for quantity, value in record.values.items():
+        before = gathered.values.setdefault(quantity, value)
+        if quantity.kind in POINTS and before is not value:
+            what = f"{quantity.target} {quantity.state} of {shown(record.label)}"
+            _report_twice(what, value.place, before.place, faults)
+        elif before.vector != value.vector:
+            reason = f"the {quantity.kind} of {shown(record.label)} differs from that at {before.place}"
             remedy = "give each observation a unique label, or correct one of them"
             faults.report(record.place, reason, remedy)
-    for point in record.all_points:
-        states = gathered.points.setdefault(point.target, {})
-        if point.state in states:
-            what = f"{point.target} {point.state} of {shown(record.label)}"
-            faults.add(_twice(what, point.place, states[point.state].place))
-        states[point.state] = point
-
-
-def _points(observations: Iterable[Gathered]) -> Iterator[Point]:
-    return (point for one in observations for point in one.all_points)
 
 
 def _targets(observations: Iterable[Gathered]) -> list[str]:
     """Return the names of all targets."""
     targets: dict[str, None] = {}
-    for point in _points(observations):
-        targets.setdefault(point.target)
+    for quantity, value in (
+        (quantity, one.values[quantity]) for one in observations for quantity in one.values
+    ):
+        if quantity.target is not None:
+            targets.setdefault(quantity.target)
         if len(targets) > MAX_TARGETS:
             reason = f"there are more than {MAX_TARGETS} targets: {shown(', '.join(targets))}"
             remedy = "check which part of a name is the target; use `point_name` or `file_name`"
-            raise ImportFileError(point.place, reason, remedy)
+            raise ImportFileError(value.place, reason, remedy)
     return list(targets)
 
 
 def _check_values(observations: list[Gathered], faults: Faults) -> None:
     """Check that what one observation has, all have."""
-    for kind in dict.fromkeys(kind for one in observations for kind in one.values):
-        having = [one for one in observations if kind in one.values]
-        lacking = [one for one in observations if kind not in one.values]
+    kinds = (quantity.kind for one in observations for quantity in one.values if quantity.target is None)
+    for kind in dict.fromkeys(kinds):
+        having = [one for one in observations if one.vector(kind) is not None]
+        lacking = [one for one in observations if one.vector(kind) is None]
         if lacking:
             others = f" and {len(lacking) - 1} others have" if len(lacking) > 1 else " has"
             reason = f"{shown(lacking[0].label)}{others} no {kind}, but other labels have: {_listed(having)}"
             remedy = f"spell labels alike in all files; without {kind}: {_listed(lacking)}"
             faults.report(lacking[0].place, reason, remedy)
-        count = len(having[0].values[kind][0])
-        for vector, place in (one.values[kind] for one in having):
-            if len(vector) != count:
-                reason = f"there are {len(vector)} joint angles here, but {count} in other observations"
-                faults.report(place, reason, "check the columns of joints")
+        count = len(having[0].vector(kind) or ())
+        for value in (one.values[Quantity(kind)] for one in having):
+            if len(value.vector or ()) != count:
+                counts = f"{len(value.vector or ())} joint angles here, but {count} in other observations"
+                faults.report(value.place, f"there are {counts}", "check the columns of joints")
 
 
 def _listed(observations: list[Gathered]) -> str:
@@ -320,24 +317,25 @@ def _complete(
 ) -> tuple[list[Gathered], list[str]]:
     """Observations with complete readings; the rest is refused, or left out and said."""
     kept, notes = [], []
-    gauges = {point.target for point in _points(observations) if point.along is not None}
+    gauges = {target for one in observations for kind, target, _ in one.values if kind == "along"}
     lacks: list[tuple[bool, Place, str]] = []
     for one in observations:
-        points = {}
-        for target in [t for t in targets if t in one.points or t not in gauges]:
-            states = one.points.get(target, {})
+        points = one.points
+        incomplete = []
+        for target in [t for t in targets if t in points or t not in gauges]:
             with faults.collected():
+                states = points.get(target, {})
                 lack = _lack(one, target, states)
-                if lack is None:
-                    points[target] = states
-                else:
+                if lack is not None:
+                    incomplete.append(target)
                     place = next((point.place for point in states.values()), one.place)
                     lacks.append((not states, place, f"{one.label}: {lack}"))
-        if points:
-            kept.append(replace(one, points=points))
+        values = {key: value for key, value in one.values.items() if key.target not in incomplete}
+        if any(quantity.target for quantity in values):
+            kept.append(replace(one, values=values))
         else:
             notes.append(f"{one.label}: no reading is complete; the observation was skipped")
-    if lacks and not allow_missing:
+    if not allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
         for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):  # half a reading tells more
             faults.report(place, reason, remedy, "allow_missing")
@@ -346,7 +344,7 @@ def _complete(
     return kept, [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
 
 
-def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:
+def _lack(one: Gathered, target: str, states: dict[State, Value]) -> str | None:
     """Return what a reading lacks to be complete, or None."""
     if not states:
         return f"target {target} has no reading"
@@ -368,16 +366,16 @@ def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncerta
     That only some points have one is a fault; those without a position need none.
     """
     counts: dict[_Uncertainty, int] = {}
-    without: Place | None = None
-    for point in _points(observations):
-        if point.sigma is not None:
-            kind: _Uncertainty = "point" if point.by_point else "coordinate"
+    without: list[Place] = []
+    for quantity, value in ((key, value) for one in observations for key, value in one.values.items()):
+        if value.sigma is not None:
+            kind: _Uncertainty = "point" if value.by_point else "coordinate"
             counts[kind] = counts.get(kind, 0) + 1
-        elif point.vector is not None and point.along is None:
-            without = without or point.place
-    if counts and without is not None:
+        elif value.vector is not None and quantity.kind == "position":
+            without.append(value.place)
+    if counts and without:
         reason = "the point has no uncertainty, but others have"
-        faults.report(without, reason, "add it, or skip the columns of U(95) with `ignore`")
+        faults.report(without[0], reason, "add it, or skip the columns of U(95) with `ignore`")
     return dict(sorted(counts.items()))
 
 
@@ -388,15 +386,11 @@ def _unusual(observations: list[Gathered]) -> Iterator[str]:
     all alike, their size stands for it.
     """
     columns: dict[str, list[tuple[float, Place]]] = {}
-    for one in observations:
-        vectors: list[tuple[str, Vector, Place]] = [(kind, *value) for kind, value in one.values.items()]
-        vectors += [
-            (f"{point.target} {point.state}", point.vector or (), point.place) for point in one.all_points
-        ]
-        for name, vector, place in vectors:
-            for axis, value in enumerate(vector):
-                part = str(axis + 1) if name == "joint" else "xyz"[axis]
-                columns.setdefault(f"{name} {part}", []).append((value, place))
+    for (kind, target, state), value in (item for one in observations for item in one.values.items()):
+        name = f"{target} {state}" if target else kind
+        for axis, number in enumerate(value.vector or ()):
+            part = str(axis + 1) if kind == "joint" else "xyz"[axis]
+            columns.setdefault(f"{name} {part}", []).append((number, value.place))
     for name, values in columns.items():
         if len(values) < _LEAST:
             continue
@@ -404,7 +398,7 @@ def _unusual(observations: list[Gathered]) -> Iterator[str]:
         ordered = sorted(values, key=lambda entry: abs(entry[0] - middle))
         near = ordered[: -max(1, len(ordered) // 10)]
         spread = pstdev(value for value, _ in near) or abs(middle)
-        for value, place in ordered[len(near) :]:
-            times = abs(value - middle) / spread if spread else 0.0
+        for number, place in ordered[len(near) :]:
+            times = abs(number - middle) / spread if spread else 0.0
             if times > 0.99 * _FAR:
-                yield f"{name} {value:g} ({place}) is {times:.0f} times the spread of the others away"
+                yield f"{name} {number:g} ({place}) is {times:.0f} times the spread of the others away"

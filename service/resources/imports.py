@@ -24,9 +24,9 @@ from jointstiff.schemas.imports import (
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind
+from jointstiff.service.importing.grammar import Kind, Quantity, along_axis
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
-from jointstiff.service.importing.records import Gathered
+from jointstiff.service.importing.rows import Gathered
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.problems.table import reworded
 from jointstiff.solver.errors import MeasurementError
@@ -120,7 +120,7 @@ def inspect_import(answer: ImportAnswer, robot: Robot) -> ImportAnswer:
 
 def _missing(understood: Understood, request: ImportRequest) -> dict[MissingField, str]:
     """Return what a measurement set needs beyond files and request, by field and in words."""
-    values, states = understood.observations[0].values, understood.preview.states
+    first, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _unusual(understood, request)
     right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     stated, unit = request.force is not None, None if request.units is None else request.units.force
@@ -129,12 +129,12 @@ def _missing(understood: Understood, request: ImportRequest) -> dict[MissingFiel
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
     unplaced = not set(understood.places.values()) <= set(request.flange_targets)
-    no_point = "load point" not in values and request.load_point is None
+    no_point = first.vector("load point") is None and request.load_point is None
     encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
     no_unit = stated and "force" not in understood.units and unit is None
     wanted: list[tuple[bool, MissingField, str]] = [
-        ("joint" not in values, "joints", joints),
-        ("force" not in values and not stated, "force", forces),
+        (first.vector("joint") is None, "joints", joints),
+        (first.vector("force") is None and not stated, "force", forces),
         (not states, "readings", readings),
         (states == ["unloaded"], "loaded", "the positions under load"),
         (states == ["loaded"], "unloaded", "the positions without load"),
@@ -150,7 +150,7 @@ def _missing(understood: Understood, request: ImportRequest) -> dict[MissingFiel
 def _unusual(understood: Understood, request: ImportRequest) -> list[str]:
     """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
     stated, unit = _length_units(understood, request)
-    read = [one.values["load point"][0] for one in understood.observations if "load point" in one.values]
+    read = [point for one in understood.observations if (point := one.vector("load point"))]
     points = [hypot(*_converted(point, unit, "m", "load_point")) for point in read]
     if request.load_point is not None:
         points.append(hypot(*_converted(request.load_point, stated, "m", "load_point")))
@@ -243,7 +243,6 @@ def _measurement_set(understood: Understood, request: ImportRequest, first: str)
                 },
                 "load_point": lengths.get("load_point"),
                 "measured_at": understood.surroundings.measured_at,
-                "conditions": understood.surroundings.conditions,
                 "observations": [_observation(one, request.force) for one in understood.observations],
             }
         )
@@ -256,11 +255,11 @@ def _measurement_set(understood: Understood, request: ImportRequest, first: str)
 
 def _observation(one: Gathered, force: Vector3 | None) -> Observation:
     def vector(kind: Kind) -> Vector3 | None:
-        return cast(Vector3, one.values[kind][0]) if kind in one.values else None
+        return cast("Vector3 | None", one.vector(kind))
 
     return Observation(
         label=one.label,
-        joints=list(one.values["joint"][0]),
+        joints=list(one.vector("joint") or ()),
         force=cast(Vector3, vector("force") or force),
         moment=vector("moment"),
         load_point=vector("load point"),
@@ -270,13 +269,14 @@ def _observation(one: Gathered, force: Vector3 | None) -> Observation:
 
 def _reading(one: Gathered, target: str) -> Reading:
     """A reading; uncertainties of coordinates are covariances, of points one sigma for both states."""
-    points = {state: point for state, point in one.points[target].items() if point.vector is not None}
-    gauge = one.points[target].get("deflection")
-    if gauge is not None and gauge.along is not None:
-        direction = tuple(float(axis == gauge.along[1]) for axis in range(3))
+    gauge = one.values.get(Quantity("along", target, "deflection"))
+    if gauge is not None:
+        along = along_axis(target)[1]
+        direction = tuple(float(axis == along) for axis in range(3))
         displacement = None if gauge.vector is None else gauge.vector[0]
         reading = {"target": target, "displacement": displacement, "direction": direction}
         return Reading.model_validate(reading)
+    points = {state: point for state, point in one.points[target].items() if point.vector is not None}
     parts: dict[str, object] = {state: point.vector for state, point in points.items()}
     sigmas = {state: point.sigma for state, point in points.items() if point.sigma is not None}
     if sigmas and all(point.by_point for point in points.values()):
@@ -291,18 +291,19 @@ def _reading(one: Gathered, target: str) -> Reading:
 def _poses(understood: Understood, request: ImportRequest, first: str) -> UnloadedPoses | None:
     """Return the unloaded poses for a geometry; None beyond its limits."""
     units = _length_units(understood, request)
-    points = [point for one in understood.observations for point in one.all_points]
-    if len(points) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
+    readings = [states["unloaded"] for one in understood.observations for states in one.points.values()]
+    if len(readings) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
         return None
     sigma = None if request.noise is None else _converted(request.noise.sigma, *units, "sigma")
-    squares = [value**2 for point in points for value in point.sigma or ()]
+    squares = [value**2 for point in readings for value in point.sigma or ()]
     if sigma is None and squares:
         sigma = sqrt(sum(squares) / len(squares))
     poses = []
     for one in understood.observations:
-        targets = {point.target: point.vector for point in one.all_points if point.vector}
+        read = {target: states["unloaded"].vector for target, states in one.points.items()}
+        targets = {target: vector for target, vector in read.items() if vector}
         if targets:
-            poses.append({"joints": list(one.values["joint"][0]), "targets": targets})
+            poses.append({"joints": list(one.vector("joint") or ()), "targets": targets})
     return UnloadedPoses.model_validate(
         {
             "name": _name(request, first),

@@ -103,7 +103,10 @@ def points_of(imported: Understood) -> dict[tuple[str, str, str], tuple[float, .
 def values_of(imported: Understood) -> dict[tuple[str, str], tuple[float, ...]]:
     """All else."""
     return {
-        (one.label, kind): vector for one in imported.observations for kind, (vector, _) in one.values.items()
+        (one.label, quantity.kind): value.vector
+        for one in imported.observations
+        for quantity, value in one.values.items()
+        if quantity.target is None
     }
 
 

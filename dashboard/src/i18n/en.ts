@@ -298,7 +298,7 @@ export const en = {
       delimiters: { "": "detected", comma: "comma", semicolon: "semicolon", tab: "tab", whitespace: "blanks" },
       allowMissing: "Omit incomplete readings",
       unloadedWord: "Word for columns without load",
-      byOrder: "Match rows by their order",
+      byOrder: "Number the rows of files without names",
       texts: { sheet: "Sheet", point_name: "Names of points", file_name: "Names of files" },
       pickSheet: "Choose the sheet that has the readings",
       textsHelp: {

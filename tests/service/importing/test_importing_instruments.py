@@ -122,7 +122,6 @@ def test_leicas_columns(form):
     point = imported.observations[0].points["P10"]["loaded"]
     assert point.sigma == pytest.approx((0.031 / 1.96, 0.012 / 1.96, 0.0005 / 1.96), rel=1e-12)
     assert imported.surroundings.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
-    assert imported.surroundings.conditions == "temperature 20.5 to 23.5 °C"
 
 
 def test_uncertainties_of_coordinates_become_covariances():
@@ -136,7 +135,6 @@ def test_uncertainties_of_coordinates_become_covariances():
     assert "σ = U/1.96" in notes
     assert "U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm (4 cells)" in notes
     assert answer.measurement_set.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
-    assert answer.measurement_set.conditions == "temperature 20.5 to 23.5 °C"
 
 
 def test_the_points_uncertainty_only_where_its_coordinates_have_none():
@@ -320,3 +318,59 @@ def test_lengths_of_the_request_are_converted_to_the_files_unit():
     assert document.load_point == pytest.approx((0.0, -0.0205, 0.12), rel=1e-15)
     assert (document.noise.sigma, document.noise.force.scale) == (pytest.approx(2e-5), 0.01)
     assert answered(("a.csv", CAMPAIGN), **options).measurement_set.load_point == (0.0, -20.5, 120.0)
+
+
+# ---- other instruments
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("Name;Object Type;X;Y;Z;Probe Radius", "{n};Point;{x};{y};{z};19.05"),
+        ("Name;Actual X [mm];Actual Y [mm];Actual Z [mm];Upper Tol;Lower Tol", "{n};{x};{y};{z};0.1;-0.1"),
+        ("Point;X;Y;Z;Temp;Press;Hum;Azimuth;Elevation;Distance", "{n};{x};{y};{z};20;1013;40;1;2;3"),
+        ("Name;Frame;Sub Frame;RX;RY;RZ;TX [mm];TY [mm];TZ [mm]", "{n};17;0;0.1;0.2;0.3;{x};{y};{z}"),
+        (
+            "Name;Tool ID;Port;Frame;Face;Status;Q0;Qx;Qy;Qz;Tx [mm];Ty [mm];Tz [mm];Error;Markers",
+            "{n};1;A;77;0;OK;1;0;0;0;{x};{y};{z};0.02;4",
+        ),
+    ],
+    ids=["PolyWorks", "measuring machine", "API", "Vicon", "NDI"],
+)
+def test_headers_of_other_instruments(head, row):
+    rows = [row.format(n="_".join(key), x=x, y=y, z=z) for key, (x, y, z) in READ.items()]
+    assert points_of(read(("a.csv", "\n".join([head, *rows]) + "\n"), units={"length": "mm"})) == READ
+
+
+@pytest.mark.parametrize("header", ["Tx", "Tx [N.m]"])
+def test_a_translation_has_a_unit_of_length_as_it_may_be_a_moment(header):
+    table = f"name;{header};{header.replace('x', 'y')};{header.replace('x', 'z')}\nc01_P10_loaded;1;2;3.5\n"
+    assert faults(("a.csv", table), units={"length": "mm"})
+
+
+@pytest.mark.parametrize(
+    "header", ["tip along z [mm]", "dial gauge z [mm]", "Messuhr 1 z [mm]", "LVDT dz [mm]"]
+)
+def test_dial_gauges_by_their_word(header):
+    table = f"label;J1 [deg];Fx [N];Fy [N];Fz [N];{header}\nc01;1;0;0;-100;0.25\nc02;2;0;0;-100;-0.5\n"
+    answer = answered(
+        ("a.csv", table), flange_targets={header.split(" along")[0].split(" z")[0].split(" dz")[0]: (0, 0, 9)}
+    )
+    readings = [one.readings[0] for one in answer.measurement_set.observations]
+    assert [reading.displacement for reading in readings] == [0.25, -0.5]
+    assert {reading.direction for reading in readings} == {(0.0, 0.0, 1.0)}
+
+
+def test_an_unknown_gauge_learns_the_form():
+    (fault,) = faults(("a.csv", "label;J1 [deg];Weg [mm]\nc01;1;0.25\n"))
+    assert "`tip along z [mm]` of a gauge" in fault.remedy
+
+
+def test_a_target_called_gauge_has_positions_where_states_are_named():
+    content = CAMPAIGN.replace("P10", "gauge")
+    assert {target for _, target, _ in points_of(read(("a.csv", content)))} == {"gauge"}
+
+
+def test_groups_of_spatial_analyzer_that_end_with_the_state():
+    rows = "".join(f"{a} {c}, {b}, {x}, {y}, {z}\n" for (a, b, c), (x, y, z) in READ.items())
+    assert points_of(read(("a.txt", "// X, Y, Z in mm\n" + rows))) == READ

@@ -15,7 +15,7 @@ from support.importing_samples import (
 )
 
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.names import Template
+from jointstiff.service.importing.rows import Template
 
 LINES = [line.split(";") for line in POINTS.splitlines()]
 

@@ -1,0 +1,537 @@
+"""The header of a table: where it stands, and what its columns mean together, in one unit each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final, Literal
+
+from jointstiff.schemas.imports import ImportOptions
+from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.service.importing import grammar
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.grammar import (
+    DIMENSIONS,
+    POINTS,
+    Dimension,
+    Kind,
+    Meaning,
+    Quantity,
+    Vocabulary,
+    spoken,
+)
+from jointstiff.service.importing.grid import (
+    MAX_COLUMNS,
+    Grid,
+    Remark,
+    Row,
+    count_numbers,
+    looks_like_a_number,
+)
+
+_MAX_TITLES: Final = 20
+"""Rows above a header."""
+_MAX_ROWS: Final = 3
+"""Rows of a header: groups, axes, units."""
+_DATA: Final = 3
+"""Numbers in a row of data: no table has fewer."""
+_NONE: Final = frozenset("-–/")
+"""Cells of a row of units for columns without one."""
+_HEADERLESS: Final = MappingProxyType(
+    {
+        4: ("name", "x", "y", "z"),
+        5: ("group", "point", "x", "y", "z"),
+        6: ("collection", "group", "point", "x", "y", "z"),
+    }
+)
+_ORDER: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IGNORECASE)
+"""Names of axes, and words, in their order."""
+_GAPS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
+"""What may stand between the headers in a comment."""
+_LONG_BLANK: Final = re.compile(r"\s{3,}")
+"""Blanks of which two say as much; a gap would be looked for from each of them on."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A header as it stands in the file."""
+
+    file: str
+    texts: tuple[str, ...]  # one a column, of several rows put together
+    lines: tuple[int, ...] = ()  # lines of the file that make it; none if it is stated or assumed
+    start: int = 0  # index of the first row of data
+    guessed: bool = False  # whether it was put together or assumed
+    notes: tuple[str, ...] = ()  # in words
+
+    @property
+    def assumed(self) -> bool:
+        """Return whether the file has none."""
+        return self.guessed and not self.lines
+
+    def place(self, column: int | None = None) -> Place:
+        """Return the place of the header, or of its cell with this index."""
+        line = self.lines[-1] if self.lines else None
+        return Place(self.file, line, None if column is None else column + 1)
+
+
+def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Heading:
+    """Return the caller's header, that in the first rows, in the last comment before the data, or none.
+
+    A table without any is a list of points: `name x y z`, with `group` or `collection group` before it.
+    """
+    if options.header is not None:
+        return Heading(grid.file, tuple(options.header))
+    if count_numbers(grid.rows[0]) < _DATA:
+        return _in_rows(grid, words)
+    width = len(grid.rows[0].cells)  # of columns that have cells
+    while width > 1 and not any(any(row.cells[width - 1 :]) for row in grid.rows):
+        width -= 1
+    return _in_comments(grid, words, width) or _assumed(grid, width, by_order=options.by_order)
+
+
+# ---- in comments
+
+
+def _in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
+    """Return the header in the last comment before the data that has one.
+
+    Raises:
+        ImportFileError: one below it looks like a header: no other is put in its place.
+    """
+    above = [comment for comment in grid.comments if comment.line < grid.rows[0].line]
+    for comment in reversed(above):
+        line, text = comment
+        short = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
+        ways = [tuple(re.split(gap, short)) for gap in _GAPS]
+        for texts in ways:
+            if len(texts) == width and words.count_known(texts) == width:
+                note = f"the comment in line {line} was used as the header"
+                return Heading(grid.file, texts, (line,), guessed=True, notes=(note,))
+        if _is_header(comment, width, last=comment is above[-1], cells=len(ways[0])):
+            reason = f"the comment {shown(text)} looks like a header, but is not understood as that of the "
+            remedy = "correct or remove it, or give `header`"
+            raise ImportFileError(Place(grid.file, line), f"{reason}{width} columns", remedy, "header")
+    return None
+
+
+def _is_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
+    """Return whether a comment names axes in another order, or as many things as there are columns."""
+    order = [word.casefold() for word in _ORDER.findall(comment.text)]
+    axes = "".join(word for word in order if len(word) == 1)
+    behind = order[order.index(axes[-1]) + 1 :] if axes else []
+    if len(set(axes)) > 1 and (axes != "xyz" or any(map(grammar.is_key, behind))):
+        return True
+    words = re.findall(r"[^\W\d_]+", comment.text)
+    named = _DATA <= len(words) <= width and not any(map(str.isdigit, comment.text))
+    return last and axes != "xyz" and (named or cells == width)
+
+
+def _assumed(grid: Grid, width: int, *, by_order: bool) -> Heading:
+    """Return the columns of a list of points."""
+    headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
+    if headers is None:
+        reason = f"the rows have {width} cells, and there is no header"
+        remedy = "add a header such as `name x y z`, or give `header`"
+        raise ImportFileError(grid.place(grid.rows[0]), reason, remedy, "header")
+    for row in grid.rows:
+        for column, cell in enumerate(row.cells[: len(headers) - 3]):
+            number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
+            if grammar.is_key(cell) or number:
+                reason = f"{shown(cell)} is where a point's name must be, because there is no header"
+                remedy = f"give rows of {' '.join(headers)}, add a header, or give `header`"
+                raise ImportFileError(grid.place(row, column), reason, remedy, "header")
+    note = f"no header found; assumed columns: {', '.join(headers)}"
+    return Heading(grid.file, headers, guessed=True, notes=(note,))
+
+
+# ---- in rows
+
+
+def _in_rows(grid: Grid, words: Vocabulary) -> Heading:
+    """Return the first rows that are understood in full as a header, else those understood best."""
+    start, count, texts = 0, 1, grid.rows[0].cells
+    most = 0
+    for candidate in _candidates(grid, words):
+        known = words.count_known(candidate[2])
+        if known > most:
+            start, count, texts = candidate
+            most = known
+            if known == sum(map(bool, texts)) and start + count < len(grid.rows):
+                break
+    if start + count == len(grid.rows):
+        at = grid.place(grid.rows[start])
+        raise ImportFileError(at, "the file has a header but no row of data", "check the file")
+    lines = tuple(row.line for row in grid.rows[start : start + count])
+    for row in grid.rows[:start]:
+        if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
+            reason = f"the row is above the header in line {lines[0]}, but looks like data"
+            raise ImportFileError(grid.place(row), reason, "move it below the header, or remove it")
+    notes = [f"rows above the header were read as titles: {start}"] if start else []
+    if count > 1:
+        notes.append(f"the header was combined from rows {', '.join(map(str, lines))}")
+    return Heading(grid.file, texts, lines, start + count, count > 1, tuple(notes))
+
+
+def _candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+    """Yield first row, number of rows and texts of what may be a header, the longest at each row first."""
+    rows = grid.rows[: _MAX_TITLES + _MAX_ROWS + 1]
+    for start in range(min(_MAX_TITLES + 1, len(rows))):
+        if start and count_numbers(rows[start - 1]) >= _DATA:
+            return
+        for count in range(min(_MAX_ROWS, len(rows) - start), 0, -1):
+            texts = _merged([row.cells for row in rows[start : start + count]], words)
+            if texts is not None:
+                yield start, count, texts
+
+
+def _merged(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:
+    """Return the rows of a header as one; None if one of them is no part of a header."""
+    *above, lower = rows
+    if not above:
+        return lower
+    upper = _merged(above, words)
+    if upper is None or sum(map(bool, lower)) < 2 or _is_title(rows[0], words):
+        return None
+    width = max(len(upper), len(lower))
+    upper, lower = (cells + ("",) * (width - len(cells)) for cells in (upper, lower))
+    if all(cell in _NONE or grammar.any_unit(cell.strip("[]() ")) for cell in lower if cell):
+        return tuple(_with_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
+    return _grouped(upper, lower, words)
+
+
+def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
+    """Return whether a row has one text only, at its begin, that is no known word."""
+    if sum(map(bool, row)) > 1 or not row[0]:
+        return False
+    parts = grammar.split_unit(row[0])[0].replace("_", " ").split()
+    known = any(grammar.state_named(part, words.states) or grammar.is_joint(part) for part in parts)
+    as_group = words.find(f"{row[0]} x")
+    return not known and as_group is not None and as_group.quantity.target is not None
+
+
+def _grouped(upper: Sequence[str], lower: Sequence[str], words: Vocabulary) -> tuple[str, ...] | None:
+    """Put words below groups, which hold to the right as far as cells below them are filled.
+
+    `P10 loaded [mm]` and `x` are `P10 loaded x [mm]`; a key below is not of the group beside it.
+    """
+    texts, group = [], ""
+    for above, below in zip(upper, lower, strict=True):
+        group = above or (group if below else "")
+        if looks_like_a_number(below) and not (below.isdigit() and grammar.is_joint(group)):
+            return None
+        if not group or not below:
+            texts.append(above or below)
+            group = group if below else ""
+            continue
+        name, unit = grammar.split_unit(group)
+        joined = f"{group} {below}"
+        if unit is not None and grammar.split_unit(below)[1] in (None, unit):
+            joined = _with_unit(f"{name} {below}", unit)
+        alone = words.find(below)
+        free = alone is None or (alone.kind in POINTS and alone.quantity.target is None)
+        texts.append(joined if above or free or words.find(joined) is not None else below)
+    return tuple(texts)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    unit = unit.strip("[]() ")
+    if not unit or unit in _NONE or grammar.split_unit(name)[1] == unit:
+        return name
+    return f"{name} [{unit}]"
+
+
+# ---- its columns, each one for itself and all of them together
+
+_MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
+_MANY, _TOGETHER = 3, 4
+"""Unknown headers told one by one; of more, headers in one message, which is cut beyond 300 characters."""
+_NAMES: Final = ("name", "collection", "group")
+"""Columns whose texts may say a state."""
+_QUATERNIONS: Final = (("q0", "q1", "q2", "q3"), ("q1", "q2", "q3", "q4"), ("q0", "qx", "qy", "qz"))
+_UNIT_NORM: Final = 0.01
+"""How far the squares of a rounded quaternion may add up from 1."""
+_NAMED: Final[tuple[Literal["target", "state"], ...]] = ("target", "state")
+"""What headers of positions may name."""
+_AXIS: Final = re.compile(r"(?<![^\W_])[xyzXYZ](?![^\W_])")
+_ENDS: Final = (
+    re.compile(r"(?P<target>.*[^\s_-])[\s_-]+(?P<word>[^\s_-]+)"),
+    re.compile(r"(?P<word>[^\s_-]+)[\s_-]+(?P<target>[^\s_-].*)"),
+)
+"""A target's name with a word behind it, or before it."""
+_EXAMPLES: Final[Mapping[Dimension, str]] = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
+
+
+@dataclass(frozen=True)
+class Columns:
+    """All columns of a table."""
+
+    meanings: tuple[Meaning, ...]  # one a column, with the unit that holds for it
+    texts: Mapping[Kind, int]  # index of the columns that name something, by kind
+    # indices of the columns of each quantity, in order of joints or axes
+    quantities: Mapping[Quantity, tuple[int, ...]]
+    # by dimension, for all that occur; a moment may have none, then it is force times m
+    units: Mapping[Dimension, str]
+    notes: tuple[str, ...] = ()  # what was assumed, in words
+    probe: bool = False  # whether `target` may be the reflector of the instrument, not a name of ours
+    faulty: bool = False  # whether they do not make a table
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """Return what of target and state the names of points or files must give."""
+        positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
+        bare = [kind for kind in _NAMED if any(getattr(quantity, kind) is None for quantity in positions)]
+        return frozenset(bare) - self.texts.keys()
+
+    @property
+    def whole(self) -> bool:
+        """Return whether there is one row for each observation."""
+        return not self.needed and not {"target", "state"} & self.texts.keys()
+
+
+class ColumnReader:
+    """Understand the columns of a table; what is not understood is told as faults."""
+
+    def __init__(
+        self, heading: Heading, rows: Sequence[Row], words: Vocabulary, options: ImportOptions, faults: Faults
+    ) -> None:
+        """Take a header and rows of data, as long as the header."""
+        self._heading, self._headers, self._rows = heading, heading.texts, rows
+        self._words, self._options, self._faults = words, options, faults
+        self._notes: list[str] = []
+
+    def understand(self, axes_unit: str | None, *, state_in_name: bool) -> Columns:
+        """Return the columns; if they do not make a table, with what is not understood as `unknown`.
+
+        Args:
+            axes_unit: of x, y and z, as a comment of the file says.
+            state_in_name: whether the name of the file has a word for a state.
+        """
+        before = len(self._faults.found)
+        rotation = self._rotation()
+        meanings = self._meanings(rotation)
+        kinds = {meaning.kind for meaning in meanings}
+        if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
+            meanings = [Meaning(Quantity("name")) if one.kind == "target" else one for one in meanings]
+        names = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAMES]
+        cells = (row.cells[column] for row in self._rows for column in names)
+        by_template = "{state}" in f"{self._options.point_name} {self._options.file_name}"
+        by_name = state_in_name or any(grammar.names_a_state(cell, self._words.states) for cell in cells)
+        if not ("state" in kinds or by_template or by_name):  # nothing else says the state
+            meanings = self._with_states(meanings)
+        resolved = self._with_units(meanings, axes_unit)
+        texts: dict[Kind, int] = {}
+        for index, meaning in enumerate(meanings):
+            if meaning.axis is None and meaning.kind not in ("ignored", "unknown"):
+                texts.setdefault(meaning.kind, index)
+        quantities: dict[Quantity, tuple[int, ...]] = {}
+        if "unknown" not in kinds:
+            quantities = self._quantities(meanings)
+            self._check_keys(texts, quantities)
+        measured = [meaning for meaning in resolved if meaning.axis is not None]
+        return Columns(
+            tuple(resolved),
+            texts,
+            quantities,
+            {DIMENSIONS[one.kind]: one.unit for one in measured if one.unit is not None},
+            tuple(self._notes),
+            probe=bool(rotation) or bool(kinds & {"deleted", "uncertainty"}),
+            faulty="unknown" in kinds or len(self._faults.found) > before,
+        )
+
+    def _rotation(self) -> list[int]:
+        """Return the columns of a quaternion, Q0 to Q3 or Q1 to Q4: no angles of joints.
+
+        Their squares add up to 1 in each row, or they are empty or 0. Angles have a unit, or the caller
+        states what they are; Q0 is no joint, and where Q1 to Q4 are 0 in all rows, they may be joints.
+        """
+        texts = map(grammar.collapsed, self._headers)
+        named = {text.casefold(): i for i, text in enumerate(texts) if text not in self._words.stated}
+        numbered = {text for text in named if re.fullmatch(r"q\d+", text)}
+        parts = next((one for one in _QUATERNIONS if numbered <= {*one} <= named.keys()), ())
+        columns = [named[part] for part in parts]
+        cells = [[row.cells[column].replace(",", ".") for column in columns] for row in self._rows]
+        sums = [sum(float(cell) ** 2 for cell in row if looks_like_a_number(cell)) for row in cells]
+        turned = [total for total in sums if abs(total - 1.0) < _UNIT_NORM]
+        if not columns or len(turned) + sums.count(0.0) < len(sums) or not (turned or "q0" in parts):
+            return []
+        ends = self._headers[columns[0]], self._headers[columns[-1]]
+        self._notes.append(f"{ends[0]} to {ends[1]} were ignored as the rotation of a probe")
+        return columns
+
+    def _meanings(self, rotation: Sequence[int]) -> list[Meaning]:
+        """Return what each column means, no two the same; what is not understood is `unknown`."""
+        meanings: list[Meaning] = []
+        unclear = Faults(MAX_COLUMNS)
+        for column, header in enumerate(self._headers):
+            unused = column in rotation or not (header or any(row.cells[column] for row in self._rows))
+            meaning = Meaning(Quantity("unknown"))
+            with unclear.collected(self._heading.place(column)):
+                meaning = Meaning(Quantity("ignored"))
+                if not unused:
+                    meaning = Meaning(Quantity("unknown"))
+                    meaning = self._words.meaning(header, guessed=self._heading.guessed)
+                parts = [(other.quantity, other.axis) for other in meanings]
+                if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in parts:
+                    reason = f"{shown(header)} is a second column for {meaning}"
+                    raise ImportFileError(
+                        self._heading.place(column), reason, "correct or ignore one of them"
+                    )
+            meanings.append(meaning)
+        self._report(unclear.found)
+        return meanings
+
+    def _report(self, found: Sequence[ImportFileError]) -> None:
+        """Report faults of headers; many unknown ones together, so that others are not hidden by them."""
+        unknown = [fault for fault in found if fault.option == grammar.UNKNOWN]
+        others = [fault for fault in found if fault.option != grammar.UNKNOWN]
+        if len(unknown) <= _MANY:
+            unknown, others = [], list(found)
+        for start in range(0, len(unknown), _TOGETHER):
+            group = unknown[start : start + _TOGETHER]
+            names = ", ".join(shown(self._headers[(fault.place.column or 1) - 1]) for fault in group)
+            reason = f"unknown column headers {names}"
+            self._faults.report(group[0].place, reason, group[0].remedy, grammar.UNKNOWN)
+        for fault in others:
+            self._faults.add(fault)
+
+    def _with_states(self, meanings: list[Meaning]) -> list[Meaning]:
+        """Take two words that all targets have for states if they are 0 and 1, as in `P10 0 x`, else ask."""
+        points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in POINTS}
+        if any(quantity.target is None or quantity.state for quantity in points.values()):
+            return meanings
+        for end in _ENDS:
+            parts = {name: end.fullmatch(name) for name in {one.target or "" for one in points.values()}}
+            split = {name: (part["target"], part["word"]) for name, part in parts.items() if part}
+            targets, named = {target for target, _ in split.values()}, {word for _, word in split.values()}
+            if len(named) != 2 or len(split) != len(parts) or len(split) != 2 * len(targets):
+                continue
+            if named == grammar.DIGITS.keys():
+                self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
+                changed = list(meanings)
+                for column, (kind, name, _) in points.items():
+                    target, word = split[name or ""]
+                    quantity = Quantity(kind, target, grammar.DIGITS[word])
+                    changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
+                return changed
+            if not all(word.isdigit() for word in named):
+                first, second = sorted(named, key=" ".join(map(str, meanings)).index)
+                self._faults.report(
+                    self._heading.place(min(points)),
+                    f"{shown(first)} and {shown(second)} in the headers of positions may be states, but are "
+                    "not known",
+                    f'name the state of each in `state_words`, such as {{"{first}": "unloaded", '
+                    f'"{second}": "loaded"}}',
+                    "state_words",
+                    (first, second),
+                )
+                return meanings
+        return meanings
+
+    def _quantities(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
+        """Return the columns of each quantity, which has all of its joints or axes, spelt alike."""
+        quantities: dict[Quantity, dict[int, int]] = {}
+        for index, meaning in enumerate(meanings):
+            if meaning.axis is not None:
+                quantities.setdefault(meaning.quantity, {})[meaning.axis] = index
+        for quantity, axes in quantities.items():
+            place = self._heading.place(min(axes.values()))
+            count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1}.get(quantity.kind, 3)
+            absent = [axis for axis in range(count) if axis not in axes]
+            texts = [self._headers[column] for column in axes.values()]
+            letters = {axis[0].isupper() for text in texts if (axis := _AXIS.search(text))}
+            if quantity.kind in POINTS and len(letters) > 1:  # one of them may be of another quantity
+                reason = f"{' and '.join(map(shown, texts))} are not spelt alike"
+                remedy = "write x, y and z alike, or give their meaning in `columns`"
+                self._faults.report(place, reason, remedy, grammar.UNKNOWN)
+            if absent:
+                reason = f"column {Meaning(quantity, absent[0])} is missing"
+                self._faults.report(
+                    place, reason, "add it, or correct the header of the column that holds it"
+                )
+            elif count > MAX_JOINTS:
+                self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
+        return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in quantities.items()}
+
+    def _check_keys(self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]) -> None:
+        """Check that there are numbers, and that positions have their targets and states in one way."""
+        place, report = self._heading.place(), self._faults.report
+        if "name" not in texts and not self._options.by_order:
+            remedy = (
+                "add a column with the header label or name; or `by_order`, to number the rows of each file"
+            )
+            report(place, "no column names the observations or points", remedy, "by_order")
+        if not quantities:
+            report(place, "no column with numbers is recognised", "check the header")
+        points = [quantity for quantity in quantities if quantity.kind in POINTS]
+        for quantity in points:
+            if quantity.kind != "along" and quantity.of("position") not in quantities:
+                column = quantities[quantity][0]
+                reason = f"{shown(self._headers[column])} belongs to no position"
+                report(self._heading.place(column), reason, "correct its header, or use `ignore`")
+        for kind in _NAMED:
+            named = {getattr(quantity, kind) is not None for quantity in points}
+            if len(named) > 1:
+                reason = f"some columns of positions name their {kind}, others do not"
+                report(place, reason, f"name the {kind} in all of them")
+            if kind in texts and True in named:
+                reason = f"there is a column `{kind}`, but the headers of positions name it, too"
+                report(self._heading.place(texts[kind]), reason, "keep one of them")
+
+    def _with_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
+        """Return the meanings, each number with its unit; one unit for each dimension."""
+        resolved = list(meanings)
+        for dimension in dict.fromkeys(DIMENSIONS[one.kind] for one in meanings if one.kind in DIMENSIONS):
+            of_dimension = Faults(1)  # the others say the same
+            columns = [index for index, one in enumerate(meanings) if DIMENSIONS.get(one.kind) == dimension]
+            bare: list[int] = []
+            first = ""
+            for column in columns:
+                with of_dimension.collected(self._heading.place(column)):
+                    meaning = meanings[column]
+                    unit = self._unit(meaning, axes_unit if meaning.kind == "position" else None)
+                    resolved[column] = replace(meaning, unit=unit)
+                    first = first or unit or ""
+                    if unit is None:
+                        bare.append(column)
+                    elif unit != first:
+                        reason = f"{meaning} is in {spoken(unit)}, but other columns are in {spoken(first)}"
+                        remedy = f"use one unit for every {dimension}"
+                        raise ImportFileError(self._heading.place(column), reason, remedy)
+            for fault in of_dimension.found:
+                self._faults.add(fault)
+            units = self._options.units
+            force_times_m = dimension == "moment" and units is not None and units.length == "m"
+            if bare and not force_times_m:
+                self._report_bare(dimension, meanings[bare[0]], bare)
+        return resolved
+
+    def _unit(self, meaning: Meaning, of_axes: str | None) -> str | None:
+        """Return the unit of the header, else of the file's comment, else the caller's.
+
+        Raises:
+            ImportFileError: two of them differ.
+        """
+        units = self._options.units
+        known = None if units is None else getattr(units, DIMENSIONS[meaning.kind])
+        sources = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
+        (first, unit), *others = [(where, unit) for where, unit in sources.items() if unit] or [("", None)]
+        for where, other in others:
+            if unit is not None and other != unit:
+                reason = f"{meaning} is in {spoken(unit)} by {first}, but in {spoken(other or '')} by {where}"
+                raise ImportFileError(NOWHERE, reason, "correct one of them")
+        return unit
+
+    def _report_bare(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:
+        """Report that a column has no unit, nor others of its dimension."""
+        header, others = self._headers[columns[0]], len(columns) - 1
+        more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
+        example = f"{header or meaning} [{_EXAMPLES[dimension]}]"
+        remedy = f"write it in the header, such as `{example}`, or give `units`"
+        what = str(meaning)
+        if meaning.quantity.target is not None:  # which may be another word
+            what = f"{shown(header)}, read as {meaning},"
+            remedy += f"; if it means something else, give `columns`, such as {header}=x"
+        place = self._heading.place(columns[0])
+        self._faults.report(place, f"{what} has no unit{more}", remedy, f"units.{dimension}")

@@ -1,0 +1,483 @@
+"""Rows to observations: which observation, target and state each row speaks of, and its numbers.
+
+Names are split at `::` or `_`, or by a template such as `{label}_{target}_{state}`, which people can write
+safely: no field may contain a character that begins a text between fields, so a name fits in one way or none.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from math import sqrt
+from typing import Final, NamedTuple
+
+from jointstiff.schemas.fields import MAX_NAME_LENGTH
+from jointstiff.schemas.imports import ImportOptions, State
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.grammar import (
+    DIGITS,
+    DIMENSIONS,
+    INCH,
+    POINTS,
+    Dimension,
+    Kind,
+    Quantity,
+    names_a_state,
+    state_named,
+)
+from jointstiff.service.importing.grid import Row, read_number
+from jointstiff.service.importing.layout import Layout
+
+_FIELD: Final = re.compile(r"\{([^{}]*)\}")
+_FIELDS: Final = ("label", "target", "state", "any")
+_POINT: Final[tuple[Kind, ...]] = ("collection", "group", "name")
+"""Columns that make the name of a point."""
+_CLEAR: Final = 4
+"""Letters of a word that is no abbreviation."""
+_COVERAGE_FACTOR: Final = 1.96
+"""Of the expanded uncertainties that trackers write, U(95)."""
+_LEAST: Final = 5e-4
+"""Greatest expanded uncertainty that is rounded to 0, in mm: trackers write whole micrometres."""
+_GERMAN: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]+(.*)")
+"""A date by day, month and year, and a time of day."""
+_UNCERTAINTIES: Final[tuple[Kind, ...]] = ("uncertainty", "point uncertainty")
+
+
+# ---- names
+
+
+class Naming(NamedTuple):
+    """Parts of a name; None where the name has no such part."""
+
+    label: str | None = None
+    target: str | None = None
+    state: State | None = None
+
+    def merged(self, other: Naming) -> Naming:
+        """Return the parts that either of two names has."""
+        for kind, one, two in zip(self._fields, self, other, strict=True):
+            if one is not None and two is not None and one != two:
+                reason = f"the {kind} is {shown(one)} in one name and {shown(two)} in another"
+                remedy = "correct the name of the point or of the file, or the templates"
+                raise ImportFileError(NOWHERE, reason, remedy)
+        return Naming(self.label or other.label, self.target or other.target, self.state or other.state)
+
+
+class Template:
+    """A template that was checked."""
+
+    def __init__(self, text: str) -> None:
+        """Check a template."""
+        self.text = text
+        literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)
+        named = [field for field in self._fields if field != "any"]
+        faulty = not set(self._fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
+        if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
+            remedy = "use each of {label}, {target}, {state} at most once, {any} for the rest, "
+            reason = f"the template {shown(text)} is invalid"
+            raise ImportFileError(NOWHERE, reason, f"{remedy}with a text such as _ between them")
+        excluded = "".join({literal[0] for literal in literals if literal})
+        part = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
+        self._pattern = re.compile(part.join(re.escape(literal) for literal in literals), re.DOTALL)
+
+    def parse(self, name: str, state_words: Mapping[str, State]) -> Naming:
+        """Take a name apart."""
+        match = self._pattern.fullmatch(name)
+        parts = dict(zip(self._fields, match.groups(), strict=True)) if match else {}
+        state = state_named(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
+        if match is None or (state is None and "state" in parts):
+            reason = f"the name {shown(name)} does not fit the template {shown(self.text)}"
+            remedy = (
+                "change the template or rename the point; states are `unloaded`, `loaded`, `deflection`, "
+            )
+            raise ImportFileError(NOWHERE, reason, f"{remedy}and the words in `state_words`")
+        return Naming(parts.get("label"), parts.get("target"), state)
+
+
+def check_name(text: str) -> None:
+    """Refuse what no label or target can be."""
+    if not text.isprintable() or text != text.strip() or not 0 < len(text) <= MAX_NAME_LENGTH:
+        remedy = f"give 1 to {MAX_NAME_LENGTH} printable characters, without blanks at the ends"
+        raise ImportFileError(NOWHERE, f"{shown(text)} is not a valid name", remedy)
+
+
+class Names:
+    """Label, target and state of each row: from columns, from the point's name, from the file's name."""
+
+    def __init__(self, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
+        """Prepare to name rows; what is assumed is added to the notes."""
+        self._grid, self._notes, self._words = layout.grid, notes, options.state_words
+        self._texts, self._needed = dict(layout.columns.texts), set(layout.columns.needed)
+        self._by_file: dict[frozenset[str], Naming] = {}  # what rows have from the name of the file
+        self._file_says_state = names_a_state(self._grid.stem, self._words)
+        self._point: Template | None = None
+        self._file = Naming()
+        try:
+            if self._needed and options.point_name:
+                self._point = Template(options.point_name)
+            if self._needed and options.file_name:
+                self._file = Template(options.file_name).parse(self._grid.stem, self._words)
+        except ImportFileError as fault:
+            raise fault.at(Place(self._grid.file)) from None
+        if layout.columns.probe and "target" in self._texts and layout.rows:
+            self._leave_reflector(layout.rows[0])
+
+    def _leave_reflector(self, row: Row) -> None:
+        """Leave the column `target` of a tracker's own table, its reflector, if names say the target.
+
+        They are names of points, or that of the file if it says target and state.
+        """
+        column = self._texts.pop("target")
+        self._needed.add("target")
+        parts, state = _parts(self._grid.stem, self._words)
+        named = state is not None and len(parts) == 1
+        with suppress(ImportFileError):
+            named = self._of_point(row).target is not None or named
+        if named:
+            self._note(f"{self._grid.file}: the column of targets was read as the instrument's reflector")
+        else:
+            self._texts["target"] = column
+            self._needed.remove("target")
+
+    def of(self, row: Row) -> Naming:
+        """Return what is said of a row; its label is None if nothing names rows."""
+        named = "name" in self._texts
+        try:
+            naming = self._in_columns(row).merged(self._of_point(row)).merged(self._file)
+            wanted = (*(("label",) if named else ()), *self._needed)
+            lacking = frozenset(kind for kind in wanted if getattr(naming, kind) is None)
+            if lacking:
+                naming = naming.merged(self._of_file(lacking))
+            if named:
+                check_name(naming.label or "")
+        except ImportFileError as fault:
+            raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
+        return naming
+
+    def _of_point(self, row: Row) -> Naming:
+        """Take the name of a point apart, with its collection and group before it if there are such columns.
+
+        Without a template it is split by `::`, else by `_`; the label comes before the target.
+        """
+        parts = [self._text(row, kind) for kind in _POINT if kind in self._texts]
+        name = "::".join(parts)
+        if len(parts) > 1 and any("::" in part for part in parts):
+            raise ImportFileError(NOWHERE, f"the name {shown(name)} contains ::", "rename it")
+        if "name" not in self._texts:
+            return Naming()
+        if self._point is not None:
+            return self._point.parse(name, self._words)
+        if not self._needed:
+            return Naming(label=name)
+        most = 2 if "target" in self._needed else 1
+        for words in (self._words, {**DIGITS, **self._words})[: 1 + (not self._file_says_state)]:
+            parts, state = _parts(name, words)
+            if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
+                if words is not self._words:
+                    self._note("0 and 1 in names were read as `unloaded` and `loaded`")
+                return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
+        reason = f"the name {shown(name)} does not show which observation, target and state it is"
+        remedy = "give a template `point_name`, such as {label}_{target}_{state}"
+        raise ImportFileError(NOWHERE, reason, remedy, "point_name")
+
+    def _of_file(self, lacking: frozenset[str]) -> Naming:
+        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`."""
+        if lacking not in self._by_file:
+            parts, state = _parts(self._grid.stem, self._words)
+            naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
+            if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
+                listed = " and the ".join(sorted(lacking, reverse=True))
+                raise ImportFileError(
+                    Place(self._grid.file),
+                    f"the {listed} is given neither by the table nor by the names of points or the file",
+                    "name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or give "
+                    "templates `point_name` or `file_name`",
+                    "point_name",
+                )
+            said = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
+            self._note(f"{self._grid.file}: {said} by the name of the file")
+            self._by_file[lacking] = naming
+        return self._by_file[lacking]
+
+    def _note(self, note: str) -> None:
+        if note not in self._notes:
+            self._notes.append(note)
+
+    def _in_columns(self, row: Row) -> Naming:
+        target = self._text(row, "target") if "target" in self._texts else None
+        if "state" not in self._texts:
+            return Naming(None, target)
+        word = self._text(row, "state")
+        state = state_named(word, {**DIGITS, **self._words})
+        if state is None:
+            place = self._grid.place(row, self._texts["state"])
+            remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
+            reason = f"{shown(word)} is not a known state"
+            raise ImportFileError(place, reason, remedy, "state_words", (word,))
+        return Naming(None, target, state)
+
+    def _text(self, row: Row, kind: Kind) -> str:
+        index = self._texts[kind]
+        place = self._grid.place(row, index)
+        if row.kinds is not None and row.kinds[index] not in ("text", "number"):
+            raise ImportFileError(place, f"{row.kinds[index]} as {kind}", "enter it as text")
+        if not row.cells[index]:
+            raise ImportFileError(place, f"the {kind} is empty", "fill it in, in every row")
+        return row.cells[index]
+
+
+def _parts(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
+    """Return the parts of a name without the one that is a word for a state.
+
+    In `c01 unloaded::P10` it is the last word of a part.
+    """
+    parts = name.split("::") if "::" in name else name.split("_")
+    if not all(parts):
+        return [name], None
+    states = [state_named(part, words) for part in parts]
+    known = [state for state in states if state is not None]
+    if not known and "::" in name:
+        ends = [part.rpartition(" ") for part in parts]
+        found = [state_named(end, words) if head and len(end) >= _CLEAR else None for head, _, end in ends]
+        known = [state for state in found if state is not None]
+        if len(known) == 1:
+            at = found.index(known[0])
+            return [*parts[:at], ends[at][0], *parts[at + 1 :]], known[0]
+    if len(known) != 1:
+        return parts, None
+    return [part for part, state in zip(parts, states, strict=True) if state is None], known[0]
+
+
+# ---- numbers, times, uncertainties
+
+Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """The numbers of one quantity of an observation."""
+
+    vector: Vector | None  # in the files' unit; None if the cells are empty
+    place: Place  # where it stands
+    # standard uncertainty of each coordinate, in the unit of length, if the file has it
+    sigma: Vector | None = None
+    by_point: bool = False  # whether it is that of the point, shared by its coordinates
+
+
+@dataclass(slots=True)
+class Gathered:
+    """Values of one observation: those of a row, then of all rows with its label."""
+
+    label: str  # its label
+    place: Place  # where it is first spoken of
+    whole: bool = False  # whether the row claims to be the only one of its observation in this file
+    held_out: bool = False  # whether a column says that it is held out from the fit
+    values: dict[Quantity, Value] = field(default_factory=dict)  # all of them; of positions, with their state
+
+    def vector(self, kind: Kind) -> Vector | None:
+        """Return joint angles, force, moment or load point; None without them."""
+        value = self.values.get(Quantity(kind))
+        return None if value is None else value.vector
+
+    @property
+    def points(self) -> dict[str, dict[State, Value]]:
+        """Return positions, deflections and readings along an axis by target, then state."""
+        points: dict[str, dict[State, Value]] = {}
+        for quantity, value in self.values.items():
+            if quantity.target is not None and quantity.state is not None:
+                points.setdefault(quantity.target, {})[quantity.state] = value
+        return points
+
+
+@dataclass
+class Surroundings:
+    """When the points of all files were read, and uncertainties that files round to 0."""
+
+    times: list[datetime] = field(default_factory=list)
+    unclear: list[str] = field(default_factory=list)  # texts that are no times for certain
+    rounded: int = 0  # expanded uncertainties of 0
+
+    def add_time(self, cells: list[str]) -> None:
+        """Note the time of a row: a cell, or one for the date and one for the time.
+
+        It is `2022-11-08 16:17:28` or `8.11.2022 16:17:28`, in UTC if it names no zone.
+        """
+        text = " ".join(sorted((cell.strip("' ") for cell in cells), key=lambda part: ":" in part)).strip()
+        if not any(map(str.isdigit, text)):
+            return
+        match = _GERMAN.fullmatch(text)
+        iso = f"{match[3]}-{match[2]:0>2}-{match[1]:0>2} {match[4]}" if match else text
+        try:
+            time = datetime.fromisoformat(iso)
+        except ValueError:
+            time = None
+        if time is None or ":" not in iso or "-" not in iso[:5]:
+            self.unclear.append(text)
+        else:
+            self.times.append(time if time.tzinfo else time.replace(tzinfo=UTC))
+
+    @property
+    def measured_at(self) -> datetime | None:
+        """Time of the first reading; None if one of the times is not clear."""
+        return None if self.unclear else min(self.times, default=None)
+
+    @property
+    def notes(self) -> list[str]:
+        """Account of what was taken from the files, in words."""
+        notes = []
+        if self.measured_at is not None:
+            time = self.measured_at.isoformat(" ", "seconds")
+            notes.append(f"time of the measurement, of the first reading, UTC if it names no zone: {time}")
+        if self.unclear:
+            example = f"such as {shown(self.unclear[0])} ({len(self.unclear)} rows)"
+            notes.append(f"times were not understood and not used, {example}: give them with `measured_at`")
+        if self.rounded:
+            notes.append(f"U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm ({self.rounded} cells)")
+        return notes
+
+
+class RowReader:
+    """Read the rows of a file by the meanings of its columns."""
+
+    def __init__(self, layout: Layout, names: Names, surroundings: Surroundings) -> None:
+        self._layout, self._names, self._surroundings = layout, names, surroundings
+        self._grid, self._columns = layout.grid, layout.columns
+        self._mark = layout.mark or "point"
+        unit = layout.columns.units.get("length")
+        self._length = INCH if unit == "in" else 1.0
+        self._least = _LEAST / 1e3 if unit == "m" else _LEAST
+        self._targets: set[str] = set()
+
+    def records(self, faults: Faults) -> Iterator[Gathered]:
+        """Yield what each row says; unclear names and cells that do not fit their columns are faults.
+
+        Names that are unclear for the same reason are one fault.
+        """
+        unnamed: dict[str, ImportFileError] = {}  # the first of each remedy
+        count: Counter[str] = Counter()
+        times = [i for i, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"]
+        for number, row in enumerate(self._layout.rows, start=1):
+            if faults.full:
+                break
+            self._surroundings.add_time([row.cells[column] for column in times])
+            try:
+                naming = self._names.of(row)
+            except ImportFileError as fault:
+                unnamed.setdefault(fault.remedy, fault)
+                count[fault.remedy] += 1
+                continue
+            with faults.collected():
+                yield self._record(row, naming, naming.label or str(number), faults)
+        for remedy, first in unnamed.items():
+            if count[remedy] > 1 and first.place.line:  # of the file's name there is one only
+                first.reason += f", and {count[remedy] - 1} other names are not clear either"
+            faults.add(first)
+
+    def _record(self, row: Row, naming: Naming, label: str, faults: Faults) -> Gathered:
+        """Read one row; faults in its cells are told, all of them."""
+        whole = self._columns.whole and naming.label is not None
+        record = Gathered(label, self._grid.place(row), whole)
+        for quantity, indices in self._columns.quantities.items():
+            place = self._grid.place(row, indices[0])
+            if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
+                continue
+            vector = self._vector(row, indices, faults, DIMENSIONS[quantity.kind])
+            if quantity.kind in POINTS:
+                if vector is None and quantity.kind == "along":
+                    continue  # a gauge reads one direction in a posture, and another in the next
+                point = self._named(quantity, naming, place)
+                vector = self._with_addition(row, quantity, vector, faults)
+                sigma, by_point = self._sigma(row, quantity, point.state, faults) if vector else (None, False)
+                record.values[point] = Value(vector, place, sigma, by_point)
+            elif vector is None:
+                faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
+            else:
+                record.values[quantity] = Value(vector, record.place)
+        if "validation" in self._columns.texts:
+            index = self._columns.texts["validation"]
+            held = row.cells[index].strip() or "0"
+            record.held_out = held == "1"
+            if held not in ("0", "1"):
+                reason = f"{shown(held)} is neither 0 nor 1"
+                faults.report(self._grid.place(row, index), reason, "write 1 to hold it out from the fit")
+        return record
+
+    def _named(self, quantity: Quantity, naming: Naming, place: Place) -> Quantity:
+        """Return a quantity with target and state, which header or names say."""
+        target, state = quantity.target or naming.target, quantity.state or naming.state
+        if target is None or state is None:  # excluded by Names
+            raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
+        if target not in self._targets:
+            try:
+                check_name(target)
+            except ImportFileError as fault:
+                raise fault.at(place) from None
+            self._targets.add(target)
+        return Quantity(quantity.kind, target, state)
+
+    def _with_addition(
+        self, row: Row, position: Quantity, vector: Vector | None, faults: Faults
+    ) -> Vector | None:
+        """Return a position with the deviation that columns `plus x` add to it, if there are any."""
+        indices = self._columns.quantities.get(position.of("addition"))
+        if indices is None or not vector:
+            return vector
+        added = self._vector(row, indices, faults, "length")
+        if added is None:
+            place = self._grid.place(row, indices[0])
+            faults.report(place, "the deviation to be added is empty", "fill it in")
+        return tuple(map(sum, zip(vector, added or (), strict=False)))
+
+    def _sigma(
+        self, row: Row, position: Quantity, state: State | None, faults: Faults
+    ) -> tuple[Vector | None, bool]:
+        """Standard uncertainties of x, y and z, and whether they are the point's, shared by them.
+
+        By U(95) X, Y, Z: U/1.96; only where these are missing by the point's U(95): U/(1.96 √3).
+        """
+        columns: tuple[int, ...] = ()
+        expanded: Vector | None = None
+        for of_kind in (self._columns.quantities.get(position.of(kind), ()) for kind in _UNCERTAINTIES):
+            columns = columns or of_kind
+            if expanded is None and of_kind:
+                expanded = self._vector(row, of_kind, faults, "length")
+        if not columns:
+            return None, False
+        reason = ""
+        if state == "deflection":
+            reason = "an uncertainty of a deflection cannot be used: give those of its two positions"
+        elif expanded is None or min(expanded, default=0.0) < 0.0:
+            reason = "an uncertainty must be positive"
+        if reason:
+            at = self._grid.place(row, columns[0])
+            faults.report(at, reason, "correct it, or skip the column with `ignore`")
+        if not expanded:
+            return None, False
+        self._surroundings.rounded += sum(value == 0.0 for value in expanded)
+        sigma = tuple((value or self._least) / _COVERAGE_FACTOR for value in expanded)
+        return sigma if len(sigma) > 1 else (sigma[0] / sqrt(3.0),) * 3, len(sigma) == 1
+
+    def _vector(
+        self, row: Row, indices: tuple[int, ...], faults: Faults, dimension: Dimension
+    ) -> Vector | None:
+        """The numbers of some columns; None if all of their cells are empty, () if one is faulty."""
+        if not any(row.cells[index] for index in indices):
+            return None
+        factor = self._length if dimension == "length" else 1.0
+        numbers: list[float] = []
+        for index in indices:
+            with faults.collected(self._grid.place(row, index)):
+                numbers.append(factor * self._number(row, index))
+        return tuple(numbers) if len(numbers) == len(indices) else ()
+
+    def _number(self, row: Row, index: int) -> float:
+        text = row.cells[index]
+        if row.kinds is not None and text and row.kinds[index] != "number":
+            reason = f"a number is needed, but the cell has type {row.kinds[index]}: {shown(text)}"
+            remedy = "enter a number, and format the cell as a number; replace a formula without a stored "
+            raise ImportFileError(self._grid.place(row, index), reason, f"{remedy}value by its value")
+        return read_number(text, self._mark)
