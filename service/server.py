@@ -9,7 +9,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from datetime import timedelta
 from pathlib import Path
@@ -29,6 +29,7 @@ from jointstiff.service.problems.errors import ServiceError, StoreError
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.security.origin import Posture
+from jointstiff.service.settings import Settings
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.threads import give_memory_back
@@ -70,62 +71,31 @@ class _Server(uvicorn.Server):
             listener.listen(QUEUED_CONNECTIONS)
 
 
-def run_server(
-    host: str,
-    port: int,
-    database: str,
-    workers: int,
-    then: Callable[[str], object] | None = None,
-    *,
-    allowed_hosts: Sequence[str] = (),
-    access_control: bool = True,
-    quota: int | None = None,
-    metrics: tuple[str, int] | None = None,
-    log_format: LogFormat = LogFormat.TEXT,
-    require_key: bool = False,
-    await_key: bool = False,
-    keys_file: Path | None = None,
-    laboratory: Path | None = None,
-) -> None:
-    """Serve until interrupted.
-
-    Args:
-        host: address to listen on.
-        port: TCP port, 0 for a free one.
-        database: URL of the store.
-        workers: processes for long runs; with none, other machines' workers carry them out.
-        then: called in a thread with the service's address once requests are taken.
-        allowed_hosts: names in the Host header that are answered besides those of the loopback address.
-        access_control: refuse to listen where others reach the service; False leaves it to a proxy, and needs
-            `allowed_hosts` (`*` for any).
-        metrics: address and port of a server for metrics; none without.
-        log_format: of the logs of the service and its workers.
-        quota: size of the database [bytes] from which on nothing more is added; None for any.
-        require_key: demand a key on a loopback address, too.
-        await_key: start where keys are demanded and none is valid yet.
-        keys_file: file of keys, which open the service as those of the database do; they are demanded then.
-        laboratory: settings of the laboratory that issues reports.
+def run_server(settings: Settings, then: Callable[[str], object] | None = None) -> None:
+    """Serve until interrupted; `then` is called in a thread with the address once requests are taken.
 
     Raises:
         StoreError: the database cannot be used.
         ServerError: the address cannot be listened on.
         KeysFileError, SettingsError: a file of keys, or of the laboratory's settings, cannot be used.
     """
-    set_log_format(log_format)
+    host, database, workers = settings.host, settings.database, settings.workers
+    quota = settings.quota and settings.quota * 1_000_000
+    set_log_format(settings.log_format)
     give_memory_back()
-    posture = _posture(
-        host, allowed_hosts, access_control=access_control, require_key=require_key or keys_file is not None
-    )
-    settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
+    posture = _posture(settings)
+    laboratory = LaboratorySettings() if settings.laboratory is None else read_laboratory(settings.laboratory)
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
-        listeners = [stack.enter_context(listen(host, port, "--port or --host"))]
+        listeners = [stack.enter_context(listen(host, settings.port, "--port or --host"))]
         port = listeners[0].getsockname()[1]
-        if metrics is not None:
-            listeners.append(stack.enter_context(listen(*metrics, "--metrics-port or --metrics-host")))
+        if settings.metrics_port is not None:
+            options = "--metrics-port or --metrics-host"
+            shown = listen(settings.metrics_host, settings.metrics_port, options)
+            listeners.append(stack.enter_context(shown))
         store = stack.enter_context(Store.open(database, quota))
-        keyring = _keyring(store, keys_file, database, posture, await_key=await_key)
+        keyring = _keyring(store, posture, settings)
         queue = stack.enter_context(closing(JobQueue(store, database)))
         # The workers of one store have other names than those of another, the same at each start.
         mark = hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
@@ -142,20 +112,18 @@ def run_server(
         )
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, queue.enqueue, posture, keyring, settings)
+        app = create_app(store, queue.enqueue, posture, keyring, laboratory)
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
-        shown = app
-        if metrics is not None:
-            shown = app.state.metrics.beside(app, listeners[1].getsockname()[1])
-        config = _configuration(shown, log_format)
+        ports = [listener.getsockname()[1] for listener in listeners]
+        answering = app.state.metrics.beside(app, ports[1]) if ports[1:] else app
+        config = _configuration(answering, settings.log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
         server = _Server(config)
         app.state.is_closing = lambda: server.should_exit
-        if metrics is not None:
-            app.state.metrics.gauges = lambda: _state(app, server)
+        app.state.metrics.gauges = lambda: _state(app, server)
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=listeners)
@@ -228,31 +196,37 @@ def _shown(database: str) -> str:
     return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
-def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool, require_key: bool) -> Posture:
+def _posture(settings: Settings) -> Posture:
     try:
-        return Posture.of(host, tuple(allowed_hosts), access_control=access_control, require_key=require_key)
+        return Posture.of(
+            settings.host,
+            tuple(settings.allowed_host or ()),
+            access_control=not settings.no_access_control,
+            require_key=settings.require_key or settings.keys_file is not None,
+        )
     except ValueError as error:
         raise ServerError(
-            f"will not listen on {host}: {error}",
+            f"will not listen on {settings.host}: {error}",
             "require keys (create one with `jointstiff keys create`), or put an authenticating proxy in "
             "front and add --no-access-control and --allowed-host NAME, the name in its addresses ('*' for "
             "any)",
         ) from error
 
 
-def _keyring(store: Store, file: Path | None, database: str, posture: Posture, *, await_key: bool) -> Keyring:
+def _keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
     """Return the keys that open the service."""
-    keyring = Keyring(store, file)
+    keyring = Keyring(store, settings.keys_file)
     if posture.access != "keys":
         return keyring
     keyring.open_file()
     keyring.look()
-    if not (await_key or keyring.has_keys()):
+    if not (settings.await_key or keyring.has_keys()):
         raise ServerError(
             "will not start: it requires keys, and no key is valid",
-            f'make one: jointstiff keys create "tablet hall 3" --role operator --database {_shown(database)} '
-            "(or --keys-file FILE); or listen on 127.0.0.1 without --require-key; or put an authenticating "
-            "proxy in front and add --no-access-control and --allowed-host NAME",
+            'make one: jointstiff keys create "tablet hall 3" --role operator --database '
+            f"{_shown(settings.database)} (or --keys-file FILE); or listen on 127.0.0.1 without "
+            "--require-key; or put an authenticating proxy in front and add --no-access-control and "
+            "--allowed-host NAME",
         )
     return keyring
 

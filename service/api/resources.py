@@ -45,8 +45,8 @@ from jointstiff.service.api.answers import (
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
-from jointstiff.service.resources.measurement_sets import assembled
-from jointstiff.service.resources.robots import catalogue, described
+from jointstiff.service.resources.catalogue import catalogue
+from jointstiff.service.resources.stored import assembled, described
 from jointstiff.service.security.access import OPERATOR, VIEWER
 
 Id = Annotated[str, Path(max_length=64)]

@@ -53,7 +53,7 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import run_document
 from jointstiff.service.resources.imports import import_files
-from jointstiff.service.resources.robots import described, stored_job
+from jointstiff.service.resources.stored import described, stored_job
 from jointstiff.service.security.access import ADMIN, OPERATOR, asked_of
 from jointstiff.service.store.collection import Collection, NumberTakenError
 from jointstiff.service.store.tables import AuthorisationRecord, IdempotencyKey, JobRecord

@@ -9,11 +9,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from jointstiff.service.cli.options import (
-    Overwrite,
-    refuse_existing,
-    write_json,
-)
+from jointstiff.service.cli.options import Overwrite, refuse_existing, write_json
+from jointstiff.service.settings import Settings
 
 
 def simulate(
@@ -99,7 +96,7 @@ def demo(
             typer.echo("Ctrl-C ends the service.")
 
     try:
-        run_server("127.0.0.1", port or 0, database, workers=1, then=show)
+        run_server(Settings(port=port or 0, database=database), show)
     except KeyboardInterrupt:
         pass
     except SystemExit as ended:  # of the handler that heard SIGTERM, or of a server that could not start

@@ -20,7 +20,6 @@ from jointstiff.service.cli.kinds import (
     gathered,
     in_options,
     times,
-    with_signature,
     worded,
 )
 from jointstiff.service.cli.options import (
@@ -35,6 +34,7 @@ from jointstiff.service.cli.options import (
     refused,
     vector_of,
     warn,
+    with_signature,
     write_json,
 )
 

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import typer
 
 from jointstiff.service.cli.options import (
-    DatabaseUrl,
-    KeysFilePath,
     ServerAddress,
     failed,
     warn,
 )
+from jointstiff.service.settings import DatabaseUrl, KeysFilePath
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

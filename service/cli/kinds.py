@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import math
 import re
@@ -30,6 +29,7 @@ from jointstiff.service.cli.options import (
     refuse_existing,
     vector_of,
     warn,
+    with_signature,
     write_json,
 )
 from jointstiff.service.kinds.kind import AnyKind
@@ -134,21 +134,6 @@ def command_of(name: str) -> Callable[..., None]:
     with_signature(command, sources | fields | others)
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
-
-
-def with_signature(command: Callable[..., None], parameters: Mapping[str, tuple[Any, Any]]) -> None:
-    """Give a command the signature that Typer reads: annotation and default by name; `...` for no default."""
-    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                annotation=annotation,
-                default=inspect.Parameter.empty if default is ... else default,
-            )
-            for name, (annotation, default) in parameters.items()
-        ]
-    )
 
 
 def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:

@@ -10,7 +10,6 @@ import typer
 from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
-    LaboratoryFile,
     Overwrite,
     RunFile,
     Vector,
@@ -20,6 +19,7 @@ from jointstiff.service.cli.options import (
     refuse_existing,
     write_text,
 )
+from jointstiff.service.settings import LaboratoryFile
 
 if TYPE_CHECKING:
     from jointstiff.service.library.results import TabledRun

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import typer
 
@@ -81,33 +84,9 @@ NamedRobot = Annotated[
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-DatabaseUrl = Annotated[
-    str,
-    typer.Option(
-        envvar="JOINTSTIFF_DATABASE",
-        metavar="URL",
-        help="Database: sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME.",
-    ),
-]
 Details = Annotated[bool, typer.Option("--details", help="Print all reasons, warnings, advice and evidence.")]
 ServerAddress = Annotated[
     str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service.")
-]
-KeysFilePath = Annotated[
-    Path | None,
-    typer.Option(
-        envvar="JOINTSTIFF_KEYS_FILE",
-        metavar="FILE",
-        help="File of keys, such as a container's secret; it has only hashes.",
-    ),
-]
-LaboratoryFile = Annotated[
-    Path | None,
-    typer.Option(
-        envvar="JOINTSTIFF_LABORATORY",
-        metavar="FILE",
-        help="TOML file of the laboratory that issues reports; default: none.",
-    ),
 ]
 
 
@@ -116,6 +95,31 @@ Unit = Annotated[
     Units,
     typer.Option(case_sensitive=False, help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m)."),
 ]
+
+
+Parameters = Mapping[str, tuple[Any, Any]]
+"""Annotation and default of the parameters of a command, by name; `...` for no default."""
+
+
+def with_signature(command: Callable[..., None], parameters: Parameters) -> None:
+    """Give a command the signature that Typer reads."""
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                annotation=annotation,
+                default=inspect.Parameter.empty if default is ... else default,
+            )
+            for name, (annotation, default) in parameters.items()
+        ]
+    )
+
+
+def options_of(settings: type) -> Parameters:
+    """Return an option for each field of a dataclass, by its annotation."""
+    hints = get_type_hints(settings, include_extras=True)
+    return {field.name: (hints[field.name], field.default) for field in fields(settings)}
 
 
 def refusal_of(error: Exception) -> typer.Exit | None:

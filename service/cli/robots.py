@@ -38,7 +38,7 @@ def robots(
 ) -> None:
     """List the nominal arms of the catalogue."""
     from jointstiff.service.problems.table import problem_of
-    from jointstiff.service.resources.robots import catalogue, find_arm, nominal_robot
+    from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_robot
     from jointstiff.service.tables.terminal import console, printed
     from jointstiff.solver.errors import RequestError
 

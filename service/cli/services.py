@@ -3,113 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from jointstiff.service.cli.options import (
-    DatabaseUrl,
     Details,
-    KeysFilePath,
-    LaboratoryFile,
     ServerAddress,
     Unit,
+    options_of,
     warn,
+    with_signature,
 )
-from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
+from jointstiff.service.logs import LogFormat, set_log_format
+from jointstiff.service.settings import DatabaseUrl, LogLines, Settings
 
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
     from jointstiff.service.store.backups import Manifest
 
-LogLines = Annotated[
-    LogFormat,
-    typer.Option(
-        envvar=FORMAT_VARIABLE,
-        help="Format of the log: text, or JSON lines with one line per request.",
-    ),
-]
 
-
-def serve(
-    *,
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0: any free one.")] = 8000,
-    database: DatabaseUrl = "sqlite:///jointstiff.db",
-    workers: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            max=64,
-            help="Number of worker processes for long runs; 0: workers run elsewhere.",
-        ),
-    ] = 1,
-    allowed_host: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Additional name of the service in addresses; '*' for any, with --no-access-control. "
-            "Repeatable.",
-        ),
-    ] = None,
-    no_access_control: Annotated[
-        bool,
-        typer.Option(
-            "--no-access-control",
-            help="Require no keys; only for use behind an authenticating proxy. Needs --allowed-host.",
-        ),
-    ] = False,
-    quota: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="MEGABYTES",
-            help="Quota of the database: at this size the service refuses new resources (507); default: "
-            "none.",
-        ),
-    ] = None,
-    metrics_port: Annotated[
-        int | None,
-        typer.Option(min=0, max=65535, help="Port for metrics in the format of Prometheus; default: none."),
-    ] = None,
-    metrics_host: Annotated[
-        str, typer.Option(help="Address of the metrics port; everyone who reaches it can read the metrics.")
-    ] = "127.0.0.1",
-    log_format: LogLines = LogFormat.TEXT,
-    require_key: Annotated[
-        bool,
-        typer.Option(
-            "--require-key", help="Require a key (`jointstiff keys create`) also from this machine."
-        ),
-    ] = False,
-    await_key: Annotated[
-        bool,
-        typer.Option(
-            "--await-key",
-            help="Start without a valid key, too; other machines are refused (403) until there is one.",
-        ),
-    ] = False,
-    keys_file: KeysFilePath = None,
-    laboratory: LaboratoryFile = None,
-) -> None:
+def serve(**values: Any) -> None:  # noqa: ANN401 - by the signature below
     """Start the service."""
     from jointstiff.service.server import run_server
 
-    run_server(
-        host,
-        port,
-        database,
-        workers,
-        allowed_hosts=allowed_host or (),
-        access_control=not no_access_control,
-        metrics=None if metrics_port is None else (metrics_host, metrics_port),
-        log_format=log_format,
-        quota=quota and quota * 1_000_000,
-        require_key=require_key,
-        await_key=await_key,
-        keys_file=keys_file,
-        laboratory=laboratory,
-    )
+    run_server(Settings(**values))
+
+
+with_signature(serve, options_of(Settings))
 
 
 def worker(

@@ -29,7 +29,7 @@ from jointstiff.service.kinds.work import (
 )
 from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
-from jointstiff.service.resources.measurement_sets import Resources
+from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.service.versions import versions

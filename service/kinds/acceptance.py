@@ -14,8 +14,8 @@ from jointstiff.schemas.program import ProgramOptions, ProgramRequest
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.conversion.units import FORCE, LENGTH, MOMENT
-from jointstiff.service.inputs import Inputs, MeasuredRun
 from jointstiff.service.problems.errors import VerdictError
+from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import forward_model

@@ -14,8 +14,8 @@ from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.inputs import Inputs, MeasuredRun
 from jointstiff.service.kinds.work import QuickWork
+from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.compare.pair import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import forward_model

@@ -40,8 +40,8 @@ from jointstiff.service.tables.table import (
 )
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
 
 _SIDES: Final = ("first", "second")
 _SHORT: Final = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}

@@ -22,8 +22,8 @@ from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Table, concise, number, numbers
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.geometry.sweeps import SweepSet
     from jointstiff.solver.robot.model import Robot

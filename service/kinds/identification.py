@@ -26,8 +26,8 @@ from jointstiff.schemas.run import (
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index
-from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
+from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.design.advice import advise

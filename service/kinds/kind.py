@@ -15,8 +15,8 @@ from jointstiff.schemas.query import ExactName, JobQuery, Reference
 from jointstiff.service.problems.errors import Resource
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.report import Report, View
     from jointstiff.service.tables.table import Sheet
 

@@ -12,9 +12,9 @@ from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, Map
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
-from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import RunModel, accepted_run
 from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
+from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError

@@ -20,8 +20,8 @@ from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Sheet, Table, number
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
 
 _DOWN: Final = -0.9999  # along z of R0: a weight
 _CRITERIA = {

@@ -17,10 +17,10 @@ from jointstiff.schemas.plan import OwnWeight, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
-from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.identification import identified, identified_by_weight, to_settings
 from jointstiff.service.kinds.work import QuickWork
+from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import PlanRequest
 from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, targets_in_flange

@@ -17,8 +17,8 @@ from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Part, Table, ends, number
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.table import Sheet
 
 _EXAMPLES: Final[dict[str, Any]] = {

@@ -29,13 +29,13 @@ from jointstiff.schemas.program import (
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.inputs import Inputs
 from jointstiff.service.kinds.acceptance import RunModel, accepted_run
 from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, Rewriting
+from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray

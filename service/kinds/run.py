@@ -36,8 +36,8 @@ from jointstiff.service.tables.table import (
 )
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
 
 _WORDS: Final = {
     "uncertain": Line("uncertain", "care"),

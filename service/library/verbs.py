@@ -16,7 +16,6 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
-from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
@@ -35,6 +34,7 @@ from jointstiff.service.library.files import (
 from jointstiff.service.library.results import Door, OnProgress, TabledRun, shown
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.reports.job import job_sheet
+from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 

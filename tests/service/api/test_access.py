@@ -411,7 +411,7 @@ def test_an_unexpected_failure_stands_in_the_audit(client, store, monkeypatch):
     def fail(*_, **__):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("jointstiff.service.resources.robots.Robots.create", fail)
+    monkeypatch.setattr("jointstiff.service.resources.stored.Robots.create", fail)
     with pytest.raises(ZeroDivisionError):
         client.request(
             "POST", "/v1/robots", json=EXAMPLES["robots"]["modified DH"], headers=bearer("operator")

@@ -21,7 +21,7 @@ from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
-from jointstiff.service.resources.measurement_sets import Resources
+from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign

@@ -15,9 +15,9 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.inputs import FromFile
 from jointstiff.service.kinds.identification import identification
 from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.resources.inputs import FromFile
 from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.solver.errors import RequestError, RobotError

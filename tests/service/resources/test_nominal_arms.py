@@ -11,7 +11,7 @@ from support.shared_data import shared
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
-from jointstiff.service.resources.robots import catalogue, find_arm, nominal_robot
+from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_robot
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
 

@@ -13,8 +13,8 @@ from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Sheet, Table
 
 if TYPE_CHECKING:
-    from jointstiff.service.inputs import Inputs
     from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
 
 
 class SmallOptions(Message):

@@ -1,17 +1,19 @@
-"""Measurement sets as resources: checked and inspected when they come in; their readings never change."""
+"""Robots and measurement sets of a store: checked as they come in, built when needed; inputs of requests."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, Generic, TypeVar
 from uuid import uuid4
 
 import numpy as np
 
 from jointstiff.schemas import measurement as messages
-from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas import robot as robots
+from jointstiff.schemas.fields import ResourceChange, Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
 from jointstiff.schemas.job import Job
@@ -19,39 +21,215 @@ from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, Resolve
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import (
     PreparedSet,
+    build_robot,
     check_set,
     in_base,
+    prepare_robot,
     stated_transform,
     to_base_targets,
     to_resolved,
     without,
 )
 from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
+from jointstiff.service.conversion.robots import describe_joints, describe_wrist
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.inputs import MeasuredRun
 from jointstiff.service.problems.errors import NotFoundError, Resource
-from jointstiff.service.resources.robots import Kept, Robots, described, stored_job, succeeded_geometry
+from jointstiff.service.resources.catalogue import find_arm
+from jointstiff.service.resources.inputs import MeasuredRun
+from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetEntry, MeasurementSetRecord
+from jointstiff.service.store.tables import (
+    Entry,
+    IdempotencyKey,
+    MeasurementSetEntry,
+    MeasurementSetRecord,
+    Record,
+    RobotRecord,
+)
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.findings import drift_findings
 from jointstiff.solver.geometry.frames import BaseDrift
 from jointstiff.solver.robot.model import Robot
 
+AnyJob = TypeVar("AnyJob", bound=Job)
+Prepared = TypeVar("Prepared")
+
+_ROBOTS: Final = 64
 FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""
-_CACHED = 16
+_SETS: Final = 16
+"""Robots and sets that are kept ready for computation."""
 _METADATA: Final = tuple(SetMetadata.model_fields)
 _COLUMNS: Final = ("name", "archived", *_METADATA)
 """Fields of a set that may change: they stand in columns, and not in the document."""
+
+
+class Kept(Generic[Record, Entry, Prepared]):
+    """Stored inputs of one kind: what may change of them, and their deletion. What was computed stays."""
+
+    def __init__(
+        self, records: Collection[Record, Entry], prepare: Callable[[str], Prepared], most: int
+    ) -> None:
+        """Keep records, and what the latest of them, up to a number, were prepared to."""
+        self.records: Collection[Record, Entry] = records
+        self.ready = lru_cache(most)(prepare)  # by id
+
+    def change(self, identifier: str, change: ResourceChange) -> Record:
+        """Change what was given of a resource, archive it, or delete or restore it.
+
+        Raises:
+            NotFoundError: there is no such resource, or it has been removed for good.
+            DeletedError: it was deleted and stays so, or what it refers to is deleted.
+            ReferencedError: it is to be deleted, and others refer to it.
+        """
+        if change.deleted is False:
+            self.records.restore(identifier)
+        stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
+        lasting = {name for name in ("name", "archived") if stated.get(name) is None}
+        changes = {name: value for name, value in stated.items() if name not in lasting}
+        record = self.records.change(identifier, changes, hidden=change.deleted is True)
+        self.ready.cache_clear()
+        if change.deleted:
+            self.delete(identifier)
+        return record
+
+    def delete(self, identifier: str) -> None:
+        """Hide a resource that nothing refers to; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such resource.
+            ReferencedError: others refer to it.
+        """
+        self.records.delete(identifier)
+        self.ready.cache_clear()
+
+
+class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
+    """Create and load the robots of a store."""
+
+    def __init__(self, store: Store) -> None:
+        super().__init__(store.robots, self._load, _ROBOTS)
+        self._store = store
+
+    def create(
+        self, request: robots.RobotDocument | robots.RobotRequest, key: IdempotencyKey | None
+    ) -> RobotRecord:
+        """Check a robot and store it.
+
+        Raises:
+            RobotError: the description cannot be used.
+            RequestError: there is no such geometry, or no such arm in the catalogue.
+            IdempotencyConflictError: the key came before with another body.
+        """
+        if key is not None and (before := self._store.robots.find(key)) is not None:
+            return before
+        document, origin = self._described(request)
+        prepared = prepare_robot(document)
+        checked, robot = prepared.document, prepared.robot
+        created_at = datetime.now(UTC)
+        stored = robots.Robot(
+            **checked.model_dump(exclude={"model"}),
+            model=checked.model,
+            id=uuid4().hex,
+            joints=describe_joints(robot),
+            wrist=describe_wrist(robot),
+            **origin,
+            content_hash=prepared.content_hash,
+            created_at=created_at,
+        )
+        record = RobotRecord(
+            id=stored.id,
+            name=stored.name,
+            created_at=created_at,
+            content_hash=stored.content_hash,
+            document=stored.model_dump_json(exclude={"alarms"}),
+        )
+        return self._store.robots.add(record, key)
+
+    def load(self, robot_id: str) -> tuple[Robot, str]:
+        """Return the robot ready for computation, and the hash of its content.
+
+        Raises:
+            NotFoundError: there is no such robot.
+        """
+        return self.ready(robot_id)
+
+    def find(self, robot_id: str | None, document: robots.RobotDocument | None) -> Robot:
+        """Return a stored robot, or build one that is described and stays unstored.
+
+        Raises:
+            NotFoundError: there is no such robot.
+            RobotError: the description cannot be used.
+        """
+        if document is not None:
+            return prepare_robot(document).robot
+        return self.load(robot_id or "")[0]
+
+    def _described(
+        self, request: robots.RobotDocument | robots.RobotRequest
+    ) -> tuple[robots.RobotDocument, dict[str, str]]:
+        """Return the robot that a request describes, and what its model is taken from."""
+        model = request.model
+        if isinstance(model, robots.GeometryModel):
+            where = "model.geometry_id"
+            _, result = succeeded_geometry(self._store, model.geometry_id, where)
+            found = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
+            return found, {"geometry_id": model.geometry_id}
+        joint_map, origin = request.joint_map, {}
+        if isinstance(model, robots.CatalogueModel):
+            arm = find_arm(model.arm, "model.arm")
+            model, joint_map, origin = arm.model, joint_map or arm.joint_map, {"nominal_arm": arm.name}
+        document = robots.RobotDocument(
+            name=request.name, model=model, joint_map=joint_map, bodies=request.bodies
+        )
+        return document, origin
+
+    def _load(self, robot_id: str) -> tuple[Robot, str]:
+        record = self._store.robots.get(robot_id)
+        return build_robot(described(record)), record.content_hash
+
+
+def described(record: RobotRecord) -> robots.Robot:
+    """Return the message of a stored robot."""
+    stored = robots.Robot.model_validate_json(record.document)
+    return stored.model_copy(update={"name": record.name, "archived": record.archived})
+
+
+def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
+    """Return a job, for those who build on it.
+
+    Raises:
+        NotFoundError: there is none, or it was deleted.
+    """
+    record = store.jobs(Resource(message.kind, message.collection)).get(job_id)
+    return message.model_validate_json(record.document)
+
+
+def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
+    """Return a geometry and its result.
+
+    Raises:
+        RequestError: there is none, it was deleted, or it has no result.
+    """
+    try:
+        geometry = stored_job(store, Geometry, geometry_id)
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where=where) from error
+    if geometry.result is None:
+        raise RequestError(
+            f"geometry '{geometry_id}' is {geometry.state} and has no identified robot",
+            remedy="use a geometry that has succeeded",
+            where=where,
+        )
+    return geometry, geometry.result
 
 
 class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSet]):
     """The measurement sets of a store."""
 
     def __init__(self, store: Store, robots: Robots) -> None:
-        super().__init__(store.sets, self._prepare, _CACHED)
+        super().__init__(store.sets, self._prepare, _SETS)
         self._store = store
         self._robots = robots
 

@@ -1,0 +1,102 @@
+"""The catalogue of nominal arms: published figures in `arms.json`, in millimetres and degrees."""
+
+from __future__ import annotations
+
+import json
+import re
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from math import radians
+from typing import Any, Final
+
+from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
+from jointstiff.solver.errors import RequestError
+
+_SHOWN: Final = 5  # arms that a message names
+
+
+@cache
+def catalogue() -> Catalogue:
+    """Return the catalogue."""
+    text = files("jointstiff.service.resources").joinpath("arms.json").read_text(encoding="utf-8")
+    tables = json.loads(text)
+    presets = [
+        JointMapPreset(
+            joint_map=JointMap(matrix=each["matrix"], offset=[0.0] * len(each["matrix"])),
+            **_without(each, "matrix"),
+        )
+        for each in tables["joint_maps"]
+    ]
+    maps = {preset.id: preset.joint_map for preset in presets}
+    arms = [
+        Arm(
+            **_without(each, "rows", "convention", "joint_map", "reach"),
+            model=DhModel(
+                format="dh", convention=each["convention"], rows=[_row(*row) for row in each["rows"]]
+            ),
+            joint_map=None if each["joint_map"] is None else maps[each["joint_map"]],
+            joint_map_preset=each["joint_map"],
+            reach=each["reach"] / 1e3,
+        )
+        for each in tables["arms"]
+    ]
+    return Catalogue(arms=arms, joint_maps=presets)
+
+
+def find_arm(name: str, where: str) -> Arm:
+    """Return the arm of a name, or of a part of it that no other has; case and blanks do not count.
+
+    Args:
+        name: as it was typed, such as `KUKA KR 210 R2700`.
+        where: field or option that has it, for messages.
+
+    Raises:
+        RequestError: there is none, or several.
+    """
+    wanted = _bare(name)
+    arms = [arm for arm in catalogue().arms if wanted and wanted in _bare(arm.name)]
+    exact = [arm for arm in arms if _bare(arm.name) == wanted]
+    if len(exact or arms) == 1:
+        return (exact or arms)[0]
+    if arms:
+        shown = ", ".join(arm.name for arm in arms[:_SHOWN])
+        raise RequestError(
+            f"'{name}' matches several arms of the catalogue: {shown}{', …' if arms[_SHOWN:] else ''}",
+            where=where,
+            remedy="give the whole name",
+        )
+    names = {_bare(arm.name): arm.name for arm in catalogue().arms}
+    near = [names[each] for each in get_close_matches(wanted, names, n=3, cutoff=0.5)]
+    raise RequestError(
+        f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
+        where=where,
+        remedy=(
+            "`jointstiff robots` and GET /v1/catalogue list its arms; or describe yours by a DH table or URDF"
+        ),
+    )
+
+
+def nominal_robot(arm: Arm) -> RobotDocument:
+    """Return an arm of the catalogue as a robot."""
+    return RobotDocument(name=f"{arm.name} (nominal)", model=arm.model, joint_map=arm.joint_map)
+
+
+def _bare(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name.casefold())
+
+
+def _without(table: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name not in names}
+
+
+def _row(a: float, alpha: float, d: float, theta: float, lower: float | None, upper: float | None) -> DhRow:
+    """Return a row of a table in millimetres and degrees."""
+    return DhRow(
+        a=a / 1e3,
+        alpha=radians(alpha),
+        d=d / 1e3,
+        theta=radians(theta),
+        lower=None if lower is None else radians(lower),
+        upper=None if upper is None else radians(upper),
+    )

@@ -1,0 +1,107 @@
+"""Settings of a service: what each field means is the help of the option that states it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat
+
+DatabaseUrl = Annotated[
+    str,
+    typer.Option(
+        envvar="JOINTSTIFF_DATABASE",
+        metavar="URL",
+        help="Database: sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME.",
+    ),
+]
+KeysFilePath = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="JOINTSTIFF_KEYS_FILE",
+        metavar="FILE",
+        help="File of keys, such as a container's secret; it has only hashes.",
+    ),
+]
+LaboratoryFile = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="JOINTSTIFF_LABORATORY",
+        metavar="FILE",
+        help="TOML file of the laboratory that issues reports; default: none.",
+    ),
+]
+LogLines = Annotated[
+    LogFormat,
+    typer.Option(
+        envvar=FORMAT_VARIABLE,
+        help="Format of the log: text, or JSON lines with one line per request.",
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Settings of `jointstiff serve`."""
+
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0: any free one.")] = 8000
+    database: DatabaseUrl = "sqlite:///jointstiff.db"
+    workers: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=64,
+            help="Number of worker processes for long runs; 0: workers run elsewhere.",
+        ),
+    ] = 1
+    allowed_host: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Additional name of the service in addresses; '*' for any, with --no-access-control. "
+            "Repeatable.",
+        ),
+    ] = None
+    no_access_control: Annotated[
+        bool,
+        typer.Option(
+            "--no-access-control",
+            help="Require no keys; only for use behind an authenticating proxy. Needs --allowed-host.",
+        ),
+    ] = False
+    quota: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="MEGABYTES",
+            help="Quota of the database: at this size the service refuses new resources (507); default: "
+            "none.",
+        ),
+    ] = None
+    metrics_port: Annotated[
+        int | None,
+        typer.Option(min=0, max=65535, help="Port for metrics in the format of Prometheus; default: none."),
+    ] = None
+    metrics_host: Annotated[
+        str, typer.Option(help="Address of the metrics port; everyone who reaches it can read the metrics.")
+    ] = "127.0.0.1"
+    log_format: LogLines = LogFormat.TEXT
+    require_key: Annotated[
+        bool,
+        typer.Option(
+            "--require-key", help="Require a key (`jointstiff keys create`) also from this machine."
+        ),
+    ] = False
+    await_key: Annotated[
+        bool,
+        typer.Option(
+            "--await-key",
+            help="Start without a valid key, too; other machines are refused (403) until there is one.",
+        ),
+    ] = False
+    keys_file: KeysFilePath = None
+    laboratory: LaboratoryFile = None
