@@ -14,22 +14,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from jointstiff.schemas.access import (
-    AuditItem,
-    AuditQuery,
-    Delivery,
-    Key,
-    KeyList,
-    KeyRequest,
-    NewKey,
-    NewWebhook,
-    Role,
-    Session,
-    SessionRequest,
-    Webhook,
-    WebhookList,
-    WebhookRequest,
-)
+from jointstiff.schemas import access
 from jointstiff.schemas.fields import Page
 from jointstiff.service.api.answers import PartsOf, problems
 from jointstiff.service.api.bodies import BodyRoute
@@ -54,8 +39,8 @@ router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, depende
 webhooks = APIRouter(prefix="/v1", tags=["webhooks"], route_class=BodyRoute, dependencies=[ADMIN])
 
 
-@sessions.get("", response_model=Session)
-async def get_session(request: Request) -> Session:
+@sessions.get("", response_model=access.Session)
+async def get_session(request: Request) -> access.Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
     gate: Gate = request.app.state.gate
     key = asked_of(request).key
@@ -64,8 +49,8 @@ async def get_session(request: Request) -> Session:
     return _session(gate, key, ends_at if is_browser else None)
 
 
-@sessions.post("", status_code=201, response_model=Session)
-async def create_session(request: Request, response: Response, body: SessionRequest) -> Session:
+@sessions.post("", status_code=201, response_model=access.Session)
+async def create_session(request: Request, response: Response, body: access.SessionRequest) -> access.Session:
     """Sign a browser in with a key or a one-time link: the answer sets a cookie that scripts cannot read.
 
     The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
@@ -97,11 +82,11 @@ async def delete_session(request: Request) -> Response:
     return response
 
 
-def _session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> Session:
+def _session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
     if key is None:
-        return Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
-    role = cast("Role", key.role)
-    return Session(access=gate.access, key_id=key.id, key_name=key.name, role=role, ends_at=ends_at)
+        return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
+    role = cast("access.Role", key.role)
+    return access.Session(access=gate.access, key_id=key.id, key_name=key.name, role=role, ends_at=ends_at)
 
 
 def _is_https(request: Request) -> bool:
@@ -109,8 +94,8 @@ def _is_https(request: Request) -> bool:
     return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
 
 
-@router.post("/keys", status_code=201, response_model=NewKey)
-async def create_key(request: Request, parts: PartsOf, body: KeyRequest) -> NewKey:
+@router.post("/keys", status_code=201, response_model=access.NewKey)
+async def create_key(request: Request, parts: PartsOf, body: access.KeyRequest) -> access.NewKey:
     """Make a key. Its text is in this answer and nowhere else; a post that is repeated makes another key."""
     now = datetime.now(UTC)
     if body.expires_at is not None and body.expires_at <= now:
@@ -120,18 +105,18 @@ async def create_key(request: Request, parts: PartsOf, body: KeyRequest) -> NewK
     text, record = mint(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
     await _look(request)
-    return NewKey(**described(record).model_dump(), key=text)
+    return access.NewKey(**described(record).model_dump(), key=text)
 
 
-@router.get("/keys", response_model=KeyList)
-async def list_keys(request: Request) -> KeyList:
+@router.get("/keys", response_model=access.KeyList)
+async def list_keys(request: Request) -> access.KeyList:
     """List all keys, those of the file and revoked ones, too, in the order in which they came."""
     gate: Gate = request.app.state.gate
-    return KeyList(items=gate.keyring.listing())
+    return access.KeyList(items=gate.keyring.listing())
 
 
-@router.delete("/keys/{key_id}", response_model=Key)
-async def revoke_key(request: Request, parts: PartsOf, key_id: KeyId) -> Key:
+@router.delete("/keys/{key_id}", response_model=access.Key)
+async def revoke_key(request: Request, parts: PartsOf, key_id: KeyId) -> access.Key:
     """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
     gate: Gate = request.app.state.gate
     if gate.keyring.is_filed(key_id):
@@ -147,18 +132,20 @@ async def _look(request: Request) -> None:
     await run_sync(gate.keyring.look)
 
 
-@router.get("/audit", response_model=Page[AuditItem], responses=_TABLE)
-def list_audit(parts: PartsOf, query: Annotated[AuditQuery, Query()]) -> Page[AuditItem] | Response:
+@router.get("/audit", response_model=Page[access.AuditItem], responses=_TABLE)
+def list_audit(
+    parts: PartsOf, query: Annotated[access.AuditQuery, Query()]
+) -> Page[access.AuditItem] | Response:
     """List all requests to change something, refused or not, newest first; or get all as a table."""
     if query.format == "csv":
         headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
         return StreamingResponse(_table(parts.store, query.key_id), media_type="text/csv", headers=headers)
     page = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
-    return Page(items=[AuditItem(**asdict(entry)) for entry in page.records], next=page.next)
+    return Page(items=[access.AuditItem(**asdict(entry)) for entry in page.records], next=page.next)
 
 
 def _table(store: Store, key_id: str | None) -> Iterator[str]:
-    yield csv_rows([list(AuditItem.model_fields)])
+    yield csv_rows([list(access.AuditItem.model_fields)])
     page = store.audit.page(_PAGE, key_id=key_id)
     while True:
         rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in page.records]
@@ -168,8 +155,8 @@ def _table(store: Store, key_id: str | None) -> Iterator[str]:
         page = store.audit.page(_PAGE, page.next, key_id=key_id)
 
 
-@webhooks.post("/webhooks", status_code=201, response_model=NewWebhook, responses=problems(409))
-def create_webhook(request: Request, parts: PartsOf, body: WebhookRequest) -> NewWebhook:
+@webhooks.post("/webhooks", status_code=201, response_model=access.NewWebhook, responses=problems(409))
+def create_webhook(request: Request, parts: PartsOf, body: access.WebhookRequest) -> access.NewWebhook:
     """Make a webhook: workers post to its address what happens, signed by Standard Webhooks.
 
     Its secret is in this answer and nowhere else. An address of this machine, or one that is not public, is
@@ -198,13 +185,15 @@ def create_webhook(request: Request, parts: PartsOf, body: WebhookRequest) -> Ne
         created_at=datetime.now(UTC),
     )
     parts.store.webhooks.add(record)
-    return NewWebhook(**_described(parts, record), secret=secret)
+    return access.NewWebhook(**_described(parts, record), secret=secret)
 
 
-@webhooks.get("/webhooks", response_model=WebhookList)
-def list_webhooks(parts: PartsOf) -> WebhookList:
+@webhooks.get("/webhooks", response_model=access.WebhookList)
+def list_webhooks(parts: PartsOf) -> access.WebhookList:
     """List the webhooks, each with the messages that did not arrive."""
-    return WebhookList(items=[Webhook(**_described(parts, one)) for one in parts.store.webhooks.all()])
+    return access.WebhookList(
+        items=[access.Webhook(**_described(parts, one)) for one in parts.store.webhooks.all()]
+    )
 
 
 @webhooks.delete("/webhooks/{webhook_id}", status_code=204, response_class=Response)
@@ -217,7 +206,7 @@ def delete_webhook(parts: PartsOf, webhook_id: Annotated[str, Path(max_length=64
 def _described(parts: PartsOf, record: WebhookRecord) -> dict[str, Any]:
     delivered, rest = parts.store.webhooks.outcome(record.id)
     undelivered = [
-        Delivery.model_validate(
+        access.Delivery.model_validate(
             {
                 "id": one.message_id,
                 "type": one.type,

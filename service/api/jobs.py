@@ -15,16 +15,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.job import JobChange, Requester
 from jointstiff.schemas.query import FileQuery, WaitQuery
-from jointstiff.service.api.answers import (
-    DELETED,
-    NOT_MODIFIED,
-    PartsOf,
-    accepted,
-    created,
-    json_response,
-    problems,
-    unchanging,
-)
+from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
@@ -67,15 +58,15 @@ async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Follower
     """Answer with a new job: 201 if it ends within `wait` seconds, else 202 with the job as it is."""
     collection, answered = jobs.kind.collection, jobs.kind.answered
     if record.state not in OPEN_STATES:
-        return created(collection, record.id, answered(record.document))
+        return answers.created(collection, record.id, answered(record.document))
     try:
         if wait:
             await followers.wait(jobs, record.id, wait)
         job = await run_in_threadpool(jobs.current, record.id)
     except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
-        return created(collection, record.id, answered(record.document), 202)
+        return answers.created(collection, record.id, answered(record.document), 202)
     text = answered(job.model_dump_json())
-    return created(collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
+    return answers.created(collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
 
 
 def kind_routes(kind: AnyKind) -> APIRouter:
@@ -91,11 +82,11 @@ def kind_routes(kind: AnyKind) -> APIRouter:
             description=kind.description,
             status_code=201,
             response_model=kind.message,
-            responses=accepted(kind.message),
+            responses=answers.accepted(kind.message),
         )
         async def create(
             request: Request,
-            parts: PartsOf,
+            parts: answers.PartsOf,
             work: Work,
             body: Annotated[kind.request, shown(kind.examples)],  # type: ignore[name-defined]
             key: Key,
@@ -112,9 +103,9 @@ def kind_routes(kind: AnyKind) -> APIRouter:
         dependencies=[VIEWER],
         description=f"List {kind.collection} without their results, newest first.",
         response_model=Page[kind.summary],  # type: ignore[name-defined]
-        responses=problems(422),
+        responses=answers.problems(422),
     )
-    def page(parts: PartsOf, query: Annotated[kind.query, Query()]) -> Page[Any]:  # type: ignore[name-defined]
+    def page(parts: answers.PartsOf, query: Annotated[kind.query, Query()]) -> Page[Any]:  # type: ignore[name-defined]
         return parts.jobs[kind.name].page(query)
 
     @router.get(
@@ -124,14 +115,14 @@ def kind_routes(kind: AnyKind) -> APIRouter:
         description=f"Get a {kind.name}: request, state, result and provenance. Once finished, it never "
         "changes.",
         response_model=kind.message,
-        responses=NOT_MODIFIED,
+        responses=answers.NOT_MODIFIED,
     )
     def get(
         request: Request,
-        parts: PartsOf,
+        parts: answers.PartsOf,
         job_id: Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)],
     ) -> Response:
-        return unchanging(request, kind.answered(parts.jobs[kind.name].document(job_id)))
+        return answers.unchanging(request, kind.answered(parts.jobs[kind.name].document(job_id)))
 
     return router
 
@@ -141,7 +132,7 @@ router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["jobs"], route_class=BodyRo
 
 @router.patch("", dependencies=[OPERATOR], response_model=ANY_JOB)
 def change_job(
-    parts: PartsOf, job_id: JobId, body: Annotated[JobChange, shown(EXAMPLES["job_changes"])]
+    parts: answers.PartsOf, job_id: JobId, body: Annotated[JobChange, shown(EXAMPLES["job_changes"])]
 ) -> Response:
     """Cancel, delete or restore a job of any kind, and get it.
 
@@ -155,7 +146,7 @@ def change_job(
         jobs.cancel(job_id)
     if body.deleted:
         jobs.records.delete(job_id)
-    return json_response(jobs.kind.answered(jobs.document(job_id, hidden=body.deleted is True)))
+    return answers.json_response(jobs.kind.answered(jobs.document(job_id, hidden=body.deleted is True)))
 
 
 @router.delete(
@@ -163,15 +154,15 @@ def change_job(
     dependencies=[OPERATOR],
     status_code=204,
     response_class=Response,
-    responses=DELETED,
+    responses=answers.DELETED,
 )
-def delete_job(parts: PartsOf, job_id: JobId) -> Response:
+def delete_job(parts: answers.PartsOf, job_id: JobId) -> Response:
     """Delete a job of any kind. It can be restored for 30 days. Cancel an unfinished one first."""
     parts.jobs_of(job_id).records.delete(job_id)
     return Response(status_code=204)
 
 
-async def _events(request: Request, parts: PartsOf, job_id: JobId) -> AsyncIterator[ServerSentEvent]:
+async def _events(request: Request, parts: answers.PartsOf, job_id: JobId) -> AsyncIterator[ServerSentEvent]:
     # Before the stream begins: a job that is not there is a 404, not an event.
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
     await run_in_threadpool(jobs.records.refuse_deleted, job_id)
@@ -195,11 +186,11 @@ async def follow_job(
     name="get_job_file",
     description=FILES_DESCRIPTION,
     response_class=Response,
-    responses=FILES | NOT_MODIFIED | problems(409),
+    responses=FILES | answers.NOT_MODIFIED | answers.problems(409),
 )
 async def get_job_file(
     request: Request,
-    parts: PartsOf,
+    parts: answers.PartsOf,
     job_id: JobId,
     name: Annotated[str, Path(max_length=200)],
     query: Annotated[FileQuery, Query()],
@@ -209,4 +200,4 @@ async def get_job_file(
     # What is computed may take seconds: it waits for its turn, and leaves others theirs.
     turns = None if is_stored(jobs.kind, name) else large_bodies(request)
     content = await run_sync(content_of, request, parts, jobs, job_id, name, query, limiter=turns)
-    return unchanging(request, content.body, content.media_type, content.headers)
+    return answers.unchanging(request, content.body, content.media_type, content.headers)

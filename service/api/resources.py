@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
+from jointstiff.schemas import trend
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.measurement import (
     MeasurementSet,
@@ -23,25 +24,7 @@ from jointstiff.schemas.robot import (
     RobotRequest,
     RobotSummary,
 )
-from jointstiff.schemas.trend import (
-    Acknowledgement,
-    AcknowledgementRequest,
-    BaselineRequest,
-    Fleet,
-    Trend,
-    TrendBaseline,
-    TrendQuery,
-)
-from jointstiff.service.api.answers import (
-    DELETED,
-    LOCATION,
-    NOT_MODIFIED,
-    PartsOf,
-    created,
-    json_response,
-    problems,
-    unchanging,
-)
+from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
@@ -61,10 +44,10 @@ trends = APIRouter(tags=["trends"], route_class=BodyRoute)
     dependencies=[OPERATOR],
     status_code=201,
     response_model=Robot,
-    responses=LOCATION,
+    responses=answers.LOCATION,
 )
 def create_robot(
-    parts: PartsOf, body: Annotated[RobotRequest, shown(EXAMPLES["robots"])], key: Key
+    parts: answers.PartsOf, body: Annotated[RobotRequest, shown(EXAMPLES["robots"])], key: Key
 ) -> Response:
     """Store a robot.
 
@@ -74,11 +57,11 @@ def create_robot(
     the identified model, and the geometry's id.
     """
     record = parts.robots.create(body, key)
-    return created("robots", record.id, described(record).model_dump_json())
+    return answers.created("robots", record.id, described(record).model_dump_json())
 
 
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
-def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
+def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
     page = parts.store.robots.page(**query.listing())
     alarms = parts.trends.alarms([record.id for record in page.records])
@@ -95,18 +78,18 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
     "/v1/robots/{robot_id}",
     dependencies=[VIEWER],
     response_model=Robot,
-    responses=NOT_MODIFIED,
+    responses=answers.NOT_MODIFIED,
 )
-def get_robot(request: Request, parts: PartsOf, robot_id: Id) -> Response:
+def get_robot(request: Request, parts: answers.PartsOf, robot_id: Id) -> Response:
     """Get a robot, with its kinematics as they were understood, and the alarms of its trend."""
     robot = described(parts.store.robots.get(robot_id))
     alarms = parts.trends.alarms([robot_id]).get(robot_id, [])
-    return unchanging(request, robot.model_copy(update={"alarms": alarms}).model_dump_json())
+    return answers.unchanging(request, robot.model_copy(update={"alarms": alarms}).model_dump_json())
 
 
 @robots.patch("/v1/robots/{robot_id}", dependencies=[OPERATOR], response_model=Robot)
 def change_robot(
-    parts: PartsOf,
+    parts: answers.PartsOf,
     robot_id: Id,
     body: Annotated[RobotChange, shown(EXAMPLES["robot_changes"])],
 ) -> Response:
@@ -115,7 +98,7 @@ def change_robot(
     Listings leave an archived robot out, and everything else stays. A robot that a measurement set or a job
     refers to cannot be deleted; a deleted one can be restored for 30 days.
     """
-    return json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
+    return answers.json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
 
 
 @robots.delete(
@@ -123,9 +106,9 @@ def change_robot(
     dependencies=[OPERATOR],
     status_code=204,
     response_class=Response,
-    responses=DELETED,
+    responses=answers.DELETED,
 )
-def delete_robot(parts: PartsOf, robot_id: Id) -> Response:
+def delete_robot(parts: answers.PartsOf, robot_id: Id) -> Response:
     """Delete a robot that no measurement set and no job refers to. It can be restored for 30 days."""
     parts.robots.delete(robot_id)
     return Response(status_code=204)
@@ -145,10 +128,10 @@ def get_catalogue() -> Catalogue:
     "/v1/kinematics",
     dependencies=[VIEWER],  # a drawing of what is stored, or might be
     response_model=Kinematics,
-    responses=problems(404),
+    responses=answers.problems(404),
 )
 def compute_kinematics(
-    parts: PartsOf,
+    parts: answers.PartsOf,
     body: KinematicsRequest,
 ) -> Kinematics:
     """Compute where joints and flange are in some configurations. Nothing is stored.
@@ -163,10 +146,10 @@ def compute_kinematics(
     dependencies=[OPERATOR],
     status_code=201,
     response_model=MeasurementSet,
-    responses=LOCATION,
+    responses=answers.LOCATION,
 )
 def create_measurement_set(
-    parts: PartsOf,
+    parts: answers.PartsOf,
     body: Annotated[MeasurementSetRequest, shown(EXAMPLES["measurement_sets"])],
     key: Key,
 ) -> Response:
@@ -177,11 +160,13 @@ def create_measurement_set(
     like the other unit, …) is stored with a warning, which every run of the set shows.
     """
     record = parts.sets.create(body, key)
-    return created("measurement-sets", record.id, assembled(record).model_dump_json())
+    return answers.created("measurement-sets", record.id, assembled(record).model_dump_json())
 
 
 @sets.get("/v1/measurement-sets", dependencies=[VIEWER], response_model=Page[MeasurementSetSummary])
-def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
+def list_measurement_sets(
+    parts: answers.PartsOf, query: Annotated[SetQuery, Query()]
+) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
     page = parts.store.sets.page(**query.listing())
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
@@ -192,16 +177,16 @@ def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -
     "/v1/measurement-sets/{set_id}",
     dependencies=[VIEWER],
     response_model=MeasurementSet,
-    responses=NOT_MODIFIED,
+    responses=answers.NOT_MODIFIED,
 )
-def get_measurement_set(request: Request, parts: PartsOf, set_id: Id) -> Response:
+def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: Id) -> Response:
     """Get a measurement set as it was posted, with what was noticed."""
-    return unchanging(request, parts.sets.document(set_id).model_dump_json())
+    return answers.unchanging(request, parts.sets.document(set_id).model_dump_json())
 
 
 @sets.patch("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], response_model=MeasurementSetSummary)
 def change_measurement_set(
-    parts: PartsOf,
+    parts: answers.PartsOf,
     set_id: Id,
     body: Annotated[SetChange, shown(EXAMPLES["set_changes"])],
 ) -> MeasurementSetSummary:
@@ -219,16 +204,18 @@ def change_measurement_set(
     dependencies=[OPERATOR],
     status_code=204,
     response_class=Response,
-    responses=DELETED,
+    responses=answers.DELETED,
 )
-def delete_measurement_set(parts: PartsOf, set_id: Id) -> Response:
+def delete_measurement_set(parts: answers.PartsOf, set_id: Id) -> Response:
     """Delete a measurement set that no job refers to. It can be restored for 30 days."""
     parts.sets.delete(set_id)
     return Response(status_code=204)
 
 
-@trends.get("/v1/robots/{robot_id}/trend", dependencies=[VIEWER], response_model=Trend)
-def get_trend(parts: PartsOf, robot_id: Id, query: Annotated[TrendQuery, Query()]) -> Trend:
+@trends.get("/v1/robots/{robot_id}/trend", dependencies=[VIEWER], response_model=trend.Trend)
+def get_trend(
+    parts: answers.PartsOf, robot_id: Id, query: Annotated[trend.TrendQuery, Query()]
+) -> trend.Trend:
     """Get the trend of a robot: each joint's campaigns against its baseline, with alarms and their reasons.
 
     A campaign is a measurement set with its newest run of the same method, weighting, constraint, encoders
@@ -243,9 +230,11 @@ def get_trend(parts: PartsOf, robot_id: Id, query: Annotated[TrendQuery, Query()
     "/v1/robots/{robot_id}/trend/baselines",
     dependencies=[OPERATOR],
     status_code=201,
-    response_model=TrendBaseline,
+    response_model=trend.TrendBaseline,
 )
-def create_trend_baseline(parts: PartsOf, robot_id: Id, body: BaselineRequest, by: AskedBy) -> TrendBaseline:
+def create_trend_baseline(
+    parts: answers.PartsOf, robot_id: Id, body: trend.BaselineRequest, by: AskedBy
+) -> trend.TrendBaseline:
     """Begin a new baseline, as after a repair. It counts for all trends of the same serial number.
 
     Campaigns before it keep their charts. Of two baselines from the same campaign on, the later one counts.
@@ -257,16 +246,16 @@ def create_trend_baseline(parts: PartsOf, robot_id: Id, body: BaselineRequest, b
     "/v1/robots/{robot_id}/trend/acknowledgements",
     dependencies=[OPERATOR],
     status_code=201,
-    response_model=Acknowledgement,
+    response_model=trend.Acknowledgement,
 )
 def acknowledge_alarm(
-    parts: PartsOf, robot_id: Id, body: AcknowledgementRequest, by: AskedBy
-) -> Acknowledgement:
+    parts: answers.PartsOf, robot_id: Id, body: trend.AcknowledgementRequest, by: AskedBy
+) -> trend.Acknowledgement:
     """Acknowledge an alarm with a note. The alarm stays in the trend; its joint counts as seen."""
     return parts.trends.acknowledge(robot_id, body, by)
 
 
-@trends.get("/v1/fleet", dependencies=[VIEWER], response_model=Fleet)
-def get_fleet(parts: PartsOf) -> Fleet:
+@trends.get("/v1/fleet", dependencies=[VIEWER], response_model=trend.Fleet)
+def get_fleet(parts: answers.PartsOf) -> trend.Fleet:
     """Get one row for each robot and serial number, with its worst joint; those in alarm first."""
     return parts.trends.fleet()

@@ -14,6 +14,7 @@ import typer
 from jointstiff.schemas.fields import Terminal
 from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement import SetMetadata
+from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.kinds import (
     field_options,
     flag_of,
@@ -21,21 +22,6 @@ from jointstiff.service.cli.kinds import (
     in_options,
     times,
     worded,
-)
-from jointstiff.service.cli.options import (
-    AsJson,
-    NamedRobot,
-    Overwrite,
-    failed,
-    file_argument,
-    file_option,
-    output_option,
-    refuse_existing,
-    refused,
-    vector_of,
-    warn,
-    with_signature,
-    write_json,
 )
 
 if TYPE_CHECKING:
@@ -71,7 +57,7 @@ def _pair(text: str) -> tuple[str, str]:
 
 def _target(text: str) -> tuple[str, tuple[float, ...]]:
     target, place = _pair(text)
-    return target, vector_of(place)
+    return target, cli.vector_of(place)
 
 
 _FORMS: Final = {
@@ -94,12 +80,12 @@ _FORMS: Final = {
         text="Standard uncertainty of a coordinate, in mm.",
     ),
     "load_point": Terminal(
-        "", "X,Y,Z[mm]", vector_of, text="Point where the force acts, in the flange frame, in mm."
+        "", "X,Y,Z[mm]", cli.vector_of, text="Point where the force acts, in the flange frame, in mm."
     ),
     "force": Terminal(
         "",
         "X,Y,Z[force]",
-        vector_of,
+        cli.vector_of,
         text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has it.",
     ),
     "flange_targets": Terminal(
@@ -116,7 +102,7 @@ _LENGTHS: Final = frozenset(("noise", "load_point", "flange_targets"))
 """Fields that are typed in mm."""
 
 _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
-    "robot": (NamedRobot, None),
+    "robot": (cli.NamedRobot, None),
     "about": (
         Annotated[
             list[str] | None,
@@ -131,7 +117,7 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     "output": (
         Annotated[
             Path | None,
-            output_option(
+            cli.output_option(
                 "File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
                 "unloaded positions were read."
             ),
@@ -140,7 +126,7 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     ),
     "template": (
         Annotated[
-            Path | None, file_option("Template of an earlier import; files of another form are refused.")
+            Path | None, cli.file_option("Template of an earlier import; files of another form are refused.")
         ],
         None,
     ),
@@ -151,7 +137,7 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         ],
         None,
     ),
-    "overwrite": (Overwrite, False),
+    "overwrite": (cli.Overwrite, False),
     "despite_errors": (
         Annotated[
             bool,
@@ -159,7 +145,7 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         ],
         False,
     ),
-    "as_json": (AsJson, False),
+    "as_json": (cli.AsJson, False),
 }
 
 
@@ -176,8 +162,10 @@ def import_command() -> Callable[..., None]:
         _import(files, gathered(ImportRequest, values, _FORMS), values)
 
     fields = {name: (one, None) for name, one in field_options(ImportRequest, _FORMS)}
-    taken = Annotated[list[Path], file_argument("FILES...", "Files of tables or point lists: text or Excel.")]
-    with_signature(command, {"files": (taken, ...), **fields, **_OPTIONS})
+    taken = Annotated[
+        list[Path], cli.file_argument("FILES...", "Files of tables or point lists: text or Excel.")
+    ]
+    cli.with_signature(command, {"files": (taken, ...), **fields, **_OPTIONS})
     return command
 
 
@@ -203,7 +191,7 @@ def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -
         _write_template(values["save_template"], answer, overwrite=values["overwrite"])
     if has_errors(answer) and not values["despite_errors"]:
         if values["output"] is not None:
-            warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
+            cli.warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
         raise typer.Exit(1)
     if values["output"] is not None:
         _write_campaign(values["output"], answer, robot, overwrite=values["overwrite"])
@@ -344,11 +332,11 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
     if answer.template is None:
         if not answer.missing:
             reason = "no template was written: the files have too many columns, or too long headers"
-            raise failed(reason, "ignore columns that are not needed, in smaller files")
-        raise failed(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
-    refuse_existing(path, overwrite=overwrite)
+            raise cli.failed(reason, "ignore columns that are not needed, in smaller files")
+        raise cli.failed(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
+    cli.refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
-    write_json(path, template)
+    cli.write_json(path, template)
 
 
 def _write_campaign(
@@ -364,8 +352,10 @@ def _write_campaign(
     readings = answer.measurement_set or answer.poses
     if readings is None:
         missing = "; ".join(answer.missing)
-        raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
-    refuse_existing(path, overwrite=overwrite)
+        raise cli.refused(
+            http_problem(422, f"nothing was written, because this is missing: {missing}", "add it")
+        )
+    cli.refuse_existing(path, overwrite=overwrite)
     document = readings.model_dump(mode="json", exclude_none=True)
     robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
     if answer.measurement_set is None:
@@ -379,7 +369,7 @@ def _write_campaign(
         what, command = "a campaign", f"jointstiff identify {path}"
     else:
         what, command = "a measurement set", "add a robot with --robot"
-    write_json(path, document)
+    cli.write_json(path, document)
     typer.echo(f"wrote {path}, {what}; now: {command}", err=True)
 
 
@@ -468,7 +458,7 @@ def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def _vector(text: str, default: str | None) -> tuple[float, ...]:
-    answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=vector_of, err=True)
+    answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=cli.vector_of, err=True)
     return answer
 
 

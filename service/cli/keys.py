@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
 
-from jointstiff.service.cli.options import (
-    ServerAddress,
-    failed,
-    warn,
-)
+from jointstiff.service.cli import options as cli
 from jointstiff.service.settings import DatabaseUrl, KeysFilePath
 
 if TYPE_CHECKING:
@@ -75,7 +71,7 @@ def create(
                 store.keys.add(record)
                 _note(store, record, "POST", "createKey", 201)
     typer.echo(text)
-    warn(f"not shown again; to revoke it: jointstiff keys revoke {record.id}")
+    cli.warn(f"not shown again; to revoke it: jointstiff keys revoke {record.id}")
 
 
 @keys.command("list")
@@ -111,7 +107,7 @@ def revoke(
 def link(
     key_id: KeyId,
     *,
-    server: ServerAddress = "http://127.0.0.1:8000",
+    server: cli.ServerAddress = "http://127.0.0.1:8000",
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     keys_file: KeysFilePath = None,
 ) -> None:
@@ -124,14 +120,14 @@ def link(
     with _refusals():
         found = {key.id: key for key in _known(database, keys_file)}.get(key_id)
         if found is None or not found.is_live(now):
-            raise failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
+            raise cli.failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
         with _opened(database) as store:
             store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
             _note(store, found, "POST", "createLink", 201)
     address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
-    warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
+    cli.warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
 
 
 def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
@@ -166,7 +162,7 @@ def _refusals() -> Iterator[None]:
     try:
         yield
     except NotFoundError as error:
-        raise failed(error.reason, "see `jointstiff keys list` for the ids") from error
+        raise cli.failed(error.reason, "see `jointstiff keys list` for the ids") from error
 
 
 def _note(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:

@@ -14,24 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_arg
 import typer
 
 from jointstiff.schemas.fields import Message, Terminal, chain_of
-from jointstiff.service.cli.options import (
-    AsJson,
-    CampaignFile,
-    Details,
-    NamedRobot,
-    Overwrite,
-    RunFile,
-    Unit,
-    file_argument,
-    file_option,
-    output_option,
-    point_of,
-    refuse_existing,
-    vector_of,
-    warn,
-    with_signature,
-    write_json,
-)
+from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 
@@ -43,13 +26,13 @@ if TYPE_CHECKING:
 
 _Values = Mapping[str, Any]
 _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "measurement_set": {"file": CampaignFile},
-    "run": {"file": CampaignFile},
+    "measurement_set": {"file": cli.CampaignFile},
+    "run": {"file": cli.CampaignFile},
     "campaigns": {
-        "file": CampaignFile,
+        "file": cli.CampaignFile,
         "second": Annotated[
             Path | None,
-            file_argument(
+            cli.file_argument(
                 "[SECOND]", "Campaign to compare with: on secondary encoders, after a change, a twin."
             ),
         ],
@@ -64,14 +47,14 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             ),
         ]
     },
-    "readings": {"file": Annotated[Path, file_argument("FILE", "File of readings.")]},
+    "readings": {"file": Annotated[Path, cli.file_argument("FILE", "File of readings.")]},
     "files": {
-        "program": Annotated[list[Path], file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
+        "program": Annotated[list[Path], cli.file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
     },
 }
 """Arguments of a command by what its kind is made of."""
-_Options = Annotated[Path | None, file_option("JSON file with further options, named as in the API.")]
-_Output = Annotated[Path | None, output_option("File to write the table to; its suffix sets the format.")]
+_Options = Annotated[Path | None, cli.file_option("JSON file with further options, named as in the API.")]
+_Output = Annotated[Path | None, cli.output_option("File to write the table to; its suffix sets the format.")]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
@@ -117,7 +100,7 @@ def command_of(name: str) -> Callable[..., None]:
         if tabled and output is not None and output.suffix not in endings:
             raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
         for path in filter(None, [output, *extra.written(values, given)]):
-            refuse_existing(path, overwrite=values.get("overwrite", False))
+            cli.refuse_existing(path, overwrite=values.get("overwrite", False))
         passed = {key: values[key] for key in extra.passed if values[key] is not None}
         job = _done(kind, given, gathered(kind.options, values) | passed, values)
         if job.result is not None:
@@ -127,11 +110,11 @@ def command_of(name: str) -> Callable[..., None]:
         _show(kind, job, values)
 
     others: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
-    others |= {"run": (RunFile, None)} if "run" in kind.sources else {}
+    others |= {"run": (cli.RunFile, None)} if "run" in kind.sources else {}
     others |= dict(extra.options) | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
-    others |= {"overwrite": (Overwrite, False)} if "output" in others else {}
-    others |= {"unit": (Unit, "MNm/rad"), "details": (Details, False), "as_json": (AsJson, False)}
-    with_signature(command, sources | fields | others)
+    others |= {"overwrite": (cli.Overwrite, False)} if "output" in others else {}
+    others |= {"unit": (cli.Unit, "MNm/rad"), "details": (cli.Details, False), "as_json": (cli.AsJson, False)}
+    cli.with_signature(command, sources | fields | others)
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
 
@@ -305,7 +288,7 @@ def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: 
     parts = [_bare(part) for part in get_args(kind)]
     if get_origin(kind) is tuple and parts == [float] * 3:
         shown = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
-        return Parsed, {"parser": point_of if unit == "m" else vector_of, "metavar": f"X,Y,Z{shown}"}
+        return Parsed, {"parser": cli.point_of if unit == "m" else cli.vector_of, "metavar": f"X,Y,Z{shown}"}
     if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
         return Parsed, {"parser": chain_of, "metavar": "NAME,NAME,..."}
     return None
@@ -344,8 +327,8 @@ def _apply(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: A
     after = job.apply(values["apply"])
     path = _mended_file(values, sources)
     document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    write_json(path, document)
-    warn(f"wrote {path}")
+    cli.write_json(path, document)
+    cli.warn(f"wrote {path}")
     if after.result is not None and not values["as_json"]:
         console().print(printed([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
     return after
@@ -354,7 +337,7 @@ def _apply(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: A
 def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Geometry
     if values["output"] is not None:
         robot = job.result.robot.model_dump(mode="json", exclude_none=True)
-        write_json(values["output"], robot)
+        cli.write_json(values["output"], robot)
     return job
 
 
@@ -363,7 +346,7 @@ def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  
 
     if values["campaign"] is not None:
         campaign = campaign_to_fill_in(read_planned(sources[0]), job)
-        write_json(values["campaign"], campaign)
+        cli.write_json(values["campaign"], campaign)
     return job
 
 
@@ -429,7 +412,9 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
             "output": (
                 Annotated[
                     Path | None,
-                    output_option("File to write the corrected campaign to; default: next to the old one."),
+                    cli.output_option(
+                        "File to write the corrected campaign to; default: next to the old one."
+                    ),
                 ],
                 None,
             ),
@@ -439,9 +424,11 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
     ),
     "geometry": _Extra(
         options={
-            "robot": (NamedRobot, None),
+            "robot": (cli.NamedRobot, None),
             "output": (
-                Annotated[Path | None, output_option("File to write the identified robot to.", "ROBOT.json")],
+                Annotated[
+                    Path | None, cli.output_option("File to write the identified robot to.", "ROBOT.json")
+                ],
                 None,
             ),
         },
@@ -468,7 +455,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
             "output": (
                 Annotated[
                     Path | None,
-                    output_option("File for the compensated program; a .dat is written to its folder."),
+                    cli.output_option("File for the compensated program; a .dat is written to its folder."),
                 ],
                 None,
             ),

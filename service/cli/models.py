@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from jointstiff.service.cli.options import (
-    AsJson,
-    CampaignFile,
-    Overwrite,
-    RunFile,
-    Vector,
-    file_argument,
-    output_option,
-    point_of,
-    refuse_existing,
-    write_text,
-)
+from jointstiff.service.cli import options as cli
 from jointstiff.service.settings import LaboratoryFile
 
 if TYPE_CHECKING:
@@ -29,27 +18,27 @@ _REPORTS: Final = (".pdf", ".html")
 
 
 def predict(
-    file: CampaignFile,
+    file: cli.CampaignFile,
     postures: Annotated[
         Path,
-        file_argument(
+        cli.file_argument(
             "POSTURES", "CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], …"
         ),
     ],
     *,
-    run: RunFile = None,
+    run: cli.RunFile = None,
     load_point: Annotated[
-        Vector | None,
+        cli.Vector | None,
         typer.Option(
-            parser=point_of,
+            parser=cli.point_of,
             metavar="X,Y,Z[mm]",
             help="Point where the force acts, in the flange frame, in mm.",
         ),
     ] = None,
     place: Annotated[
-        Vector | None,
+        cli.Vector | None,
         typer.Option(
-            parser=point_of,
+            parser=cli.point_of,
             metavar="X,Y,Z[mm]",
             help="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
         ),
@@ -65,9 +54,9 @@ def predict(
     confidence: Annotated[
         float, typer.Option(min=0.5, max=0.9999, help="Confidence level of the intervals.")
     ] = 0.95,
-    output: Annotated[Path | None, output_option("CSV file to write all numbers to.")] = None,
-    overwrite: Overwrite = False,
-    as_json: AsJson = False,
+    output: Annotated[Path | None, cli.output_option("CSV file to write all numbers to.")] = None,
+    overwrite: cli.Overwrite = False,
+    as_json: cli.AsJson = False,
 ) -> None:
     """Predict deflections in given postures under given loads."""
     from jointstiff.service.kinds.deflection import prediction_csv, prediction_parts
@@ -75,7 +64,7 @@ def predict(
     from jointstiff.service.tables.terminal import console, printed
 
     if output is not None:
-        refuse_existing(output, overwrite=overwrite)
+        cli.refuse_existing(output, overwrite=overwrite)
     result = verbs.predict(
         _identified(file, run),
         postures,
@@ -87,7 +76,7 @@ def predict(
     for remark in result.remarks:
         typer.echo(remark, err=True)
     if output is not None:
-        write_text(output, prediction_csv(result))
+        cli.write_text(output, prediction_csv(result))
     if as_json:
         typer.echo(result.model_dump_json(indent=2))
     else:
@@ -95,22 +84,22 @@ def predict(
 
 
 def export(
-    file: CampaignFile,
+    file: cli.CampaignFile,
     *,
     output: Annotated[
-        Path, output_option("File to write the model to: .csv, .xlsx, .urdf, .sdf, .mjcf or .xml (MJCF).")
+        Path, cli.output_option("File to write the model to: .csv, .xlsx, .urdf, .sdf, .mjcf or .xml (MJCF).")
     ],
-    run: RunFile = None,
+    run: cli.RunFile = None,
     despite_verdict: Annotated[
         bool,
         typer.Option("--despite-verdict", help="Continue although the verdict on the run is: do not use."),
     ] = False,
-    overwrite: Overwrite = False,
+    overwrite: cli.Overwrite = False,
 ) -> None:
     """Export a model as a table or for a simulator."""
     if output.suffix.lower() not in _FORMATS:
         raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
-    refuse_existing(output, overwrite=overwrite)
+    cli.refuse_existing(output, overwrite=overwrite)
     _identified(file, run).export(output, "do_not_use" if despite_verdict else None)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
@@ -118,16 +107,16 @@ def export(
 def report(
     file: Annotated[
         Path,
-        file_argument(
+        cli.file_argument(
             "FILE",
             "Campaign; or comparison, plan, map or program, as its command prints it with --json.",
         ),
     ],
     *,
-    output: Annotated[Path, output_option("File to write the report to: .pdf or .html.")],
-    run: RunFile = None,
+    output: Annotated[Path, cli.output_option("File to write the report to: .pdf or .html.")],
+    run: cli.RunFile = None,
     laboratory: LaboratoryFile = None,
-    overwrite: Overwrite = False,
+    overwrite: cli.Overwrite = False,
 ) -> None:
     """Write a draft report on a campaign or a result."""
     from jointstiff.service.library.errors import CampaignError
@@ -135,7 +124,7 @@ def report(
 
     if output.suffix.lower() not in _REPORTS:
         raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
-    refuse_existing(output, overwrite=overwrite)
+    cli.refuse_existing(output, overwrite=overwrite)
     try:
         job: Any = _identified(file, run)
     except CampaignError:  # the file may hold a job of another kind

@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from jointstiff.service.cli.options import (
-    AsJson,
-    Overwrite,
-    refuse_existing,
-    refused,
-    write_text,
-)
+from jointstiff.service.cli import options as cli
 
 if TYPE_CHECKING:
     from jointstiff.schemas.robot import Arm, Catalogue
@@ -33,8 +27,8 @@ def robots(
         Path | None,
         typer.Option(dir_okay=False, metavar="ROBOT.json", help="File to write the robot ARM to."),
     ] = None,
-    overwrite: Overwrite = False,
-    as_json: AsJson = False,
+    overwrite: cli.Overwrite = False,
+    as_json: cli.AsJson = False,
 ) -> None:
     """List the nominal arms of the catalogue."""
     from jointstiff.service.problems.table import problem_of
@@ -47,14 +41,14 @@ def robots(
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:
-        raise refused(problem_of(error)) from error
+        raise cli.refused(problem_of(error)) from error
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:
         console().print(printed(_arms(catalogue()) if arm is None else _arm(arm)))
     if output is not None and arm is not None:
-        refuse_existing(output, overwrite=overwrite)
-        write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
+        cli.refuse_existing(output, overwrite=overwrite)
+        cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
 
 
 def _arms(catalogue: Catalogue) -> list[Part]:

@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jointstiff.service.cli.options import (
-    Details,
-    ServerAddress,
-    Unit,
-    options_of,
-    warn,
-    with_signature,
-)
+from jointstiff.service.cli import options as cli
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.settings import DatabaseUrl, LogLines, Settings
 
@@ -30,7 +23,7 @@ def serve(**values: Any) -> None:  # noqa: ANN401 - by the signature below
     run_server(Settings(**values))
 
 
-with_signature(serve, options_of(Settings))
+cli.with_signature(serve, cli.options_of(Settings))
 
 
 def worker(
@@ -58,9 +51,9 @@ def post(
         Path, typer.Argument(metavar="FILE", exists=True, help="Campaign file, or a folder of such files.")
     ],
     *,
-    server: ServerAddress = "http://127.0.0.1:8000",
-    unit: Unit = "MNm/rad",
-    details: Details = False,
+    server: cli.ServerAddress = "http://127.0.0.1:8000",
+    unit: cli.Unit = "MNm/rad",
+    details: cli.Details = False,
 ) -> None:
     """Post campaigns to a running service.
 
@@ -74,7 +67,7 @@ def post(
     from jointstiff.service.tables.terminal import console, progress_bar
 
     server = server.rstrip("/")
-    with Client(server, warn=warn) as client:
+    with Client(server, warn=cli.warn) as client:
         client.ping()
         if file.is_dir():
             raise typer.Exit(_post_all(client, file))
@@ -88,7 +81,7 @@ def post(
                 run = client.runs.wait(run, tell)
         except KeyboardInterrupt:
             change = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
-            warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
+            cli.warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
             raise
     console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
@@ -110,7 +103,7 @@ def _post_all(client: Client, folder: Path) -> int:
                 client.described(document.get("robot", document))
         except ProblemError as error:
             refused += 1
-            warn(f"{path.name}: {error}")
+            cli.warn(f"{path.name}: {error}")
         else:
             typer.echo(path.name)
     return 1 if refused else 0
@@ -183,7 +176,7 @@ def create(
             "Repeatable.",
         ),
     ] = None,
-    server: ServerAddress = "http://127.0.0.1:8000",
+    server: cli.ServerAddress = "http://127.0.0.1:8000",
 ) -> None:
     """Create a webhook, and print its secret once; the secret signs the messages."""
     from jointstiff.schemas.access import NewWebhook
@@ -193,11 +186,11 @@ def create(
         document = {"url": url, **({"events": event} if event else {})}
         webhook = resource_in(client.send("POST", "/v1/webhooks", None, document), NewWebhook)
     typer.echo(webhook.secret)
-    warn(f"not shown again; to delete the webhook: jointstiff webhooks delete {webhook.id}")
+    cli.warn(f"not shown again; to delete the webhook: jointstiff webhooks delete {webhook.id}")
 
 
 @webhooks.command("list")
-def list_webhooks(*, server: ServerAddress = "http://127.0.0.1:8000") -> None:
+def list_webhooks(*, server: cli.ServerAddress = "http://127.0.0.1:8000") -> None:
     """List webhooks and messages that were not delivered."""
     from jointstiff.schemas.access import WebhookList
     from jointstiff.service.library.client import Client, resource_in
@@ -223,7 +216,7 @@ def list_webhooks(*, server: ServerAddress = "http://127.0.0.1:8000") -> None:
 def delete(
     webhook_id: Annotated[str, typer.Argument(metavar="ID", help="Id; see `jointstiff webhooks list`.")],
     *,
-    server: ServerAddress = "http://127.0.0.1:8000",
+    server: cli.ServerAddress = "http://127.0.0.1:8000",
 ) -> None:
     """Delete a webhook with its messages."""
     from urllib.parse import quote

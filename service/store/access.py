@@ -7,7 +7,7 @@ from dataclasses import asdict
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, Delete, Select, and_, delete, insert, or_, select, update
+import sqlalchemy as sa
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
@@ -46,7 +46,7 @@ class AccessKeys:
 
     def add(self, key: AccessKey) -> None:
         """Store a key."""
-        self._database.change(insert(access_keys).values(asdict(key)))
+        self._database.change(sa.insert(access_keys).values(asdict(key)))
 
     def all(self) -> list[AccessKey]:
         """Return all keys, revoked ones too, in the order in which they came."""
@@ -60,7 +60,9 @@ class AccessKeys:
             NotFoundError: there is no such key.
         """
         mine = access_keys.c.id == key_id
-        revoking = update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
+        revoking = (
+            sa.update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
+        )
         self._database.change(revoking, *_ending([key_id]))
         for row in self._database.rows(_KEYS.where(mine)):
             return AccessKey(*row)
@@ -69,7 +71,7 @@ class AccessKeys:
     def used(self, key_id: str, now: datetime) -> None:
         """Note that a key is used."""
         last = access_keys.c.last_used_at
-        mine = update(access_keys).where(access_keys.c.id == key_id, or_(last.is_(None), last < now))
+        mine = sa.update(access_keys).where(access_keys.c.id == key_id, sa.or_(last.is_(None), last < now))
         self._database.change(mine.values(last_used_at=now))
 
 
@@ -92,15 +94,17 @@ class Sessions:
         """Store a new session; remove those that have ended."""
         columns = access_sessions.c
         kept = (
-            select(columns.token_hash)
+            sa.select(columns.token_hash)
             .where(columns.key_id == session.key_id)
             .order_by(columns.used_at.desc(), columns.token_hash)
             .limit(MOST_SESSIONS - 1)
         )
         self._database.change(
-            delete(access_sessions).where(~self._lives(session.created_at)),
-            delete(access_sessions).where(columns.key_id == session.key_id, columns.token_hash.not_in(kept)),
-            insert(access_sessions).values(asdict(session)),
+            sa.delete(access_sessions).where(~self._lives(session.created_at)),
+            sa.delete(access_sessions).where(
+                columns.key_id == session.key_id, columns.token_hash.not_in(kept)
+            ),
+            sa.insert(access_sessions).values(asdict(session)),
         )
 
     def find(self, token_hash: str, now: datetime) -> SessionRecord | None:
@@ -111,12 +115,12 @@ class Sessions:
     def used(self, token_hash: str, now: datetime) -> None:
         """Note that a session is used."""
         columns = access_sessions.c
-        mine = update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
+        mine = sa.update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
         self._database.change(mine.values(used_at=now))
 
     def end(self, token_hash: str) -> None:
         """End a session; to do so again changes nothing."""
-        self._database.change(delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
+        self._database.change(sa.delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
 
     def end_of(self, key_ids: Sequence[str]) -> None:
         """End all sessions of some keys, and their links."""
@@ -125,8 +129,8 @@ class Sessions:
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
         """Store a link that begins one session of a key; remove those that have ended."""
         link = {"token_hash": token_hash, "key_id": key_id, "ends_at": ends_at}
-        ended = delete(access_links).where(access_links.c.ends_at <= now)
-        self._database.change(ended, insert(access_links).values(link))
+        ended = sa.delete(access_links).where(access_links.c.ends_at <= now)
+        self._database.change(ended, sa.insert(access_links).values(link))
 
     def redeem(self, token_hash: str, now: datetime) -> str | None:
         """Use a link up; return the id of its key, None if there is no such link, or no longer.
@@ -134,34 +138,34 @@ class Sessions:
         Of two who use it at the same time one gets the key.
         """
         links = access_links.c
-        if not self._database.rows(select(links.key_id).where(links.token_hash == token_hash)):
+        if not self._database.rows(sa.select(links.key_id).where(links.token_hash == token_hash)):
             return None  # guesses do not take the writer's turn
-        taken = delete(access_links).where(links.token_hash == token_hash)
+        taken = sa.delete(access_links).where(links.token_hash == token_hash)
         with self._database.writing() as connection:
             row = connection.execute(taken.returning(links.key_id, links.ends_at)).one_or_none()
         return str(row.key_id) if row is not None and now < row.ends_at else None
 
-    def _lives(self, now: datetime) -> ColumnElement[bool]:
+    def _lives(self, now: datetime) -> sa.ColumnElement[bool]:
         columns = access_sessions.c
-        return and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
+        return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
 
-def _ending(key_ids: Sequence[str]) -> list[Delete]:
+def _ending(key_ids: Sequence[str]) -> list[sa.Delete]:
     """Return the statements that end all sessions of some keys, and their links."""
-    return [delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
+    return [sa.delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
 
 
 class WrongKeys:
     """Count of the wrong keys of each network, for all services of a database."""
 
-    def __init__(self, database: Database, clock: Callable[[Connection], datetime] | None = None) -> None:
+    def __init__(self, database: Database, clock: Callable[[sa.Connection], datetime] | None = None) -> None:
         """Count in a database; its own clock tells the time unless another is given."""
         self._database = database
         self._now = clock or database.now
 
     def count(self, network: str) -> float:
         """Count a wrong key; return how many came before, less one for each `FORGET` since then."""
-        counted = select(wrong_keys).where(wrong_keys.c.network == network)
+        counted = sa.select(wrong_keys).where(wrong_keys.c.network == network)
         with self._database.reading() as connection:  # a flood does not take the writer's turn
             before = self._left(connection, counted)
         if before > MOST_WRONG - 1:
@@ -170,15 +174,15 @@ class WrongKeys:
             now = self._now(connection)
             first = inserting(connection, wrong_keys).values(network=network, number=0.0, counted_at=now)
             if connection.execute(first).rowcount == 1:
-                newest = select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
+                newest = sa.select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
                 kept = wrong_keys.c.network.in_(newest.limit(MOST_NETWORKS))
-                connection.execute(delete(wrong_keys).where(~kept))
+                connection.execute(sa.delete(wrong_keys).where(~kept))
             before = self._left(connection, counted.with_for_update())
-            counting = update(wrong_keys).where(wrong_keys.c.network == network)
+            counting = sa.update(wrong_keys).where(wrong_keys.c.network == network)
             connection.execute(counting.values(number=before + 1.0, counted_at=now))
         return before
 
-    def _left(self, connection: Connection, query: Select[Any]) -> float:
+    def _left(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0

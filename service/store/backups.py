@@ -17,8 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal
 
+import sqlalchemy as sa
 from pydantic import BaseModel, ConfigDict, ValidationError
-from sqlalchemy import URL, Connection, create_engine, make_url, select, text
 
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
@@ -113,7 +113,7 @@ def restore(url: str, folder: Path, *, overwrite: bool = False) -> Manifest:
     with _as_store_errors():
         if _sha256(source) != manifest.sha256:
             raise StoreError(f"{source} has changed since the backup was made", "make another backup")
-        parsed = make_url(url)
+        parsed = sa.make_url(url)
         if (parsed.get_backend_name() == "sqlite") != (manifest.database == "sqlite"):
             raise StoreError(
                 f"this is a backup of a {manifest.database} database", "restore it to a database of that kind"
@@ -140,20 +140,20 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
                 raise StoreError("the database has no Jointstiff tables", "check the URL of the database")
             revision = str(layout_of(connection))
         if dialect == "sqlite":
-            copy_file(path_of(make_url(url)), copy)
+            copy_file(path_of(sa.make_url(url)), copy)
             with _opened(copy) as connection:
                 return dialect, revision, content_of(connection)
         with database.writing() as connection:
-            connection.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"))
+            connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"))
             tables = content_of(connection)
-            snapshot = str(connection.execute(text("SELECT pg_export_snapshot()")).scalar_one())
-            schema = str(connection.execute(text("SELECT current_schema()")).scalar_one())
+            snapshot = str(connection.execute(sa.text("SELECT pg_export_snapshot()")).scalar_one())
+            schema = str(connection.execute(sa.text("SELECT current_schema()")).scalar_one())
             schemas = [] if schema == "public" else [f"--schema={schema}", f"--schema=dbos_{schema}"]
             _run(url, "pg_dump", "--format=custom", f"--snapshot={snapshot}", *schemas, f"--file={copy}")
     return dialect, revision, tables
 
 
-def _restore_file(url: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
+def _restore_file(url: sa.URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
     target = path_of(url).absolute()
     if target.exists() and not overwrite:
         raise StoreError(f"{target} exists", "give another file, or use --overwrite, which renames it")
@@ -191,7 +191,7 @@ def _set_aside(target: Path) -> None:
             path.rename(target.with_name(f"{target.name}.replaced-{stamp}{suffix}"))
 
 
-def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
+def _restore_archive(url: str, parsed: sa.URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
     with closing(Database.open(url)) as database:
         with database.reading() as connection:
             if layout_of(connection) is not None and not overwrite:
@@ -199,7 +199,7 @@ def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *,
                     f"the database {parsed.database} is not empty",
                     "give an empty database, or use --overwrite",
                 )
-            others = text(
+            others = sa.text(
                 "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
                 "AND backend_type = 'client backend' AND pid <> pg_backend_pid()"
             )
@@ -215,7 +215,7 @@ def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *,
             _check_arrived(manifest, connection)
 
 
-def _check_arrived(manifest: Manifest, connection: Connection) -> None:
+def _check_arrived(manifest: Manifest, connection: sa.Connection) -> None:
     contents = content_of(connection)
     for name, expected in manifest.tables.items():
         if contents.get(name) != expected:
@@ -223,8 +223,8 @@ def _check_arrived(manifest: Manifest, connection: Connection) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Connection]:
-    engine = create_engine(URL.create("sqlite", database=str(path)))
+def _opened(path: Path) -> Iterator[sa.Connection]:
+    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)))
     try:
         with engine.connect() as connection:
             yield connection
@@ -234,7 +234,7 @@ def _opened(path: Path) -> Iterator[Connection]:
 
 def _run(url: str, program: str, *arguments: str) -> None:
     """Run one of PostgreSQL's programs; the password goes by the environment, which only its user sees."""
-    parsed = make_url(url).set(drivername="postgresql")
+    parsed = sa.make_url(url).set(drivername="postgresql")
     password = parsed.password or parsed.query.get("password")
     environment = os.environ | ({"PGPASSWORD": str(password)} if password else {})
     shown = parsed._replace(password=None).difference_update_query(["password"])
@@ -284,7 +284,7 @@ def _as_store_errors() -> Iterator[None]:
         ) from error
 
 
-def content_of(connection: Connection) -> dict[str, TableContent]:
+def content_of(connection: sa.Connection) -> dict[str, TableContent]:
     """Return the content of the store's tables by name, without signs of life and the count of wrong keys.
 
     Args:
@@ -296,7 +296,7 @@ def content_of(connection: Connection) -> dict[str, TableContent]:
         if table in {heartbeats, wrong_keys}:
             continue
         hashed, rows = hashlib.sha256(), 0
-        for row in stream.execute(select(table).order_by(*table.primary_key)):
+        for row in stream.execute(sa.select(table).order_by(*table.primary_key)):
             rows += 1
             for value in row:
                 data = value if isinstance(value, bytes) else repr(value).encode("utf-8", "surrogatepass")

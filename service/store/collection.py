@@ -9,34 +9,10 @@ from datetime import UTC, datetime, timedelta
 from types import MappingProxyType
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
-from sqlalchemy import (
-    Column,
-    ColumnElement,
-    Connection,
-    Integer,
-    Select,
-    Table,
-    bindparam,
-    delete,
-    exists,
-    insert,
-    literal,
-    select,
-    true,
-    update,
-)
+import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.problems.errors import (
-    CursorError,
-    DeletedError,
-    IdempotencyConflictError,
-    NotEndedError,
-    NotFoundError,
-    ReferencedError,
-    Resource,
-    StoreError,
-)
+from jointstiff.service.problems import errors
 from jointstiff.service.store.database import Database, Quota
 from jointstiff.service.store.tables import (
     AuditEntry,
@@ -55,9 +31,9 @@ from jointstiff.service.store.tables import (
     robots,
 )
 
-ROBOT: Final = Resource("robot", "robots")
-MEASUREMENT_SET: Final = Resource("measurement set", "measurement-sets")
-PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(
+ROBOT: Final = errors.Resource("robot", "robots")
+MEASUREMENT_SET: Final = errors.Resource("measurement set", "measurement-sets")
+PARENTS: Final[Mapping[sa.Table, errors.Resource]] = MappingProxyType(
     {robots: ROBOT, measurement_sets: MEASUREMENT_SET}
 )
 """Tables whose records others name."""
@@ -67,7 +43,7 @@ _MAX_INDEXED: Final = 500
 """Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
-_KEY: Final = insert(idempotency_keys)
+_KEY: Final = sa.insert(idempotency_keys)
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
 _NAMED: Final = 5  # resources that a refusal to delete names
@@ -75,9 +51,9 @@ _NAMED: Final = 5  # resources that a refusal to delete names
 
 def page_of(
     database: Database,
-    table: Table,
+    table: sa.Table,
     record: type[Row],
-    where: Iterable[ColumnElement[bool]],
+    where: Iterable[sa.ColumnElement[bool]],
     limit: int,
     cursor: str | None,
 ) -> RecordPage[Row]:
@@ -97,7 +73,7 @@ def page_of(
     sequence = table.c.sequence
     before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
     query = of_records(table, record).add_columns(sequence).where(sequence < before, *where)
-    ordered = query.order_by(sequence.desc()).limit(bindparam("limit", limit + 1, type_=Integer))
+    ordered = query.order_by(sequence.desc()).limit(sa.bindparam("limit", limit + 1, type_=sa.Integer))
     rows = [dict(row._mapping) for row in database.rows(ordered)]
     numbers = [row.pop("sequence") for row in rows]
     records = tuple(record(**row) for row in rows[:limit])
@@ -107,18 +83,18 @@ def page_of(
 class Collection(Generic[Record, Entry]):
     """The records of one kind. Safe to use from several threads."""
 
-    _ended: ClassVar[Sequence[ColumnElement[bool]]] = ()
+    _ended: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
     """Conditions on which a record can be deleted."""
 
     def __init__(
         self,
         database: Database,
-        resource: Resource,
-        table: Table,
+        resource: errors.Resource,
+        table: sa.Table,
         record: type[Record],
         entry: type[Entry],
         quota: Quota,
-        *mine: ColumnElement[bool],
+        *mine: sa.ColumnElement[bool],
     ) -> None:
         """Keep records in a table, those of some conditions."""
         self._quota = quota
@@ -127,31 +103,31 @@ class Collection(Generic[Record, Entry]):
         self._record: type[Record] = record
         self._entry: type[Entry] = entry
         shown, keys = table.c, idempotency_keys.c
-        self._insert = insert(table)
+        self._insert = sa.insert(table)
         self._mine = mine
         # columns that refer to other tables, with these; and columns of others that refer to this one
-        self._references: list[tuple[Column[Any], Table]] = [
+        self._references: list[tuple[sa.Column[Any], sa.Table]] = [
             (each, reference.column.table) for each in shown for reference in each.foreign_keys
         ]
-        self._children: list[Column[Any]] = [
+        self._children: list[sa.Column[Any]] = [
             each for child in (measurement_sets, jobs) for each in child.c if each.references(shown.id)
         ]
         columns = of_records(table, record).selected_columns
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
-        self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
+        self._exists = sa.select(shown.id).where(shown.id == sa.bindparam("id"), *self._mine)
         self._by_id_or_hidden = self._exists.with_only_columns(*columns)
         self._by_id = self._by_id_or_hidden.where(self._visible)
-        self._by_key: Select[Any] = (
-            select(keys.body_hash, *columns)
+        self._by_key: sa.Select[Any] = (
+            sa.select(keys.body_hash, *columns)
             .join_from(idempotency_keys, table, keys.resource_id == shown.id)
-            .where(keys.resource == resource.collection, keys.key_hash == bindparam("key_hash"))
+            .where(keys.resource == resource.collection, keys.key_hash == sa.bindparam("key_hash"))
         )
 
     def add(
         self,
         record: Record,
         key: IdempotencyKey | None = None,
-        also: Callable[[Connection], object] | None = None,
+        also: Callable[[sa.Connection], object] | None = None,
     ) -> Record:
         """Store a record and its idempotency key in one transaction.
 
@@ -172,7 +148,7 @@ class Collection(Generic[Record, Entry]):
         self._quota.refuse_full()
         for _, parent, identifier in self._parents(record):
             if not is_indexable(identifier):
-                raise NotFoundError(parent, identifier)
+                raise errors.NotFoundError(parent, identifier)
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first, as the loser of a race waits here
@@ -198,7 +174,7 @@ class Collection(Generic[Record, Entry]):
             return None
         (row,) = rows
         if row.body_hash != key.body_hash:
-            raise IdempotencyConflictError(self.resource, key.key)
+            raise errors.IdempotencyConflictError(self.resource, key.key)
         return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
 
     def get(self, identifier: str, *, hidden: bool = False) -> Record:
@@ -217,7 +193,7 @@ class Collection(Generic[Record, Entry]):
         for row in self._database.rows(by_id, {"id": identifier}):
             return self._record(**row._mapping)
         was_deleted = self._finds(self._exists, identifier)
-        raise (DeletedError if was_deleted else NotFoundError)(self.resource, identifier)
+        raise (errors.DeletedError if was_deleted else errors.NotFoundError)(self.resource, identifier)
 
     def change(self, identifier: str, values: Mapping[str, object], *, hidden: bool = False) -> Record:
         """Change columns of a record that is no job, and return it as it is then.
@@ -232,8 +208,8 @@ class Collection(Generic[Record, Entry]):
             DeletedError: it was deleted.
         """
         if values and is_indexable(identifier):
-            mine = update(self._table).where(
-                self._table.c.id == identifier, true() if hidden else self._visible
+            mine = sa.update(self._table).where(
+                self._table.c.id == identifier, sa.true() if hidden else self._visible
             )
             self._database.change(mine.values(**values))
         return self.get(identifier, hidden=hidden)
@@ -287,17 +263,17 @@ class Collection(Generic[Record, Entry]):
             ReferencedError: others refer to it.
         """
         self._refuse_unindexable(identifier)
-        hide = update(self._table).where(*self._is(identifier), *self._ended, self._visible)
+        hide = sa.update(self._table).where(*self._is(identifier), *self._ended, self._visible)
         with self._database.writing() as connection:
             if connection.execute(hide.values(deleted_at=now or datetime.now(UTC))).rowcount == 1:
                 self._refuse_referenced(connection, identifier)  # none comes from now on
                 return
-            hidden = select(self._hidden).where(*self._is(identifier))
+            hidden = sa.select(self._hidden).where(*self._is(identifier))
             record = connection.execute(hidden).scalar_one_or_none()
         if record is None:
-            raise NotFoundError(self.resource, identifier)
+            raise errors.NotFoundError(self.resource, identifier)
         if not record:
-            raise NotEndedError(self.resource, identifier)
+            raise errors.NotEndedError(self.resource, identifier)
 
     def restore(self, identifier: str) -> None:
         """Bring a resource back; one that is not hidden stays as it is.
@@ -307,12 +283,12 @@ class Collection(Generic[Record, Entry]):
             DeletedError: it refers to a robot or measurement set that is deleted.
         """
         self._refuse_unindexable(identifier)
-        back = update(self._table).where(*self._is(identifier)).values(deleted_at=None)
+        back = sa.update(self._table).where(*self._is(identifier)).values(deleted_at=None)
         named = [self._table.c.id, *(column for column, _ in self._references)]
         with self._database.writing() as connection:
             row = connection.execute(back.returning(*named)).one_or_none()
             if row is None:
-                raise NotFoundError(self.resource, identifier)
+                raise errors.NotFoundError(self.resource, identifier)
             self._hold_parents(connection, row)
 
     def refuse_deleted(self, identifier: str) -> None:
@@ -322,7 +298,7 @@ class Collection(Generic[Record, Entry]):
             DeletedError: it is.
         """
         if self._finds(self._exists.where(self._hidden), identifier):
-            raise DeletedError(self.resource, identifier)
+            raise errors.DeletedError(self.resource, identifier)
 
     def purge(self, before: datetime, limit: int) -> list[str]:
         """Remove for good what was deleted before a time, with the keys that name it.
@@ -335,41 +311,43 @@ class Collection(Generic[Record, Entry]):
             Ids of the resources that are no more; what deleted ones still refer to stays until they are gone.
         """
         keys, columns = idempotency_keys.c, self._table.c
-        free: list[ColumnElement[bool]] = [~exists().where(column == columns.id) for column in self._children]
+        free: list[sa.ColumnElement[bool]] = [
+            ~sa.exists().where(column == columns.id) for column in self._children
+        ]
         old = [*self._mine, columns.deleted_at < before, *free]
-        first = select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
+        first = sa.select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
         expired = [str(row.id) for row in self._database.rows(first)]
         if not expired:
             return []
         with self._database.writing() as connection:
             # Asked again in the transaction: one may have been restored meanwhile.
-            remove = delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
+            remove = sa.delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
             gone = [str(row.id) for row in connection.execute(remove).all()]
             named = [keys.resource == self.resource.collection, keys.resource_id.in_(gone)]
-            connection.execute(delete(idempotency_keys).where(*named))
+            connection.execute(sa.delete(idempotency_keys).where(*named))
             self._forget(connection, gone)
         return gone
 
-    def _forget(self, connection: Connection, gone: Sequence[str]) -> None:
+    def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         """Remove what else is kept of records that are no more."""
 
     def _narrows(self, name: str) -> bool:
         """Return whether a listing can be narrowed by a column: only by one with an index."""
         return any(name in index.columns and "sequence" in index.columns for index in self._table.indexes)
 
-    def _parents(self, record: object) -> Iterator[tuple[Table, Resource, str]]:
+    def _parents(self, record: object) -> Iterator[tuple[sa.Table, errors.Resource, str]]:
         """Yield the records that this one, or its row, names: table, resource, id."""
         for column, parent in self._references:
             if (identifier := getattr(record, column.name)) is not None:
                 yield parent, PARENTS[parent], identifier
 
-    def _hold_parents(self, connection: Connection, record: object) -> None:
+    def _hold_parents(self, connection: sa.Connection, record: object) -> None:
         """Keep what this one names from being deleted until it is stored; refuse it if it was."""
         for table, parent, identifier in self._parents(record):
-            held = select(table.c.deleted_at).where(table.c.id == identifier).with_for_update(read=True)
+            held = sa.select(table.c.deleted_at).where(table.c.id == identifier).with_for_update(read=True)
             row = connection.execute(held).one_or_none()
             if row is not None and row.deleted_at is not None:
-                raise DeletedError(parent, identifier)
+                raise errors.DeletedError(parent, identifier)
 
     def _not_added(self, record: Record, key: IdempotencyKey | None, error: IntegrityError) -> Record:
         """Find out which constraint the record broke: its key came before, or a parent is missing."""
@@ -377,32 +355,32 @@ class Collection(Generic[Record, Entry]):
         if earlier is not None:
             return earlier
         for table, parent, identifier in self._parents(record):
-            if not self._finds(select(table.c.id).where(table.c.id == bindparam("id")), identifier):
-                raise NotFoundError(parent, identifier) from error
-        raise StoreError(
+            if not self._finds(sa.select(table.c.id).where(table.c.id == sa.bindparam("id")), identifier):
+                raise errors.NotFoundError(parent, identifier) from error
+        raise errors.StoreError(
             f"a {self.resource.name} {record.id} already exists", "give each record a unique id"
         ) from error
 
-    def _refuse_referenced(self, connection: Connection, identifier: str) -> None:
+    def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
         users: dict[str, str] = {}
         for column in self._children:
             table = column.table
-            kind = table.c.kind if table is jobs else literal(MEASUREMENT_SET.name)
-            visible = select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
+            kind = table.c.kind if table is jobs else sa.literal(MEASUREMENT_SET.name)
+            visible = sa.select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
             users |= {row[0]: row[1] for row in connection.execute(visible.limit(_NAMED + 1))}
         if users:
             named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
-            raise ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
+            raise errors.ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
 
-    def _is(self, identifier: str) -> list[ColumnElement[bool]]:
+    def _is(self, identifier: str) -> list[sa.ColumnElement[bool]]:
         return [*self._mine, self._table.c.id == identifier]
 
     def _refuse_unindexable(self, identifier: str) -> None:
         """Refuse an id that a database may not even take as a text; none of ours is."""
         if not is_indexable(identifier):
-            raise NotFoundError(self.resource, identifier)
+            raise errors.NotFoundError(self.resource, identifier)
 
-    def _finds(self, query: Select[Any], identifier: str) -> bool:
+    def _finds(self, query: sa.Select[Any], identifier: str) -> bool:
         return bool(self._database.rows(query, {"id": identifier}))
 
 
@@ -416,7 +394,7 @@ def parse_cursor(cursor: str) -> int:
         sequence = int(cursor)
         if 0 < sequence <= LAST_SEQUENCE:
             return sequence
-    raise CursorError(cursor)
+    raise errors.CursorError(cursor)
 
 
 def _hash(key: str) -> str:
@@ -440,7 +418,7 @@ Noted = TypeVar("Noted", AuditEntry, TrendNote, AuthorisationRecord)
 class Journal(Generic[Noted]):
     """The records of one table, in the order in which they came. Safe to use from several threads."""
 
-    def __init__(self, database: Database, table: Table, record: type[Noted], quota: Quota | None) -> None:
+    def __init__(self, database: Database, table: sa.Table, record: type[Noted], quota: Quota | None) -> None:
         """Keep records in a table; without a quota they are added to a full database, too."""
         self._database, self._table, self._quota = database, table, quota
         self._record: type[Noted] = record
@@ -469,8 +447,8 @@ class Journal(Generic[Noted]):
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
         return page_of(self._database, self._table, self._record, where, limit, cursor)
 
-    def _insert(self, connection: Connection, record: Noted) -> Noted:
-        connection.execute(insert(self._table).values(asdict(record)))
+    def _insert(self, connection: sa.Connection, record: Noted) -> Noted:
+        connection.execute(sa.insert(self._table).values(asdict(record)))
         return record
 
 
@@ -480,9 +458,9 @@ _SAME: Final = ("content_hash", "key_id", "key_name", "note", "supersedes")
 class Authorisations(Journal[AuthorisationRecord]):
     """The authorisations of all reports. One that repeats the latest of its run is not added again."""
 
-    def _insert(self, connection: Connection, record: AuthorisationRecord) -> AuthorisationRecord:
+    def _insert(self, connection: sa.Connection, record: AuthorisationRecord) -> AuthorisationRecord:
         # Of two at the same time, one waits here; on SQLite it waited for the transaction to begin.
-        connection.execute(select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
+        connection.execute(sa.select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
         mine = self._all.filter_by(run_id=record.run_id).order_by(authorisations.c.sequence.desc()).limit(1)
         latest = [self._record(*row) for row in connection.execute(mine)]
         if latest and all(getattr(latest[0], name) == getattr(record, name) for name in _SAME):

@@ -13,20 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from sqlalchemy import (
-    URL,
-    Connection,
-    Engine,
-    Executable,
-    QueuePool,
-    Table,
-    create_engine,
-    event,
-    func,
-    make_url,
-    select,
-    text,
-)
+import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
@@ -59,7 +46,7 @@ class Database:
     that has gone stale) whatever the timeout.
     """
 
-    def __init__(self, dialect: Dialect, reader: Engine, writer: Engine) -> None:
+    def __init__(self, dialect: Dialect, reader: sa.Engine, writer: sa.Engine) -> None:
         self.dialect = dialect  # Which database it is
         self._reader = reader
         self._writer = writer
@@ -101,13 +88,13 @@ class Database:
         self._reader.dispose()
 
     @contextmanager
-    def reading(self) -> Iterator[Connection]:
+    def reading(self) -> Iterator[sa.Connection]:
         """A connection on which each statement stands by itself."""
         with self._errors_translated(), self._reader.connect() as connection:
             yield connection
 
     @contextmanager
-    def writing(self) -> Iterator[Connection]:
+    def writing(self) -> Iterator[sa.Connection]:
         """One transaction: committed at the end of the block, rolled back if it raises."""
         patience = LOCKED_SECONDS if self._is_locked else BUSY_SECONDS
         deadline = time.monotonic() + patience
@@ -129,21 +116,21 @@ class Database:
             finally:
                 self._turns.release()
 
-    def rows(self, query: Executable, values: Mapping[str, object] = _NO_VALUES) -> Sequence[Any]:
+    def rows(self, query: sa.Executable, values: Mapping[str, object] = _NO_VALUES) -> Sequence[Any]:
         """Return the rows that a query finds."""
         with self.reading() as connection:
             return connection.execute(query, values).all()
 
-    def change(self, *statements: Executable) -> int:
+    def change(self, *statements: sa.Executable) -> int:
         """Carry out statements in one transaction; return the number of rows that the last one changed."""
         with self.writing() as connection:
             return [connection.execute(statement).rowcount for statement in statements][-1]
 
-    def now(self, connection: Connection) -> datetime:
+    def now(self, connection: sa.Connection) -> datetime:
         """Return the time by the clock that all who use the database share."""
         if self.dialect == "sqlite":  # they are on this machine
             return datetime.now(UTC)
-        now: datetime = connection.execute(select(func.now())).scalar_one()
+        now: datetime = connection.execute(sa.select(sa.func.now())).scalar_one()
         return now
 
     def schema(self) -> str | None:
@@ -151,7 +138,7 @@ class Database:
         if self.dialect == "sqlite":
             return None
         with self.reading() as connection:
-            return str(connection.execute(select(func.current_schema())).scalar_one())
+            return str(connection.execute(sa.select(sa.func.current_schema())).scalar_one())
 
     @contextmanager
     def _errors_translated(self) -> Iterator[None]:
@@ -175,7 +162,7 @@ class Database:
             ) from error
 
 
-def inserting(connection: Connection, table: Table) -> Any:  # noqa: ANN401 - of either dialect
+def inserting(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
     """Return a statement that inserts a row, unless one of its key is there."""
     insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     return insert(table).on_conflict_do_nothing()
@@ -193,11 +180,11 @@ def open_existing(url: str) -> Database:
     return Database.open(url)
 
 
-def _is_in_memory(url: URL) -> bool:
+def _is_in_memory(url: sa.URL) -> bool:
     return url.database in {None, "", ":memory:"}
 
 
-def path_of(url: URL) -> Path:
+def path_of(url: sa.URL) -> Path:
     """Return the file of an SQLite database.
 
     Raises:
@@ -208,14 +195,14 @@ def path_of(url: URL) -> Path:
     return Path(str(url.database))
 
 
-def _parse(url: str) -> URL:
+def _parse(url: str) -> sa.URL:
     try:
-        parsed = make_url(url)
+        parsed = sa.make_url(url)
     except (ArgumentError, ValueError) as error:
         raise StoreError("the database URL is invalid", _URLS) from error
     if parsed.drivername not in _DIALECTS:
         raise StoreError(f"{parsed.drivername} is not a supported database", _URLS)
-    if parsed.drivername == "sqlite" and parsed != URL.create("sqlite", database=parsed.database):
+    if parsed.drivername == "sqlite" and parsed != sa.URL.create("sqlite", database=parsed.database):
         raise StoreError("an SQLite URL must have only a path", _URLS)
     return parsed
 
@@ -226,21 +213,21 @@ def make_private(path: str | Path) -> None:
         os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o600))
 
 
-def _sqlite_engines(url: URL) -> tuple[Engine, Engine]:
+def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
     in_memory = _is_in_memory(url)
-    reader = create_engine(
+    reader = sa.create_engine(
         url,
         hide_parameters=True,  # an error in the log shows no secret of a webhook
         isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
         connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
-        poolclass=QueuePool,
+        poolclass=sa.QueuePool,
         # A database in memory is its one connection, which its users take in turn.
         pool_size=1 if in_memory else _CONNECTIONS,
         max_overflow=0,
     )
-    event.listen(reader, "connect", _configure_sqlite)
+    sa.event.listen(reader, "connect", _configure_sqlite)
     writer = reader.execution_options()
-    event.listen(writer, "begin", _begin_immediate)
+    sa.event.listen(writer, "begin", _begin_immediate)
     return reader, writer
 
 
@@ -249,7 +236,7 @@ def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     connection.execute("PRAGMA foreign_keys=ON").close()
 
 
-def _begin_immediate(connection: Connection) -> None:
+def _begin_immediate(connection: sa.Connection) -> None:
     left = connection.get_execution_options()["busy_seconds"]
     is_shorter = left < 0.9 * BUSY_SECONDS
     if is_shorter:
@@ -261,7 +248,7 @@ def _begin_immediate(connection: Connection) -> None:
             connection.exec_driver_sql(f"PRAGMA busy_timeout={1000.0 * BUSY_SECONDS:.0f}")
 
 
-def _switch_to_wal(connection: Connection) -> None:
+def _switch_to_wal(connection: sa.Connection) -> None:
     """Let readers and the writer pass each other.
 
     The mode stays with the file. Changing it does not honour the busy timeout, so that a second
@@ -289,11 +276,11 @@ def _code(error: Exception) -> int:
     return code & 0xFF if isinstance(code, int) else 0
 
 
-def _postgresql_engines(url: URL) -> tuple[Engine, Engine]:
+def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
     connect_args: dict[str, Any] = {"client_encoding": "utf8"}
     if "connect_timeout" not in url.query:
         connect_args["connect_timeout"] = 10
-    writer = create_engine(
+    writer = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
         hide_parameters=True,
@@ -304,7 +291,7 @@ def _postgresql_engines(url: URL) -> tuple[Engine, Engine]:
     return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
 
 
-def _check_encoding(connection: Connection) -> None:
+def _check_encoding(connection: sa.Connection) -> None:
     encoding = connection.exec_driver_sql("SHOW server_encoding").scalar_one()
     if encoding != "UTF8":
         raise StoreError(
@@ -346,7 +333,7 @@ class Quota:
         with self._lock:
             if time.monotonic() - self._at >= _FRESH_SECONDS:
                 with self._database.reading() as connection:
-                    self._used = int(connection.execute(text(_SIZES[self._database.dialect])).scalar_one())
+                    self._used = int(connection.execute(sa.text(_SIZES[self._database.dialect])).scalar_one())
                 self._at = time.monotonic()
             return self._used
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
+import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems.errors import AuthorisedError, Resource
@@ -29,7 +29,7 @@ JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""
 
 _done: Final = (
-    select(func.coalesce(func.sum(job_steps.c.done), 0))
+    sa.select(sa.func.coalesce(sa.func.sum(job_steps.c.done), 0))
     .where(job_steps.c.job_id == jobs.c.id)
     .scalar_subquery()
     .label("done")
@@ -58,8 +58,8 @@ class JobRecords(Collection[JobRecord, JobEntry]):
     def __init__(self, database: Database, resource: Resource, quota: Quota) -> None:
         self._kind = jobs.c.kind == resource.name
         super().__init__(database, resource, jobs, JobRecord, JobEntry, quota, self._kind)
-        self._standings = select(jobs.c.id, jobs.c.state, _done).where(
-            self._kind, jobs.c.id.in_(bindparam("ids", expanding=True))
+        self._standings = sa.select(jobs.c.id, jobs.c.state, _done).where(
+            self._kind, jobs.c.id.in_(sa.bindparam("ids", expanding=True))
         )
 
     def status(self, job_id: str) -> JobStatus | None:
@@ -78,11 +78,11 @@ class JobRecords(Collection[JobRecord, JobEntry]):
 
     def open_jobs(self) -> list[str]:
         """Return the ids of the jobs that have not ended."""
-        return [str(row.id) for row in self._database.rows(select(jobs.c.id).where(self._kind, _open))]
+        return [str(row.id) for row in self._database.rows(sa.select(jobs.c.id).where(self._kind, _open))]
 
     def start(self, job_id: str, changes: JobChanges) -> None:
         """Write that a queued job is running."""
-        queued = update(jobs).where(*self._is(job_id), jobs.c.state == "queued")
+        queued = sa.update(jobs).where(*self._is(job_id), jobs.c.state == "queued")
         self._database.change(queued.values(**changes))
 
     def end(
@@ -90,7 +90,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         job_id: str,
         state: str,
         changes: Callable[[JobRecord, int], JobChanges],
-        also: Callable[[Connection], object] = lambda _: None,
+        also: Callable[[sa.Connection], object] = lambda _: None,
     ) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
@@ -106,11 +106,11 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         mine = self._is(job_id)
         last = of_records(jobs, JobRecord).add_columns(_done).where(*mine)
         with self._database.writing() as connection:
-            ended = connection.execute(update(jobs).where(*mine, _open).values(state=state)).rowcount == 1
+            ended = connection.execute(sa.update(jobs).where(*mine, _open).values(state=state)).rowcount == 1
             if ended:  # no one else can end or start it any more
                 *before, done = connection.execute(last).one()
                 final = changes(JobRecord(*before), int(done))
-                connection.execute(update(jobs).where(*mine).values(**final))
+                connection.execute(sa.update(jobs).where(*mine).values(**final))
                 also(connection)
         return ended
 
@@ -119,10 +119,10 @@ class JobRecords(Collection[JobRecord, JobEntry]):
 
         Deaths that were counted before are forgotten: the job goes on.
         """
-        step = insert(job_steps).values(job_id=job_id, start=start, done=stop - start)
+        step = sa.insert(job_steps).values(job_id=job_id, start=start, done=stop - start)
         with suppress(IntegrityError):
             self._database.change(
-                step, update(jobs).where(*self._is(job_id), jobs.c.deaths > 0).values(deaths=0)
+                step, sa.update(jobs).where(*self._is(job_id), jobs.c.deaths > 0).values(deaths=0)
             )
 
     def died(self, job_id: str) -> int:
@@ -132,22 +132,24 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             How many have by now.
         """
         with self._database.writing() as connection:
-            dying = update(jobs).where(*self._is(job_id)).values(deaths=jobs.c.deaths + 1)
+            dying = sa.update(jobs).where(*self._is(job_id)).values(deaths=jobs.c.deaths + 1)
             return int(connection.execute(dying.returning(jobs.c.deaths)).scalar_one())
 
     def forget_steps(self, job_ids: Sequence[str]) -> None:
         """Remove what was reported of some jobs."""
-        steps = delete(job_steps).where(job_steps.c.job_id.in_(job_ids))
-        self._database.change(steps, update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0))
+        steps = sa.delete(job_steps).where(job_steps.c.job_id.in_(job_ids))
+        self._database.change(
+            steps, sa.update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0)
+        )
 
-    def _refuse_referenced(self, connection: Connection, identifier: str) -> None:
+    def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
         """Refuse to delete a run whose report was authorised."""
-        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
+        own = sa.select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
         if connection.execute(own).one_or_none() is not None:
             raise AuthorisedError(identifier)
 
-    def _forget(self, connection: Connection, gone: Sequence[str]) -> None:
-        connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
+    def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
+        connection.execute(sa.delete(job_steps).where(job_steps.c.job_id.in_(gone)))
 
 
 SILENT: Final = timedelta(seconds=30)
@@ -162,7 +164,7 @@ class Heartbeats:
     DBOS has none: by itself it goes on only with what a process of the same name left behind.
     """
 
-    def __init__(self, database: Database, clock: Callable[[Connection], datetime] | None = None) -> None:
+    def __init__(self, database: Database, clock: Callable[[sa.Connection], datetime] | None = None) -> None:
         """Keep the beats in a database; its own clock tells the time unless another is given."""
         self._database = database
         self._now = clock or database.now
@@ -172,10 +174,10 @@ class Heartbeats:
         mine = heartbeats.c.executor == executor
         with self._database.writing() as connection:
             now = self._now(connection)
-            if connection.execute(update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
-                connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
+            if connection.execute(sa.update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
+                connection.execute(sa.insert(heartbeats).values(executor=executor, beat_at=now))
             living = self._living(connection, now, SILENT)
-            connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * SILENT))
+            connection.execute(sa.delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * SILENT))
         return living
 
     def living(self, silence: timedelta) -> list[str]:
@@ -187,12 +189,12 @@ class Heartbeats:
         """The executors that were silent for longer than that, with their last beat."""
         with self._database.reading() as connection:
             old = heartbeats.c.beat_at < self._now(connection) - silence
-            rows = connection.execute(select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
+            rows = connection.execute(sa.select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
         return {str(row.executor): row.beat_at for row in rows}
 
     def forget(self, executor: str) -> datetime | None:
         """Remove an executor that ends or has ended; return its last beat, None if there is none."""
-        mine = delete(heartbeats).where(heartbeats.c.executor == executor)
+        mine = sa.delete(heartbeats).where(heartbeats.c.executor == executor)
         with self._database.writing() as connection:
             return connection.execute(mine.returning(heartbeats.c.beat_at)).scalar()
 
@@ -204,9 +206,9 @@ class Heartbeats:
         """
         self.beat("")
 
-    def _living(self, connection: Connection, now: datetime, silence: timedelta) -> list[str]:
+    def _living(self, connection: sa.Connection, now: datetime, silence: timedelta) -> list[str]:
         # Nor later than now: a clock that was set back would keep the dead alive until it caught up.
         living = heartbeats.c.beat_at.between(now - silence, now + silence)
-        named = select(heartbeats.c.executor).where(living, heartbeats.c.executor != "")
+        named = sa.select(heartbeats.c.executor).where(living, heartbeats.c.executor != "")
         rows = connection.execute(named).all()
         return sorted(str(row.executor) for row in rows)

@@ -9,7 +9,7 @@ from datetime import timedelta
 from functools import cache
 from typing import Final
 
-from sqlalchemy import case, func, select
+import sqlalchemy as sa
 
 from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
@@ -45,7 +45,7 @@ SESSION_IDLE: Final = timedelta(hours=8)
 SESSION_LONGEST: Final = timedelta(days=7)
 """Every session has ended after so long."""
 
-_PING = select(robots.c.id).limit(1)
+_PING = sa.select(robots.c.id).limit(1)
 """Reads a table of ours: a bare `SELECT 1` would not touch the file of an SQLite database."""
 
 
@@ -112,7 +112,7 @@ class Store:
         if not is_indexable(job_id):
             return None
         with self._database.reading() as connection:
-            found = connection.execute(select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
+            found = connection.execute(sa.select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
         return None if found is None else str(found)
 
     def trend_marks(self, robot_ids: Ids[str], least: int) -> dict[str, str]:
@@ -123,19 +123,19 @@ class Store:
             least: number of succeeded runs.
         """
         runs, sets, notes = jobs.c, measurement_sets.c, trend_notes.c
-        shown = case((runs.deleted_at.is_(None), runs.sequence))
+        shown = sa.case((runs.deleted_at.is_(None), runs.sequence))
         counted = (
-            select(runs.robot_id, func.count(shown), func.sum(shown), func.max(runs.deleted_at))
+            sa.select(runs.robot_id, sa.func.count(shown), sa.func.sum(shown), sa.func.max(runs.deleted_at))
             .where(runs.kind == "run", runs.state == "succeeded", runs.robot_id.in_(robot_ids))
             .group_by(runs.robot_id)
-            .having(func.count(shown) >= least)
+            .having(sa.func.count(shown) >= least)
         )
         with self._database.reading() as connection:
             marks = {str(row[0]): [str(row)] for row in connection.execute(counted)}
-            measured = select(
+            measured = sa.select(
                 sets.robot_id, sets.id, sets.measured_at, sets.serial_number, sets.instrument, sets.archived
             ).where(sets.robot_id.in_(marks), sets.deleted_at.is_(None))
-            noted = select(notes.robot_id, func.max(notes.sequence)).where(notes.robot_id.in_(marks))
+            noted = sa.select(notes.robot_id, sa.func.max(notes.sequence)).where(notes.robot_id.in_(marks))
             for query in (measured.order_by(sets.sequence), noted.group_by(notes.robot_id)):
                 for row in connection.execute(query):
                     marks[str(row[0])].append(str(row))

@@ -12,31 +12,7 @@ from datetime import UTC, datetime
 from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
 
-from sqlalchemy import (
-    JSON,
-    BigInteger,
-    Boolean,
-    Column,
-    Connection,
-    DateTime,
-    Dialect,
-    Float,
-    ForeignKey,
-    Identity,
-    Index,
-    Integer,
-    LargeBinary,
-    MetaData,
-    Select,
-    String,
-    Table,
-    TypeDecorator,
-    false,
-    insert,
-    inspect,
-    select,
-    text,
-)
+import sqlalchemy as sa
 from sqlalchemy.types import TypeEngine
 
 from jointstiff.service.problems.errors import StoreError
@@ -251,7 +227,7 @@ Nothing was released: one layout is made and read, and all others are refused.
 """
 _ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
 
-metadata = MetaData(
+metadata = sa.MetaData(
     naming_convention={
         "ix": "ix_%(table_name)s_%(column_0_N_name)s",
         "uq": "uq_%(table_name)s_%(column_0_N_name)s",
@@ -261,13 +237,13 @@ metadata = MetaData(
 )
 
 
-class UtcDateTime(TypeDecorator[datetime]):
+class UtcDateTime(sa.TypeDecorator[datetime]):
     """An aware time, UTC on both databases: SQLite has no time zones, PostgreSQL has its own."""
 
-    impl = DateTime(timezone=True)
+    impl = sa.DateTime(timezone=True)
     cache_ok = True
 
-    def process_bind_param(self, value: datetime | None, _: Dialect) -> datetime | None:
+    def process_bind_param(self, value: datetime | None, _: sa.Dialect) -> datetime | None:
         """Turn an aware time into UTC."""
         if value is None:
             return None
@@ -275,7 +251,7 @@ class UtcDateTime(TypeDecorator[datetime]):
             raise ValueError("a stored time must have a time zone")
         return value.astimezone(UTC)
 
-    def process_result_value(self, value: datetime | None, _: Dialect) -> datetime | None:
+    def process_result_value(self, value: datetime | None, _: sa.Dialect) -> datetime | None:
         """Read UTC back."""
         if value is None:
             return None
@@ -284,19 +260,19 @@ class UtcDateTime(TypeDecorator[datetime]):
 
 _TYPES: Final[Mapping[Any, type[TypeEngine[Any]]]] = MappingProxyType(
     {
-        str: String,
-        str | None: String,
-        int: Integer,
-        bool: Boolean,
+        str: sa.String,
+        str | None: sa.String,
+        int: sa.Integer,
+        bool: sa.Boolean,
         datetime: UtcDateTime,
         datetime | None: UtcDateTime,
-        bytes: LargeBinary,
-        dict[str, Any]: JSON,
+        bytes: sa.LargeBinary,
+        dict[str, Any]: sa.JSON,
     }
 )
 
 
-def _columns(record: type, references: Mapping[str, str], key: str | None = None) -> list[Column[Any]]:
+def _columns(record: type, references: Mapping[str, str], key: str | None = None) -> list[sa.Column[Any]]:
     """Return a column for each field of a record.
 
     Args:
@@ -306,13 +282,13 @@ def _columns(record: type, references: Mapping[str, str], key: str | None = None
     """
     hints = get_type_hints(record)
     return [
-        Column(
+        sa.Column(
             field.name,
             _TYPES[hints[field.name]],
-            *([ForeignKey(references[field.name])] if field.name in references else []),
+            *([sa.ForeignKey(references[field.name])] if field.name in references else []),
             primary_key=field.name == key,
             nullable=type(None) in get_args(hints[field.name]),
-            server_default=false() if hints[field.name] is bool else None,
+            server_default=sa.false() if hints[field.name] is bool else None,
             unique=True if field.name == "id" and key is None else None,
         )
         for field in fields(record)
@@ -322,10 +298,10 @@ def _columns(record: type, references: Mapping[str, str], key: str | None = None
 def _numbered(
     name: str,
     record: type,
-    *further: Column[Any],
+    *further: sa.Column[Any],
     references: Mapping[str, str] = MappingProxyType({}),
     filters: Iterable[str | tuple[str, ...]],
-) -> Table:
+) -> sa.Table:
     """Make a table of records in the order of `sequence`.
 
     Args:
@@ -335,23 +311,23 @@ def _numbered(
         references: column → column of another table.
         filters: columns, or groups of them, by which a listing is narrowed.
     """
-    return Table(
+    return sa.Table(
         name,
         metadata,
-        Column(
+        sa.Column(
             "sequence",
-            BigInteger().with_variant(Integer, "sqlite"),
-            Identity(always=True),
+            sa.BigInteger().with_variant(sa.Integer, "sqlite"),
+            sa.Identity(always=True),
             primary_key=True,
         ),
         *_columns(record, references),
         *further,
-        *(Index(None, *((group,) if isinstance(group, str) else group), "sequence") for group in filters),
+        *(sa.Index(None, *((group,) if isinstance(group, str) else group), "sequence") for group in filters),
     )
 
 
-def _deleted_at() -> Column[Any]:
-    return Column("deleted_at", UtcDateTime, nullable=True)  # hidden from then on, removed later
+def _deleted_at() -> sa.Column[Any]:
+    return sa.Column("deleted_at", UtcDateTime, nullable=True)  # hidden from then on, removed later
 
 
 robots = _numbered("robots", RobotRecord, _deleted_at(), filters=["name", "content_hash"])
@@ -377,7 +353,7 @@ jobs = _numbered(
     "jobs",
     JobRecord,
     _deleted_at(),
-    Column("deaths", Integer, nullable=False, server_default="0"),  # of workers over it
+    sa.Column("deaths", sa.Integer, nullable=False, server_default="0"),  # of workers over it
     references={
         "measurement_set_id": "measurement_sets.id",
         "first_set_id": "measurement_sets.id",
@@ -400,52 +376,54 @@ jobs = _numbered(
 )
 for _table in (robots, measurement_sets, jobs):
     _deleted = _table.c.deleted_at.is_not(None)
-    Index(None, _table.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
+    sa.Index(None, _table.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
 
-idempotency_keys = Table(
+idempotency_keys = sa.Table(
     "idempotency_keys",
     metadata,
-    Column("resource", String, primary_key=True),  # collection of what the key created
-    Column("key_hash", String, primary_key=True),  # SHA-256: a key may be any text of any length
-    Column("body_hash", String, nullable=False),
-    Column("resource_id", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
+    sa.Column("resource", sa.String, primary_key=True),  # collection of what the key created
+    sa.Column("key_hash", sa.String, primary_key=True),  # SHA-256: a key may be any text of any length
+    sa.Column("body_hash", sa.String, nullable=False),
+    sa.Column("resource_id", sa.String, nullable=False),
+    sa.Column("created_at", UtcDateTime, nullable=False),
 )
 
-job_steps = Table(
+job_steps = sa.Table(
     "job_steps",
     metadata,
-    Column("job_id", String, primary_key=True),
-    Column("start", Integer, primary_key=True, autoincrement=False),
-    Column("done", Integer, nullable=False),
+    sa.Column("job_id", sa.String, primary_key=True),
+    sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("done", sa.Integer, nullable=False),
 )
 
-heartbeats = Table(
+heartbeats = sa.Table(
     "heartbeats",
     metadata,
-    Column("executor", String, primary_key=True),
-    Column("beat_at", UtcDateTime, nullable=False),
+    sa.Column("executor", sa.String, primary_key=True),
+    sa.Column("beat_at", UtcDateTime, nullable=False),
 )
 
-wrong_keys = Table(
+wrong_keys = sa.Table(
     "wrong_keys",
     metadata,
-    Column("network", String, primary_key=True),
-    Column("number", Float, nullable=False),  # of wrong keys at the time, of which some are forgotten since
-    Column("counted_at", UtcDateTime, nullable=False),
+    sa.Column("network", sa.String, primary_key=True),
+    sa.Column(
+        "number", sa.Float, nullable=False
+    ),  # of wrong keys at the time, of which some are forgotten since
+    sa.Column("counted_at", UtcDateTime, nullable=False),
 )
 
-access_keys = Table("access_keys", metadata, *_columns(AccessKey, {}, key="id"))
+access_keys = sa.Table("access_keys", metadata, *_columns(AccessKey, {}, key="id"))
 
 # A session's key is one of the table above, or of a file of keys.
-access_sessions = Table("access_sessions", metadata, *_columns(SessionRecord, {}, key="token_hash"))
+access_sessions = sa.Table("access_sessions", metadata, *_columns(SessionRecord, {}, key="token_hash"))
 
-access_links = Table(
+access_links = sa.Table(
     "access_links",
     metadata,
-    Column("token_hash", String, primary_key=True),
-    Column("key_id", String, nullable=False),
-    Column("ends_at", UtcDateTime, nullable=False),
+    sa.Column("token_hash", sa.String, primary_key=True),
+    sa.Column("key_id", sa.String, nullable=False),
+    sa.Column("ends_at", UtcDateTime, nullable=False),
 )
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
@@ -453,18 +431,18 @@ audit = _numbered("audit", AuditEntry, filters=["key_id"])
 trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
 authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_id", "supersedes"])
 
-webhooks = Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))
+webhooks = sa.Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))
 deliveries = _numbered("deliveries", DeliveryRecord, filters=[("webhook_id", "state"), "subject"])
-Index(None, deliveries.c.webhook_id, deliveries.c.message_id, unique=True)
+sa.Index(None, deliveries.c.webhook_id, deliveries.c.message_id, unique=True)
 
 
-def of_records(table: Table, record: type) -> Select[Any]:
+def of_records(table: sa.Table, record: type) -> sa.Select[Any]:
     """Return the query for a record's fields, in their order."""
-    return select(*(table.c[field.name] for field in fields(record)))
+    return sa.select(*(table.c[field.name] for field in fields(record)))
 
 
 # Named as Alembic names it, which made the first layouts, and is to make those after the first release.
-layouts = Table("alembic_version", metadata, Column("version_num", String(32), primary_key=True))
+layouts = sa.Table("alembic_version", metadata, sa.Column("version_num", sa.String(32), primary_key=True))
 
 
 def make_tables(database: Database) -> None:
@@ -479,13 +457,13 @@ def make_tables(database: Database) -> None:
             return
     with database.writing() as connection:
         if database.dialect == "postgresql":  # SQLite holds its write lock already
-            connection.execute(text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
+            connection.execute(sa.text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
         if not has_tables(connection):
             metadata.create_all(connection, checkfirst=False)
-            connection.execute(insert(layouts).values(version_num=LAYOUT))
+            connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
 
 
-def has_tables(connection: Connection) -> bool:
+def has_tables(connection: sa.Connection) -> bool:
     """Return True for a database with the tables of this version, False for one without tables of ours.
 
     Raises:
@@ -497,11 +475,11 @@ def has_tables(connection: Connection) -> bool:
     return found is not None
 
 
-def layout_of(connection: Connection) -> str | None:
+def layout_of(connection: sa.Connection) -> str | None:
     """Return the layout of a database; None if it has no tables of ours."""
-    if layouts.name not in inspect(connection).get_table_names():
+    if layouts.name not in sa.inspect(connection).get_table_names():
         return None
-    return connection.execute(select(layouts.c.version_num)).scalar()
+    return connection.execute(sa.select(layouts.c.version_num)).scalar()
 
 
 def refuse_other_layout(found: str) -> None:

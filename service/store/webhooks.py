@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from datetime import datetime, timedelta
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, exists, func, insert, select, update
+import sqlalchemy as sa
 
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
@@ -42,7 +42,7 @@ class Webhooks:
 
     def add(self, webhook: WebhookRecord) -> None:
         """Store a webhook."""
-        self._database.change(insert(webhooks).values(asdict(webhook)))
+        self._database.change(sa.insert(webhooks).values(asdict(webhook)))
 
     def all(self) -> list[WebhookRecord]:
         """Return all webhooks, in the order in which they came."""
@@ -55,27 +55,27 @@ class Webhooks:
         Raises:
             NotFoundError: there is none.
         """
-        messages = delete(deliveries).where(deliveries.c.webhook_id == webhook_id)
-        if self._database.change(messages, delete(webhooks).where(webhooks.c.id == webhook_id)) == 0:
+        messages = sa.delete(deliveries).where(deliveries.c.webhook_id == webhook_id)
+        if self._database.change(messages, sa.delete(webhooks).where(webhooks.c.id == webhook_id)) == 0:
             raise NotFoundError(WEBHOOK, webhook_id)
 
     def outcome(self, webhook_id: str) -> tuple[int, list[DeliveryRecord]]:
         """Return how many messages arrived, and the newest that did not."""
         mine = deliveries.c.webhook_id == webhook_id
         with self._database.reading() as connection:
-            arrived = select(func.count()).where(mine, deliveries.c.state == "delivered")
+            arrived = sa.select(sa.func.count()).where(mine, deliveries.c.state == "delivered")
             rest = _MESSAGES.where(mine, deliveries.c.state != "delivered", deliveries.c.document != "")
             newest = rest.order_by(deliveries.c.sequence.desc()).limit(_AT_ONCE)
             delivered = connection.execute(arrived).scalar_one()
             return delivered, [DeliveryRecord(*row) for row in connection.execute(newest)]
 
-    def run_ended(self, connection: Connection, run_id: str, now: datetime) -> None:
+    def run_ended(self, connection: sa.Connection, run_id: str, now: datetime) -> None:
         """Write the messages about a run in the transaction that ends it; its alarms are derived later."""
         hooks = self._all(connection)
         if not hooks:
             return
         run = jobs.c
-        columns = select(run.state, run.verdict, run.robot_id, run.measurement_set_id, robots.c.name)
+        columns = sa.select(run.state, run.verdict, run.robot_id, run.measurement_set_id, robots.c.name)
         row = connection.execute(columns.join_from(jobs, robots, isouter=True).where(run.id == run_id)).one()
         data = {
             "run_id": run_id,
@@ -99,7 +99,7 @@ class Webhooks:
     ) -> None:
         """Put the alarms that it was not told of, by their keys, in the place of what a run left for them."""
         with self._database.writing() as connection:
-            connection.execute(delete(deliveries).where(self._is(marker)))
+            connection.execute(sa.delete(deliveries).where(self._is(marker)))
             for key, data in alarms.items():
                 path = f"/#/compare/trend/{data['robot_id']}"
                 now = marker.created_at
@@ -108,44 +108,46 @@ class Webhooks:
     def due(self, webhook_id: str, now: datetime) -> list[DeliveryRecord]:
         """Return messages to send now, oldest first; of those about one subject the oldest alone."""
         earlier = deliveries.alias()
-        behind = exists().where(
+        behind = sa.exists().where(
             earlier.c.webhook_id == deliveries.c.webhook_id,
             earlier.c.subject == deliveries.c.subject,
             earlier.c.state == "pending",
             earlier.c.sequence < deliveries.c.sequence,
         )
-        mine = and_(deliveries.c.webhook_id == webhook_id, _pending, deliveries.c.due_at <= now, ~behind)
+        mine = sa.and_(deliveries.c.webhook_id == webhook_id, _pending, deliveries.c.due_at <= now, ~behind)
         query = _MESSAGES.where(mine).order_by(deliveries.c.sequence).limit(_AT_ONCE)
         return [DeliveryRecord(*row) for row in self._database.rows(query)]
 
     def claim(self, message: DeliveryRecord, until: datetime) -> DeliveryRecord | None:
         """Take a message to send it; None if somebody else has. It is due again at a time, unless settled."""
-        mine = and_(self._is(message), _pending, deliveries.c.due_at == message.due_at)
+        mine = sa.and_(self._is(message), _pending, deliveries.c.due_at == message.due_at)
         claimed = replace(message, attempts=message.attempts + 1, due_at=until)
-        taking = update(deliveries).where(mine).values(attempts=claimed.attempts, due_at=until)
+        taking = sa.update(deliveries).where(mine).values(attempts=claimed.attempts, due_at=until)
         return claimed if self._database.change(taking) == 1 else None
 
     def settle(self, message: DeliveryRecord, state: str, error: str | None, due_at: datetime) -> None:
         """Write what became of a message that was claimed."""
-        mine = and_(self._is(message), deliveries.c.due_at == message.due_at)
-        self._database.change(update(deliveries).where(mine).values(state=state, error=error, due_at=due_at))
+        mine = sa.and_(self._is(message), deliveries.c.due_at == message.due_at)
+        self._database.change(
+            sa.update(deliveries).where(mine).values(state=state, error=error, due_at=due_at)
+        )
 
     def forget(self, now: datetime) -> None:
         """Remove messages that are settled and old; those about alarms stay, as none is sent again."""
-        old = and_(~_pending, deliveries.c.created_at < now - _KEPT, deliveries.c.type != "alarm.raised")
-        self._database.change(delete(deliveries).where(old))
+        old = sa.and_(~_pending, deliveries.c.created_at < now - _KEPT, deliveries.c.type != "alarm.raised")
+        self._database.change(sa.delete(deliveries).where(old))
 
-    def _all(self, connection: Connection) -> list[WebhookRecord]:
+    def _all(self, connection: sa.Connection) -> list[WebhookRecord]:
         query = _HOOKS.order_by(webhooks.c.created_at, webhooks.c.id)
         return [WebhookRecord(*row) for row in connection.execute(query)]
 
-    def _is(self, message: DeliveryRecord) -> ColumnElement[bool]:
+    def _is(self, message: DeliveryRecord) -> sa.ColumnElement[bool]:
         columns = deliveries.c
-        return and_(columns.webhook_id == message.webhook_id, columns.message_id == message.message_id)
+        return sa.and_(columns.webhook_id == message.webhook_id, columns.message_id == message.message_id)
 
     def _tell(
         self,
-        connection: Connection,
+        connection: sa.Connection,
         hooks: Iterable[WebhookRecord],
         event: str,
         subject: str,

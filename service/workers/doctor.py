@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import MetaData, Select, Table, exists, func, select
+import sqlalchemy as sa
 from sqlalchemy.exc import NoSuchTableError
 
 from jointstiff.schemas import measurement as messages
@@ -38,7 +38,7 @@ from jointstiff.service.workers.engine import is_ended, schema_of
 
 _SHOWN: Final = 20
 _AT_ONCE: Final = 50
-_TABLES: Final[tuple[tuple[Table, type[AnyRecord]], ...]] = (
+_TABLES: Final[tuple[tuple[sa.Table, type[AnyRecord]], ...]] = (
     (robots, RobotRecord),
     (measurement_sets, MeasurementSetRecord),
     (jobs, JobRecord),
@@ -126,14 +126,16 @@ def _orphans(database: Database) -> list[Fault]:
         ]
 
 
-def _orphan_queries() -> Iterator[tuple[str, str, Select[Any]]]:
+def _orphan_queries() -> Iterator[tuple[str, str, sa.Select[Any]]]:
     """Yield name of the table, what is missing, and the query for the rows' ids."""
     for table, _ in _TABLES:
         for column in table.c:
             for reference in column.foreign_keys:
-                missing = ~exists().where(reference.column == column)
-                yield table.name, column.name, select(table.c.id).where(column.is_not(None), missing)
-    steps = select(job_steps.c.job_id).distinct().where(~exists().where(jobs.c.id == job_steps.c.job_id))
+                missing = ~sa.exists().where(reference.column == column)
+                yield table.name, column.name, sa.select(table.c.id).where(column.is_not(None), missing)
+    steps = (
+        sa.select(job_steps.c.job_id).distinct().where(~sa.exists().where(jobs.c.id == job_steps.c.job_id))
+    )
     yield job_steps.name, "a job", steps
     keys = idempotency_keys.c
     inputs = [ROBOT.collection, MEASUREMENT_SET.collection]
@@ -142,8 +144,8 @@ def _orphan_queries() -> Iterator[tuple[str, str, Select[Any]]]:
         (inputs[1], measurement_sets, keys.resource == inputs[1]),
         ("a job", jobs, keys.resource.not_in(inputs)),
     ):
-        gone = ~exists().where(table.c.id == keys.resource_id)
-        yield idempotency_keys.name, what, select(keys.resource_id).where(mine, gone)
+        gone = ~sa.exists().where(table.c.id == keys.resource_id)
+        yield idempotency_keys.name, what, sa.select(keys.resource_id).where(mine, gone)
 
 
 def _records(database: Database) -> Iterator[AnyRecord]:
@@ -165,7 +167,7 @@ def _workflows(database: Database) -> dict[str, str]:
     if table is None:
         return {}
     with database.reading() as connection:
-        rows = connection.execute(select(table.c.workflow_uuid, table.c.status))
+        rows = connection.execute(sa.select(table.c.workflow_uuid, table.c.status))
         return {row[0]: row[1] for row in rows}
 
 
@@ -175,7 +177,7 @@ def _pickles(database: Database) -> Iterator[Fault]:
     for name in ("workflow_status", "operation_outputs"):
         table = _engine_table(database, name)
         if table is not None:
-            query = select(func.count()).select_from(table).where(table.c.serialization == "py_pickle")
+            query = sa.select(sa.func.count()).select_from(table).where(table.c.serialization == "py_pickle")
             with database.reading() as connection:
                 count += int(connection.execute(query).scalar_one())
     if count:
@@ -184,11 +186,11 @@ def _pickles(database: Database) -> Iterator[Fault]:
         yield Fault("pickle", "the engine's tables", reason, remedy)
 
 
-def _engine_table(database: Database, name: str) -> Table | None:
+def _engine_table(database: Database, name: str) -> sa.Table | None:
     schema = None if database.dialect == "sqlite" else schema_of(database)
     with database.reading() as connection:
         try:
-            return Table(name, MetaData(schema=schema), autoload_with=connection)
+            return sa.Table(name, sa.MetaData(schema=schema), autoload_with=connection)
         except NoSuchTableError:
             return None
 

@@ -22,11 +22,11 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.inputs import FromFile
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems.errors import DeletedError
 from jointstiff.service.reports.job import job_report
+from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
