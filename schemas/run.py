@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -593,6 +594,13 @@ class RunResult(Result):
             joint_count=len(self.joints),
             warning_count=len(self.warnings),
         )
+
+    def mean_lengths(self, of: Literal["deflection", "residual"]) -> dict[str, float]:
+        """Return the mean length of a vector of the residuals by observation, over its targets [m]."""
+        lengths: dict[str, list[float]] = {}
+        for each in self.residuals:
+            lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))
+        return {label: sum(values) / len(values) for label, values in lengths.items()}
 
 
 class RunSummary(JobSummary, ResultSummary):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from math import hypot, inf
+from math import inf
 from typing import Any, Final
 
 import numpy as np
@@ -122,7 +122,7 @@ def _warnings(run: Run) -> list[Finding]:
 
 def _entry(run: Run, side: ComparedSide) -> ComparedRun:
     result, asked = run.result, run.request
-    left = {} if result is None else _mean_lengths(result, "residual")
+    left = {} if result is None else result.mean_lengths("residual")
     return ComparedRun(
         run_id=run.id,
         side=side.side,
@@ -148,7 +148,7 @@ def _compared_side(name: SideName, runs: Sequence[MeasuredRun], leading: Run) ->
     lengths: dict[str, float] = {}
     for result in results:
         if len(lengths) < len(runs[0].prepared.measurements):
-            lengths |= _mean_lengths(result, "deflection")
+            lengths |= result.mean_lengths("deflection")
     labels = list(runs[0].prepared.measurements.labels)
     return ComparedSide(
         side=name,
@@ -157,14 +157,6 @@ def _compared_side(name: SideName, runs: Sequence[MeasuredRun], leading: Run) ->
         configurations=labels,
         deflection=[lengths.get(label) for label in labels],
     )
-
-
-def _mean_lengths(result: RunResult, of: str) -> dict[str, float]:
-    """Return the mean length of a vector of the residuals by observation, over its targets [m]."""
-    lengths: dict[str, list[float]] = {}
-    for each in result.residuals:
-        lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))
-    return {label: sum(values) / len(values) for label, values in lengths.items()}
 
 
 def _two_sides(

@@ -476,7 +476,6 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
         File(
             name=f"{name}.csv",
             description=f"{words}, as a table for spreadsheets; units in the headers",
-            media_type="text/csv",
             sheet=sheet,
             made_of="result",
         )

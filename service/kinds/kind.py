@@ -25,6 +25,8 @@ OPTIONS_BYTES: Final = 64 * 1024
 READINGS_BYTES: Final = 4 * 1024 * 1024
 """Size of a request that holds readings."""
 
+MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
+"""Types of files, by the ending of the name."""
 Source = Literal["measurement_set", "run", "campaigns", "robot_or_set", "readings", "files"]
 """What a request is made of: a campaign, a run of one, one campaign or two, a robot or a campaign, files."""
 
@@ -39,7 +41,6 @@ class File:
 
     name: str  # last part of its address, such as `table.csv`
     description: str  # what it has, for the API's users
-    media_type: str
     sheet: Callable[[Any], Sheet]  # the table that it is written from
     made_of: Literal["result", "work"]  # what the sheet is made of: the job, or its work, done again
 
@@ -47,6 +48,11 @@ class File:
     def suffix(self) -> str:
         """Ending of its name, which says its format."""
         return self.name.rpartition(".")[2]
+
+    @property
+    def media_type(self) -> str:
+        """Its type for HTTP."""
+        return MEDIA_TYPES[self.suffix]
 
 
 @dataclass(frozen=True, eq=False)

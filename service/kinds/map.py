@@ -113,21 +113,18 @@ MAP: Final = Kind[Map, MapRequest, MapSummary](
             description="all places as a table: status, place, posture, deflection, intervals, compliance; "
             "units in headers. It is computed again from the map's run, which never changes: keep the run as "
             "long as the map.",
-            media_type="text/csv",
             sheet=_places,
             made_of="work",
         ),
         File(
             name="map.npz",
             description="all places as numpy's npz, with all digits.",
-            media_type="application/octet-stream",
             sheet=_places,
             made_of="work",
         ),
         File(
             name="map.json",
             description="the table as JSON, column by column, with units.",
-            media_type="application/json",
             sheet=_places,
             made_of="work",
         ),

@@ -207,7 +207,6 @@ PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
             name="readings.csv",
             description="the readings of a plan in their order as a table for spreadsheets, units in the "
             "headers.",
-            media_type="text/csv",
             sheet=readings_sheet,
             made_of="result",
         ),

@@ -140,14 +140,12 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
             name="points.csv",
             description="all points as a table: deflection, correction, interval, residual, and reason "
             "if not corrected.",
-            media_type="text/csv",
             sheet=_points,
             made_of="result",
         ),
         File(
             name="points.json",
             description="the table as JSON, column by column, with units.",
-            media_type="application/json",
             sheet=_points,
             made_of="result",
         ),

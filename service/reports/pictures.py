@@ -134,7 +134,16 @@ def bars(chart: Chart) -> Picture:
     legend = 154.0
     drawing = Drawing(_WIDTH, 166.0, chart.title)
     greatest = max((value for values in rows.values() for value in values), default=0.0) or 1.0
-    scale = _axis(drawing, greatest, chart.unit, f"configurations 1 to {count} of {len(chart.names)}")
+    power = 10.0 ** floor(log10(greatest))
+    top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
+    scale = (_BASE - 12) / top
+    for tick in (0.0, 0.5, 1.0):
+        y = _BASE - tick * (_BASE - 12)
+        drawing.line(_LEFT, y, _WIDTH - 6, y)
+        drawing.text(_LEFT - 4, y + 3, f"{tick * top:g}", anchor="end")
+    drawing.text(0, 8, chart.unit)
+    below = f"configurations 1 to {count} of {len(chart.names)}"
+    drawing.text(_WIDTH - 6, _BASE + 12, below, anchor="end")
     step = (_WIDTH - _LEFT - 6) / max(count, 1)
     width = 0.8 * step / max(len(rows), 1)
     for which, (name, values) in enumerate(rows.items()):
@@ -148,44 +157,13 @@ def bars(chart: Chart) -> Picture:
     return Picture(str(drawing), f"{chart.title}: mean length over the targets.", 0.8)
 
 
-def _axis(drawing: Drawing, greatest: float, unit: str, below: str) -> float:
-    """Draw the axis of bars up to a value, to a round number; return the length of one unit."""
-    power = 10.0 ** floor(log10(greatest))
-    top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
-    for tick in (0.0, 0.5, 1.0):
-        y = _BASE - tick * (_BASE - 12)
-        drawing.line(_LEFT, y, _WIDTH - 6, y)
-        drawing.text(_LEFT - 4, y + 3, f"{tick * top:g}", anchor="end")
-    drawing.text(0, 8, unit)
-    drawing.text(_WIDTH - 6, _BASE + 12, below, anchor="end")
-    return (_BASE - 12) / top
-
-
 def before_and_after(result: RunResult) -> Picture | None:
     """Draw the mean deflection of each observation, and what the model leaves of it."""
-    measured: dict[str, list[float]] = {}
-    left: dict[str, list[float]] = {}
-    for each in result.residuals:
-        measured.setdefault(each.observation, []).append(float(np.linalg.norm(each.deflection)))
-        left.setdefault(each.observation, []).append(float(np.linalg.norm(each.residual)))
-    before = [1e3 * float(np.mean(values)) for values in measured.values()][:_MOST_BARS]
-    after = [1e3 * float(np.mean(values)) for values in left.values()][:_MOST_BARS]
-    if not before or max(before) <= 0.0:
+    measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    if not any(measured.values()):
         return None
-    drawing = Drawing(_WIDTH, 150.0, "Deflection before and after compensation by the model")
-    below = f"observations 1 to {len(before)} of {len(measured)}"
-    scale = _axis(drawing, max([*before, *after]), "mm", below)
-    step = (_WIDTH - _LEFT - 6) / len(before)
-    for place, (whole, rest) in enumerate(zip(before, after, strict=True)):
-        x = _LEFT + step * (place + 0.12)
-        for value, share, colour in ((whole, 0.76, PALE), (rest, 0.38, MARK)):
-            drawing.bar(x, _BASE - scale * value, step * share, scale * value, colour)
-    return Picture(
-        str(drawing),
-        "Mean length of the targets' deflection in each observation: as measured (pale), and the rest after "
-        "subtraction of the model's prediction (dark).",
-        0.8,
-    )
+    series = {"measured": [*measured.values()], "left by the model": [*left.values()]}
+    return bars(Chart("Deflection before and after compensation", [*measured], series, 1e3, "mm"))
 
 
 def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:

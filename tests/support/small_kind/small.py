@@ -98,7 +98,6 @@ SMALL: Final = Kind[Small, SmallRequest, SmallSummary](
         File(
             name="counts.csv",
             description="the counts as a table",
-            media_type="text/csv",
             sheet=counts_sheet,
             made_of="result",
         ),
