@@ -60,6 +60,9 @@ class UncertaintyBudget(Message, extra="allow"):
         default=0.0,
         description="Load point, with 10 mm in each direction if no uncertainty is stated.",
     )
+    assumed_force_scale: Compliance[float] = Field(
+        default=0.0, description="Scale of the force, with 1 % if no uncertainty is stated."
+    )
     target_places: Compliance[float] = Field(
         default=0.0, description="Positions of the targets: one error per target for all observations."
     )
@@ -118,7 +121,8 @@ BudgetSource = Annotated[
     str,
     Field(
         description="Source of uncertainty: `readings`, the name of a stated error (`force_scale`, "
-        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, `fitted_causes`, "
+        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, "
+        "`assumed_force_scale`, `fitted_causes`, "
         "`model_error` or `complementary_stiffness`."
     ),
 ]

@@ -390,6 +390,7 @@ def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> 
         return None
     variance = np.diagonal(estimate.covariance)
     if estimate.common is not None:
-        variance = variance - np.square(estimate.common.of("assumed_load_point")).sum(axis=1)
+        for source in ("assumed_load_point", "assumed_force_scale"):
+            variance = variance - np.square(estimate.common.of(source)).sum(axis=1)
     known = estimate.estimated & (variance > 0.0)
     return float((np.abs(shift[known]) / np.sqrt(variance[known])).max()) if known.any() else None

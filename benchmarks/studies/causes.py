@@ -134,7 +134,9 @@ def _read(planted: Planted, generator: Generator, *, sigma: bool) -> Measurement
     places = np.stack([planted.stated.unloaded, planted.loaded])
     noisy = places + SIGMA * generator.standard_normal(places.shape)
     read = planted.stated.measurements(*noisy, sigma=SIGMA if sigma else None)
-    return replace(read, common_uncertainty=CommonUncertainty(load_point=0.01, load_point_assumed=True))
+    return replace(
+        read, common_uncertainty=CommonUncertainty(load_point=0.01, assumed=frozenset({"load_point"}))
+    )
 
 
 @dataclass(frozen=True)

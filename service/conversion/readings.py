@@ -27,6 +27,7 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import (
+    ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
     CommonUncertainty,
     DifferenceNoise,
@@ -321,22 +322,33 @@ def _refuse_unclear(noise: Noise | None, own: BoolArray, plain: Measurements) ->
 
 
 def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertainty:
-    """Return the uncertainty of what all observations share; that of the load point is assumed if not stated.
+    """Return the uncertainty of what all observations share.
+
+    What is not stated of the load point and of the forces' scale is assumed.
 
     Args:
         noise: of the set.
         length: metres in the set's unit of length.
     """
+    assumed = CommonUncertainty(
+        scale=ASSUMED_FORCE_SCALE,
+        load_point=ASSUMED_LOAD_POINT,
+        assumed=frozenset({"force_scale", "load_point"}),
+    )
     if noise is None:
-        return CommonUncertainty(load_point=ASSUMED_LOAD_POINT, load_point_assumed=True)
-    return CommonUncertainty(
-        0.0 if noise.force is None else noise.force.scale,
-        0.0 if noise.force is None else noise.force.direction,
-        ASSUMED_LOAD_POINT if noise.load_point is None else length * noise.load_point,
-        length * (noise.target_places or 0.0),
-        0.0 if noise.axes is None else length * noise.axes.position,
-        0.0 if noise.axes is None else noise.axes.direction,
-        noise.load_point is None,
+        return assumed
+    force, axes = noise.force, noise.axes
+    if force is not None:
+        named = assumed.assumed - {"force_scale"}
+        assumed = replace(assumed, scale=force.scale, direction=force.direction, assumed=named)
+    if noise.load_point is not None:
+        named = assumed.assumed - {"load_point"}
+        assumed = replace(assumed, load_point=length * noise.load_point, assumed=named)
+    return replace(
+        assumed,
+        target_places=length * (noise.target_places or 0.0),
+        axis_position=0.0 if axes is None else length * axes.position,
+        axis_direction=0.0 if axes is None else axes.direction,
     )
 
 

@@ -16,6 +16,7 @@ from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.compare.pair import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import forward_model
@@ -300,7 +301,8 @@ def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     values = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
     compliance = np.array(values, dtype=np.float64)
     shown, unseen, covariance = np.isfinite(compliance), np.isnan(compliance), np.zeros((n, n))
-    readings, assumed = None, np.zeros((n, n))
+    readings: FloatArray | None = None
+    assumed: dict[str, FloatArray] = {}
     if likelihood is not None and result.budget is not None:
         compliance[likelihood.joints] = likelihood.centre
         compliance[~shown] = np.nan
@@ -309,10 +311,12 @@ def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
         covariance *= np.outer(shown, shown)
         place = np.ix_(np.flatnonzero(shown), np.flatnonzero(shown))
         for part in result.budget.components:
-            if part.source in {"readings", "assumed_load_point"}:
-                spread = np.zeros((n, n))
-                spread[place] = np.outer(part.contributions, part.contributions) * np.array(part.correlation)
-                readings, assumed = (spread, assumed) if part.source == "readings" else (readings, spread)
+            spread = np.zeros((n, n))
+            spread[place] = np.outer(part.contributions, part.contributions) * np.array(part.correlation)
+            if part.source == "readings":
+                readings = spread
+            elif part.source.startswith("assumed_"):
+                assumed[part.source.removeprefix("assumed_")] = spread
     return FreeEstimate(
         compliance=compliance,
         readings=readings,

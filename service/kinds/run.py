@@ -247,6 +247,7 @@ _SOURCES = {
     "force_direction": "direction of the force",
     "load_point": "load point",
     "assumed_load_point": "load point, 10 mm assumed",
+    "assumed_force_scale": "scale of the force, 1 % assumed",
     "fitted_causes": "causes fitted beside the joints",
     "target_places": "places of the targets",
     "axes": "axes of the robot's model",

@@ -182,20 +182,30 @@ def _series(campaigns: Sequence[Campaign], name: str, inside: Sequence[int]) -> 
     budgets = [joint.budget for joint in joints.values() if joint is not None and joint.budget is not None]
     # A load point of which no campaign states anything is that of the same hook in all of them.
     hook = all(budget.assumed_load_point > 0.0 for budget in budgets)
-    numbers = ((i, _number(joint, same_load_cell=same, same_hook=hook)) for i, joint in joints.items())
+    cell = all(budget.assumed_force_scale > 0.0 for budget in budgets)  # and that of one load cell
+    numbers = (
+        (i, _number(joint, same_load_cell=same, same_hook=hook, assumed_cell=cell))
+        for i, joint in joints.items()
+    )
     charted = [(i, number) for i, number in numbers if number is not None]
     values, uncertainties = np.array([number for _, number in charted]).reshape(-1, 2).T
     return [i for i, _ in charted], Series(values, uncertainties)
 
 
 def _number(
-    joint: JointResult | None, *, same_load_cell: bool = False, same_hook: bool = False
+    joint: JointResult | None,
+    *,
+    same_load_cell: bool = False,
+    same_hook: bool = False,
+    assumed_cell: bool = False,
 ) -> tuple[float, float] | None:
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
     budget = joint.budget or UncertaintyBudget(readings=0.0)
     shared = hypot(
-        budget.assumed_load_point if same_hook else 0.0, budget.force_scale if same_load_cell else 0.0
+        budget.assumed_load_point if same_hook else 0.0,
+        budget.force_scale if same_load_cell else 0.0,
+        budget.assumed_force_scale if assumed_cell else 0.0,
     )
     return log_stiffness(joint.compliance, joint.standard_uncertainty, shared)
 

@@ -12,7 +12,7 @@ interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import asin, atan2, hypot, inf, isfinite, pi, sqrt, tan
 from typing import Final, NamedTuple
@@ -34,7 +34,7 @@ from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greate
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.estimate import predict, profile_ends, stiffness_of
 from jointstiff.solver.fitting.fit import Likelihood, StageFit, rows_of
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
@@ -62,7 +62,7 @@ class FreeEstimate:
     compliance: FloatArray  #: (n,) NaN without an estimate
     readings: FloatArray | None  #: (n, n) covariance by the noise of the readings; None if sigma is unknown
     common: FloatArray  #: (n, n) covariance by errors that all observations share
-    assumed: FloatArray  #: (n, n) part of `common` by a load point that is assumed, not stated
+    assumed: Mapping[str, FloatArray]  #: (n, n) parts of `common` by terms that are assumed, not stated
     sigma: float | None  #: standard uncertainty of one coordinate of one reading [m]
     degrees_of_freedom: float  #: degrees of freedom of sigma; inf if it was given
     reasons: Sequence[str | None]  #: (n,) why there is no estimate
@@ -176,15 +176,20 @@ def models_differ(first: Robot, second: Robot) -> bool:
 
 
 def _covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
-    """Return the covariance (n, n) of each side's estimate; what both assume of one load point cancels."""
+    """Return the covariance (n, n) of each side's estimate.
+
+    What both assume of one load point, or of the scale of one load cell, cancels.
+    """
     places = np.vstack([side.measurements.load_point for side in sides])
-    common = [side.measurements.common_uncertainty for side in sides]
-    assumed = all(each is not None and each.load_point_assumed for each in common)
-    same = assumed and bool(np.ptp(places, axis=0).max() < SAME_PLACE)
-    return [
-        None if free.readings is None else free.readings + free.common - (free.assumed if same else 0.0)
-        for free in (side.free for side in sides)
-    ]
+    common = [side.measurements.common_uncertainty or CommonUncertainty() for side in sides]
+    same = frozenset.intersection(*(each.assumed for each in common))
+    if np.ptp(places, axis=0).max() >= SAME_PLACE:
+        same -= {"load_point"}
+    covariances = []
+    for free in (side.free for side in sides):
+        shared = sum(free.assumed[term] for term in same if term in free.assumed)
+        covariances.append(None if free.readings is None else free.readings + free.common - shared)
+    return covariances
 
 
 def _joint_ratio(

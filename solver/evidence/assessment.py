@@ -14,6 +14,7 @@ from itertools import chain
 from typing import Final
 
 import numpy as np
+from scipy import optimize
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.solver.arrays import FloatArray
@@ -27,7 +28,12 @@ from jointstiff.solver.evidence.alternatives import (
 from jointstiff.solver.evidence.causes import Cause, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import ComplementaryStiffness, Estimate, JointCompliance, Prediction
 from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.readings.measurements import ASSUMED_LOAD_POINT, NOISE_SIGMAS, Measurements
+from jointstiff.solver.readings.measurements import (
+    ASSUMED_FORCE_SCALE,
+    ASSUMED_LOAD_POINT,
+    NOISE_SIGMAS,
+    Measurements,
+)
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import unloaded_configurations
 from jointstiff.solver.text import length_text, unknowns_text
@@ -151,18 +157,26 @@ def assess(
         reading_reasons(robot, measurements, settings, prediction, findings),
         fit_reasons(measurements, estimate, prediction, screening, explained=better is not None),
     )
-    notes = []
+    return replace(assessed(estimate.joints, reasons), notes=tuple(_notes(measurements, estimate)))
+
+
+def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
+    """Yield what was assumed, and what the readings do not allow to check."""
     if estimate.common is not None and estimate.common.of("assumed_load_point").any():
-        notes.append(
+        yield (
             f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
             "flange, and enter its uncertainty (on the page: Advanced, Position of the load point)."
         )
+    if estimate.common is not None and estimate.common.of("assumed_force_scale").any():
+        yield (
+            f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
+            "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
+        )
     if measurements.in_flange[measurements.present].all():
-        notes.append(
+        yield (
             "The set has deflections and no positions, so the geometry of robot, frames and targets, and "
             "the joint angles, cannot be checked."
         )
-    return replace(assessed(estimate.joints, reasons), notes=tuple(notes))
 
 
 def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) -> BetterAlternative | None:
@@ -444,15 +458,16 @@ def fit_reasons(
         explained: whether another reason already explains the deflections.
     """
     statuses = [joint.status for joint in estimate.joints]
-    opposed = set(statuses) - {"not_observable"} == {"at_bound"}
-    yield from unidentified(
-        statuses,
-        "check signs, frame and units of forces and deflections, and the joint map: the targets do not move "
-        "as these loads would move them"
-        if opposed
-        else "add postures and loads that twist the joints",
-        Action.of("exchange_readings") if opposed else None,
-    )
+    remedy, action = "add postures and loads that twist the joints", None
+    if set(statuses) - {"not_observable"} == {"at_bound"}:
+        remedy = (
+            "choose another robot, or check its joint map and the frame of the forces: the targets do not "
+            "move as the joints of this one would move them"
+        )
+        if _reversed_is_explained(estimate):
+            remedy = "exchange unloaded and loaded readings, or change the sign of every force"
+            action = Action.of("exchange_readings")
+    yield from unidentified(statuses, remedy, action)
     yield from _freedom(measurements, estimate)
     postures: list[FloatArray] = []
     for joints in measurements.joints:
@@ -474,6 +489,14 @@ def fit_reasons(
         yield from _unexplained(measurements, estimate, prediction)
     yield from judge(estimate)
     yield from _links(prediction, screening)
+
+
+def _reversed_is_explained(estimate: Estimate) -> bool:
+    """Tell whether the joints explain most of the deflections once these are reversed."""
+    A, d = estimate.regressor, estimate.triangles.judged.rhs
+    size = np.linalg.norm(A, axis=0)
+    left = optimize.nnls(A / np.where(size > 0.0, size, 1.0), -d)[1]
+    return bool(left < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d))
 
 
 def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:

@@ -224,6 +224,8 @@ NOISE_SIGMAS: Final = 3.0
 """Number of standard deviations below which a deflection carries little information."""
 ASSUMED_LOAD_POINT: Final = 0.01
 """Standard uncertainty of each coordinate of a load point of which nothing is stated [m]."""
+ASSUMED_FORCE_SCALE: Final = 0.01
+"""Relative standard uncertainty of all forces and moments of which nothing is stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,17 +257,19 @@ class CommonUncertainty:
     axis_position: float = 0.0
     #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
     axis_direction: float = 0.0
-    load_point_assumed: bool = False  #: whether `load_point` was not stated with the readings
+    assumed: frozenset[str] = frozenset()  #: terms whose uncertainty was not stated with the readings
     fitted: FittedErrors | None = None  #: errors fitted beside the joints; None without
 
     @property
     def stated(self) -> CommonUncertainty:
-        """Return what was stated: of campaigns under one hook, an assumed error of its place is the same."""
-        return replace(self, load_point=0.0, load_point_assumed=False) if self.load_point_assumed else self
+        """Return what was stated: an assumed error is the same in campaigns under one hook and load cell."""
+        place = 0.0 if "load_point" in self.assumed else self.load_point
+        scale = 0.0 if "force_scale" in self.assumed else self.scale
+        return replace(self, load_point=place, scale=scale, assumed=frozenset())
 
     def source(self, term: str) -> str:
         """Return the source of uncertainty that a budget names for a term: what was not stated is assumed."""
-        return f"assumed_{term}" if self.load_point_assumed and term == "load_point" else term
+        return f"assumed_{term}" if term in self.assumed else term
 
     def __post_init__(self) -> None:
         for where, value in (

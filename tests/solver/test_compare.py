@@ -73,7 +73,7 @@ class Campaign:
                 compliance=np.array(values),
                 readings=None if free.covariance is None else free.covariance - common @ common.T,
                 common=common @ common.T,
-                assumed=assumed @ assumed.T,
+                assumed={"load_point": assumed @ assumed.T},
                 sigma=free.sigma,
                 degrees_of_freedom=inf if free.sigma_given else free.degrees_of_freedom,
                 reasons=[joint.reason for joint in free.joints],
@@ -505,7 +505,7 @@ def test_an_assumed_load_point_cancels_only_if_both_assume_it_of_one_place(simul
     moved = with_readings(second, load_point=second.measurements.load_point + 0.1)
 
     def of(one, *, assumed):
-        uncertainty = CommonUncertainty(load_point=0.01, load_point_assumed=assumed)
+        uncertainty = CommonUncertainty(load_point=0.01, assumed=frozenset({"load_point"} if assumed else ()))
         return with_readings(one, common_uncertainty=uncertainty)
 
     def widths(one, other):

@@ -455,6 +455,7 @@ export const en = {
       force_direction: "direction of the force",
       load_point: "load point",
       assumed_load_point: "load point, 10 mm assumed",
+      assumed_force_scale: "scale of the force, 1 % assumed",
       fitted_causes: "causes fitted beside the joints",
       target_places: "positions of the targets",
       axes: "axes of the robot's model",

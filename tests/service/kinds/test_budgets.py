@@ -81,7 +81,8 @@ def test_where_links_bend_the_intervals_hold_what_other_postures_say():
     held = by_readings = 0
     for joint, other in zip(small.joints, large.joints, strict=True):
         own = joint.budget
-        parts = own.readings**2 + own.assumed_load_point**2 + own.model_error**2
+        parts = own.readings**2 + own.assumed_load_point**2 + own.assumed_force_scale**2
+        parts += own.model_error**2
         assert parts == pytest.approx(joint.standard_uncertainty**2, rel=1e-6)
         low, high = joint.compliance_interval
         assert low <= max(0.0, joint.compliance - small.budget.coverage_factor * joint.standard_uncertainty)
@@ -91,7 +92,8 @@ def test_where_links_bend_the_intervals_hold_what_other_postures_say():
     assert held >= 5
     assert by_readings <= 3
     clean = identified({"sigma": 2e-5}).result.budget
-    assert [part.source for part in clean.components if part.included] == ["readings", "assumed_load_point"]
+    included = {part.source for part in clean.components if part.included}
+    assert included == {"readings", "assumed_load_point", "assumed_force_scale"}
 
 
 def test_lengths_are_in_the_units_of_the_set():
@@ -130,16 +132,28 @@ def test_it_may_stand_alone():
     assert run.result.joints[0].budget.force_direction == 0.0
 
 
-def test_a_load_point_of_which_nothing_is_stated_is_10_mm_off():
-    """The same numbers as if 10 mm were stated, and said; nothing of it where the point is stated."""
-    assumed, stated = (identified({"sigma": 2e-5} | more).result for more in ({}, {"load_point": 0.01}))
-    (note,) = assumed.assessment.notes
-    assert "Load point: ±10 mm assumed" in note
-    assert stated.assessment.notes == []
-    for one, other in zip(assumed.joints, stated.joints, strict=True):
+@pytest.mark.parametrize(
+    ("source", "note", "stated"),
+    [
+        ("load_point", "Load point: ±10 mm assumed", {"load_point": 0.01}),
+        ("force_scale", "Forces: ±1 % assumed", {"force": {"scale": 0.01}}),
+    ],
+)
+def test_what_is_not_stated_is_assumed_and_said(source, note, stated):
+    """The same numbers as if it were stated; nothing is said where it is."""
+    assumed, given = (identified({"sigma": 2e-5} | more).result for more in ({}, stated))
+    assert sum(note in each for each in assumed.assessment.notes) == 1
+    assert not any(note in each for each in given.assessment.notes)
+    for one, other in zip(assumed.joints, given.joints, strict=True):
         assert one.compliance_interval == pytest.approx(other.compliance_interval, rel=1e-9)
-        assert one.budget.assumed_load_point == pytest.approx(other.budget.load_point, rel=1e-9)
-        assert one.budget.load_point == other.budget.assumed_load_point == 0.0
+        held = getattr(one.budget, f"assumed_{source}")
+        assert held == pytest.approx(getattr(other.budget, source), rel=1e-9)
+        assert getattr(one.budget, source) == getattr(other.budget, f"assumed_{source}") == 0.0
+
+
+def test_one_per_cent_of_force_is_one_per_cent_of_every_compliance():
+    for joint in identified({"sigma": 2e-5}).result.joints:
+        assert joint.budget.assumed_force_scale == pytest.approx(0.01 * joint.compliance, rel=1e-6)
 
 
 def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from support.shared_data import shared
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.identification import to_settings
+from jointstiff.service.resources.robots import find_arm, nominal_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
@@ -175,6 +177,16 @@ class TestAlternatives:
             assert better_alternative(robot, reversed_force) is None
             assessment, _ = assessed(robot, reversed_force)
             assert "exchange_readings" in {r.action.kind for r in assessment.reasons if r.action}
+
+    def test_readings_of_another_arm_are_not_to_be_exchanged(self):
+        """The dead weight of one arm on the model of another, whose joints would lift the targets."""
+        campaign = simulate_campaign(default_arm(), load="dead_weight", seed=3, configurations=20)
+        other = nominal_robot(find_arm("KUKA KR 210 R2700 extra", "name"))
+        robot, measurements = prepare(campaign | {"robot": json.loads(other.model_dump_json())})
+        assessment, _ = assessed(robot, measurements)
+        reason = reason_of(assessment, "no_joint_identified")
+        assert reason.action is None
+        assert "choose another robot" in reason.remedy
 
     @pytest.mark.parametrize("columns", COLUMNS)
     def test_on_a_real_robot_exchanged_columns_are_named(self, fanuc, columns):
