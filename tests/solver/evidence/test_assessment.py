@@ -13,7 +13,7 @@ from support.shared_data import shared
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.identification import to_settings
-from jointstiff.service.resources.robots import find_arm, nominal_robot
+from jointstiff.service.resources.catalogue import find_arm, nominal_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
