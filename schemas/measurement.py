@@ -49,7 +49,7 @@ class _Uncertain(Message):
     def _says_something(self) -> Self:
         names = list(type(self).model_fields)
         if not any(getattr(self, name) for name in names):
-            raise ValueError(f"give a positive `{'` or `'.join(names)}`, or leave both out: nothing is exact")
+            raise ValueError(f"give a positive `{'` or `'.join(names)}`; without either omit the statement")
         return self
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.api import RESTORE, job_at
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -65,20 +64,3 @@ def test_a_variant_is_listed_with_its_origin_and_has_its_numbers(client, stored)
     items = {item["id"]: item for item in client.get("/v1/runs").json()["items"]}
     assert items[second["id"]]["variant_of"] == first["id"]
     assert items[first["id"]]["variant_of"] is None
-
-
-def test_deleted_runs_are_listed_by_themselves_until_restored(client, stored):
-    kept, gone = run(client, stored[0])["id"], run(client, stored[0])["id"]
-    client.delete(job_at(gone))
-
-    def listed(**query):
-        return [
-            item["id"]
-            for item in client.get("/v1/runs", params={"measurement_set_id": stored[0], **query}).json()[
-                "items"
-            ]
-        ]
-
-    assert (listed(), listed(deleted=True)) == ([kept], [gone])
-    client.patch(job_at(gone), json=RESTORE)
-    assert (listed(), listed(deleted=True)) == ([gone, kept], [])

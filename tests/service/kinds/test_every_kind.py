@@ -82,7 +82,12 @@ def test_it_is_deleted_and_brought_back(client, post, kind):
     gone = Problem.model_validate(client.get(address).json())
     assert (gone.status, gone.type[-8:]) == (404, ":deleted")
     assert f"PATCH {job_at(address)}" in gone.remedy
-    assert job["id"] not in [item["id"] for item in client.get(f"/v1/{kind.collection}").json()["items"]]
+
+    def listed(**query):
+        answer = client.get(f"/v1/{kind.collection}", params=query)
+        return [item["id"] for item in answer.json()["items"]]
+
+    assert (job["id"] in listed(), job["id"] in listed(deleted=True)) == (False, True)
     names = [file.name for file in kind.files]
     for hidden in (
         f"{job_at(address)}/events",
@@ -95,4 +100,4 @@ def test_it_is_deleted_and_brought_back(client, post, kind):
         restored = client.patch(job_at(address), json=RESTORE)
         assert (restored.status_code, restored.json()) == (200, job)
     assert client.get(address).json() == job
-    assert client.get(f"/v1/{kind.collection}").json()["items"][0]["id"] == job["id"]
+    assert (listed()[0] == job["id"], job["id"] in listed(deleted=True)) == (True, False)

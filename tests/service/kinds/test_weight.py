@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.api import file_at
+from support.api import file_at, posted
 
 import jointstiff
 from jointstiff.schemas.measurement import Reading
@@ -68,7 +68,7 @@ def test_the_model_predicts_and_holds_the_errors_of_the_masses(document):
 
 
 def test_predictions_maps_and_programs_hold_the_sag_if_asked(client, document):
-    run_id = stored_run(client, document, weight={})
+    run_id = posted(client, document, weight={})["id"]
     q, point = random_configurations(ARM, 5, seed=8), [-0.06, 0.02, 0.18]
     asked = {
         "run_id": run_id,
@@ -96,7 +96,7 @@ def test_predictions_maps_and_programs_hold_the_sag_if_asked(client, document):
     set_id = client.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
     robot_id = client.get(f"/v1/measurement-sets/{set_id}").json()["robot_id"]
     assert "own weight" in client.get(f"/v1/robots/{robot_id}/trend").json()["left_out"][0]["reason"]
-    loaded = stored_run(client, simulate_campaign(ARM), method="partial_pose")
+    loaded = posted(client, simulate_campaign(ARM), method="partial_pose")["id"]
     refused = client.post("/v1/deflections", json={**asked, "run_id": loaded})
     assert refused.status_code == 422
     assert "own weight" in refused.text
@@ -107,7 +107,7 @@ def test_sag_of_joints_without_a_number_counts(client):
     vague = unloaded_campaign(ARM, replace(default_bodies(), masses=masses), configurations=20, seed=1)
     for body, mass in zip(vague["robot"]["bodies"], default_bodies().masses.tolist(), strict=True):
         body |= {"mass": mass, "mass_uncertainty": 0.9, "centre_uncertainty": 0.2}
-    run_id = stored_run(client, vague, weight={})
+    run_id = posted(client, vague, weight={})["id"]
     found = client.get(f"/v1/runs/{run_id}").json()["result"]["joints"]
     assert {joint["status"] for joint in found[2:]} == {"not_observable"}
     q, point = random_configurations(ARM, 20, seed=91), [-0.06, 0.02, 0.18]
@@ -131,25 +131,16 @@ def test_sag_of_joints_without_a_number_counts(client):
     assert ((interval[..., 0] <= truth) & (truth <= interval[..., 1])).mean() > 0.9
 
 
-def stored_run(client, document, **options):
-    robot = client.post("/v1/robots", json=document["robot"]).json()
-    posted = client.post(
-        "/v1/measurement-sets", json={**document["measurement_set"], "robot_id": robot["id"]}
-    ).json()
-    return client.post("/v1/runs", json={"measurement_set_id": posted["id"], **options}).json()["id"]
-
-
 def test_plans_tell_joints_apart_from_geometry_and_masses(client, document):
     known = copy.deepcopy(document)
     for body in known["robot"]["bodies"]:
         body["mass_uncertainty"] = 0.0
     del known["measurement_set"]["observations"][25:]
-    run_id = stored_run(client, known, weight={})
-    run = client.get(f"/v1/runs/{run_id}").json()
+    run = posted(client, known, weight={})
     asked = {"measurement_set_id": run["request"]["measurement_set_id"], "readings": 5, "validation": 0.0}
-    posted = client.post("/v1/plans", json={**asked, "candidates": 600})
-    assert posted.status_code == 201, posted.text
-    plan = posted.json()["result"]
+    answer = client.post("/v1/plans", json={**asked, "candidates": 600})
+    assert answer.status_code == 201, answer.text
+    plan = answer.json()["result"]
     assert plan["left_out"] == ["joint_1"]
     assert plan["random_efficiency"] < 0.9
     assert all(reading["force"] == [0.0, 0.0, 0.0] for reading in plan["readings"])
@@ -221,7 +212,7 @@ def test_plans_count_the_readings_that_were_taken_only(client, document):
         body["mass_uncertainty"] = 0.0
     for observation in some["measurement_set"]["observations"][8:]:
         del observation["readings"][1:]
-    run = client.get(f"/v1/runs/{stored_run(client, some, weight={})}").json()
+    run = posted(client, some, weight={})
     set_id = run["request"]["measurement_set_id"]
     asked = {"measurement_set_id": set_id, "readings": 2, "validation": 0.0, "candidates": 50}
     plan = client.post("/v1/plans", json=asked).json()["result"]
@@ -348,16 +339,13 @@ def test_a_loaded_position_alone_is_no_reading():
 
 
 def test_the_api_stores_runs_by_own_weight(client, document):
-    robot = client.post("/v1/robots", json=document["robot"]).json()
-    assert len(robot["bodies"]) == 6
-    posted = client.post(
-        "/v1/measurement-sets", json={**document["measurement_set"], "robot_id": robot["id"]}
-    )
-    assert posted.status_code == 201, posted.text
-    run = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"], "weight": {}}).json()
+    run = posted(client, document, weight={})
+    measured = run["request"]["measurement_set_id"]
+    robot_id = client.get(f"/v1/measurement-sets/{measured}").json()["robot_id"]
+    assert len(client.get(f"/v1/robots/{robot_id}").json()["bodies"]) == 6
     assert run["result"]["weight"]["joints"][1]["joint"] == "joint_2"
     report = client.get(file_at(run, "report.html")).text
     assert "uncertain masses" in report
-    found = client.post("/v1/runs", json={"measurement_set_id": posted.json()["id"]})
+    found = client.post("/v1/runs", json={"measurement_set_id": measured})
     assert found.status_code == 422
     assert "weight" in found.text
