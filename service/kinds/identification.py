@@ -402,7 +402,14 @@ class ByLinks(Work):
                 remedy="omit `resampling`; the cross-validation shows the dispersion",
             )
         self._columns = to_elastic_columns(options, prepared.robot)
-        self._plan = to_plan(options)
+        validation, given = options.cross_validation, options.link_penalty
+        self._plan = Plan(
+            folds=validation.folds,
+            draws=validation.draws if given is None else 1,
+            seed=validation.seed,
+            weights=WEIGHTS if given is None else (given,),
+            rule=validation.rule,
+        )
         self._losses = compared_losses(prepared.measurements, to_losses(options))
         self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
 
@@ -479,7 +486,11 @@ class ByLinks(Work):
             result = self._joints_alone(chosen.loss).result(screening, choice=choice)
         else:
             result = self._result(chosen, plan.weights, screening, choice)
-        return result.model_copy(update={"selection": to_selection(selection, chosen)})
+        losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
+        scores = message(
+            ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
+        )
+        return result.model_copy(update={"selection": scores})
 
     def _joints_alone(self, loss: Loss) -> ByJoints:
         alone: dict[str, object] = {
@@ -552,7 +563,15 @@ class ByLinks(Work):
             assessment,
             prepared.measurements,
             warnings,
-            links=to_links_result(elastic, options, self._losses),
+            links=message(
+                LinksResult,
+                elastic,
+                model=elastic.model.name,
+                model_source="cross_validation" if options.elasticity == "automatic" else "given",
+                loss=elastic.model.loss,
+                loss_source="cross_validation" if len(self._losses) > 1 else "given",
+                penalty_source="cross_validation" if options.link_penalty is None else "given",
+            ),
             model=self._model(elastic),
             choice=choice,
             causes=messages_of(runs.CauseTest, screening.tests),
@@ -580,43 +599,11 @@ def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
     return ElasticColumns(robot.n, tuple(sorted(chosen)))
 
 
-def to_plan(options: RunOptions) -> Plan:
-    """Return how to cross-validate; a weight that is given is the only one."""
-    validation = options.cross_validation
-    given = options.link_penalty
-    return Plan(
-        folds=validation.folds,
-        draws=validation.draws if given is None else 1,
-        seed=validation.seed,
-        weights=WEIGHTS if given is None else (given,),
-        rule=validation.rule,
-    )
-
-
 def to_losses(options: RunOptions) -> tuple[Loss, ...]:
     """Return the losses to compare; squares alone under a penalty that is given, whose meaning they give."""
     if options.loss != "automatic":
         return (options.loss,)
     return LOSSES if options.link_penalty is None else ("squared",)
-
-
-def to_links_result(elastic: ElasticEstimate, options: RunOptions, losses: Sequence[Loss]) -> LinksResult:
-    """Return the links, with what each element explains."""
-    return message(
-        LinksResult,
-        elastic,
-        model=elastic.model.name,
-        model_source="cross_validation" if options.elasticity == "automatic" else "given",
-        loss=elastic.model.loss,
-        loss_source="cross_validation" if len(losses) > 1 else "given",
-        penalty_source="cross_validation" if options.link_penalty is None else "given",
-    )
-
-
-def to_selection(selection: Selection, chosen: HeldOut) -> ModelSelection:
-    """Return models and losses side by side."""
-    losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
-    return message(ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses)
 
 
 def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:

@@ -16,8 +16,13 @@ def runs_of(store, enqueue=None):
 
 
 def stored_set(store, **options):
-    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1, **options)
-    parts = Parts(store)
+    return set_of(
+        Parts(store), simulate_campaign(default_arm(), load="pull", configurations=12, seed=1, **options)
+    )
+
+
+def set_of(parts, document):
+    """Store robot and measurement set of a campaign; return the id of the set."""
     robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
     readings = document["measurement_set"] | {"robot_id": robot.id}
     return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id

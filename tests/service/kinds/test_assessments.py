@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from rich.console import Console
+from support.jobs import set_of
 from support.shared_data import shared
 
 import jointstiff
 from jointstiff.schemas.geometry import GeometryRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.jobs.life import Parts
 from jointstiff.service.kinds.comparison import COMPARISON
@@ -221,10 +220,7 @@ def test_a_geometry_is_assessed_by_its_findings():
 def test_listings_tell_verdict_compensation_joints_and_warnings(exchanged):
     with Store.open("sqlite://") as store:
         parts = Parts(store)
-        robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(exchanged["robot"])), None)
-        posted = exchanged["measurement_set"] | {"robot_id": robot.id}
-        readings = parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(posted)), None)
-        run = parts.jobs["run"].create(RunRequest(measurement_set_id=readings.id), None)
+        run = parts.jobs["run"].create(RunRequest(measurement_set_id=set_of(parts, exchanged)), None)
         result = parts.jobs["run"].current(run.id).result
         (listed,) = parts.jobs["run"].page(RUN.query()).items
     assert listed.verdict == "do_not_use"

@@ -7,13 +7,12 @@ import json
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from support.jobs import set_of
 from support.programs import path, request, tool_poses
 from typer.testing import CliRunner
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs.life import Parts
@@ -45,10 +44,7 @@ def store():
 
 @pytest.fixture(scope="module")
 def set_id(store, document):
-    parts = Parts(store)
-    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
-    readings = document["measurement_set"] | {"robot_id": robot.id}
-    return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
+    return set_of(Parts(store), document)
 
 
 def carried_out(store, set_id, **options):
@@ -245,9 +241,7 @@ def test_loss_and_penalty_are_chosen_together(store, set_id):
 def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
     parts = Parts(store)
     rigid = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
-    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(rigid["robot"])), None)
-    readings = json.dumps(rigid["measurement_set"] | {"robot_id": robot.id})
-    rigid_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
+    rigid_id = set_of(parts, rigid)
     options = {"elasticity": "automatic", "link_penalty": None, "links": ["joint_2"]}
     options["cross_validation"] = {"folds": 2, "draws": 2}
     joints = carried_out(store, rigid_id, **options).result
@@ -280,9 +274,7 @@ def test_a_gross_mistake_is_mended_before_models_are_compared(store):
     for observation in wrong["measurement_set"]["observations"]:
         joints = observation["joints"]
         joints[1], joints[2] = joints[2], joints[1]
-    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(wrong["robot"])), None)
-    readings = json.dumps(wrong["measurement_set"] | {"robot_id": robot.id})
-    set_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
+    set_id = set_of(parts, wrong)
     run = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id), None)
     assert run.state == "succeeded"
     run = parts.jobs["run"].current(run.id)
