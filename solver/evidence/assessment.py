@@ -278,9 +278,8 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
     """
     whats, remedies, changes, harm = [], [], [0.0], False
     for cause in causes:
-        term, first = cause.suspect.term, cause.suspect.first
-        since = "" if first is None else f" since observation '{first}'"
-        whats.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())) + since)
+        term = cause.suspect.term
+        whats.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())))
         remedies.append(term.remedy)
         known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
         change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)

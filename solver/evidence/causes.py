@@ -326,7 +326,8 @@ def _suspects(
                 row = labels.index(first)
                 later = since(term, labels[row:])
                 if term.name == "load_scale":
-                    later = replace(load_scale([labels[:row], labels[row:]]), name=later.name)
+                    own = load_scale([labels[:row], labels[row:]])
+                    later = replace(own, name=later.name, words=later.words)
                 found.append(Suspect(term.name, later, first, tried))
     return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
 

@@ -128,7 +128,7 @@ def load_scale(groups: Collection[Collection[str]]) -> Term:
         motion,
         suspected=True,
         under=under,
-        words="the loads scaled by {} one after the other",
+        words="the loads scaled by {}, one group after the other,",
         remedy="weigh the loads, or check the load cell against one of them",
     )
 
@@ -196,7 +196,9 @@ def since(term: Term, labels: Sequence[str]) -> Term:
         moved = np.isin(block.measurements.labels, list(labels))
         return Motion(np.where(moved[:, None, None, None], term.motion(block, compliance).targets, 0.0))
 
-    return replace(term, name=f"{term.name} since {labels[0]}", motion=motion)
+    label = labels[0].replace("{", "{{").replace("}", "}}")  # words are a format
+    words = f"{term.words} since observation '{label}'"
+    return replace(term, name=f"{term.name} since {labels[0]}", words=words, motion=motion)
 
 
 TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))

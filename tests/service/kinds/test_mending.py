@@ -269,6 +269,20 @@ def test_a_movement_of_all_loaded_readings_is_no_force(clean):
     assert [cause.name for cause in run.apply("fit_causes").request.causes] == ["shift"]
 
 
+def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label(clean):
+    document = deepcopy(clean)
+    for number, observation in enumerate(document["measurement_set"]["observations"]):
+        observation["label"] = f"{{{number}}}"
+        if number >= 9:
+            for reading in observation["readings"]:
+                reading["loaded"] = np.add(reading["loaded"], (6e-5, 0.0, 8e-5)).tolist()
+    before = jointstiff.identify(document, elasticity="joints")
+    after = before.apply("fit_causes")
+    assert [(cause.name, cause.first) for cause in after.request.causes] == [("shift", "{9}")]
+    for run in (before, after):
+        assert "since observation '{9}'" in run.result.assessment.reasons[0].message
+
+
 def test_an_action_that_no_reason_advises(clean):
     run = jointstiff.identify(planted(clean, columns_exchanged))
     with pytest.raises(jointstiff.CampaignError, match="does not advise") as caught:
