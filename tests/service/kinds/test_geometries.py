@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy import stats
-from support.figures import length_in
 from support.shared_data import shared
 from typer.testing import CliRunner
 
@@ -291,16 +290,6 @@ class TestRobots:
 
 
 class TestFindings:
-    def test_a_bumped_tracker_is_placed(self, memory):
-        document = sweeps(TrackedArm(), seed=4)
-        for position in document["sweeps"][2]["observations"][9:]:
-            position["targets"] = {name: [x + 3e-4, y, z] for name, (x, y, z) in position["targets"].items()}
-        found = made(memory, document).result.findings
-        bump = next(finding for finding in found if finding.code == "tracker_bumped")
-        assert (bump.weight, bump.where) == ("do_not_use", "sweep of joint_3, position 10")
-        assert length_in(bump.message) == pytest.approx(3e-4, rel=0.3)
-        assert bump.remedy
-
     def test_bumps_of_other_sweeps_do_not_hide_one(self, memory):
         """A millimetre in four of six sweeps; their residuals are not those of the model."""
         document, rng = sweeps(TrackedArm(), seed=4), np.random.default_rng(1)
@@ -310,8 +299,9 @@ class TestFindings:
             for position in document["sweeps"][j]["observations"][7:]:
                 position["targets"] = {name: list(p + step) for name, p in position["targets"].items()}
         found = made(memory, document).result.findings
-        bumps = [finding.where for finding in found if finding.code == "tracker_bumped"]
-        assert bumps == [f"sweep of joint_{j + 1}, position 8" for j in (0, 1, 2, 4)]
+        bumps = [finding for finding in found if finding.code == "tracker_bumped"]
+        places = [f"sweep of joint_{j + 1}, position 8" for j in (0, 1, 2, 4)]
+        assert [(bump.weight, bump.where) for bump in bumps] == [("do_not_use", place) for place in places]
 
     def test_joints_that_do_not_repeat_make_sweeps_disagree(self, memory):
         cell, rng = TrackedArm(), np.random.default_rng(5)
@@ -353,21 +343,6 @@ class TestFindings:
             for position in sweep["observations"]:
                 position["joints"][j] += 60e-6 * np.sin(12.0 * position["joints"][j])
         assert "the controller's angles do not fit the readings" in text_of(made(memory, document))
-
-    def test_whether_the_controllers_angles_are_good_enough(self, memory):
-        document = sweeps(TrackedArm(), seed=6)
-        assert made(memory, document).result.goodness.controller_probability > 1e-3
-        for j, sweep in enumerate(document["sweeps"]):
-            for position in sweep["observations"]:
-                position["joints"][j] += 60e-6 * np.sin(12.0 * position["joints"][j])
-        assert made(memory, document).result.goodness.controller_probability < 1e-6
-
-    def test_sigma_from_the_residuals(self, memory):
-        document = sweeps(TrackedArm(), seed=7)
-        del document["noise"]
-        goodness = made(memory, document).result.goodness
-        assert goodness.sigma_source == "residuals"
-        assert goodness.sigma == pytest.approx(SIGMA, rel=0.1)
 
     def test_an_instruments_sheet_weighs_readings(self, memory):
         """Noise across the line of sight four times that along it: χ² is right, and the axes are better."""
@@ -421,10 +396,6 @@ class TestPoses:
     def test_without_a_robot_they_are_refused(self):
         with pytest.raises(ValueError, match="nominal"):
             GeometryRequest.model_validate(poses(TrackedArm()))
-
-    def test_too_few(self, memory):
-        with pytest.raises(RequestError, match="27 measured coordinates do not determine 33 unknowns"):
-            made(memory, poses(TrackedArm(), count=3), robot_id=robot_id(memory))
 
 
 class TestDrift:
