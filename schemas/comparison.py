@@ -20,6 +20,7 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
 from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, MethodOptions, Resampling, RunOptions, Weighting
 from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, identified_in
 
@@ -231,6 +232,7 @@ class OrderedJoint(Message):
     """One joint in the problem of both sides; null for a side that does not determine the joint."""
 
     name: Name
+    kind: StatedKind = "revolute"
     compliance_first: Compliance[float | None]
     compliance_second: Compliance[float | None] = Field(
         description="Compliance on the second side, never larger than `compliance_first`."

@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import FailFast, Field
 
 from jointstiff.schemas.fields import (
-    Compliance,
     Confidence,
     Dimensionless,
     Identifier,
@@ -18,8 +17,10 @@ from jointstiff.schemas.fields import (
     Name,
     Newtons,
     Point,
+    Positions,
     Quantity,
     Radians,
+    RotationalCompliance,
     RotationPerForce,
     Square3,
     Torque,
@@ -45,7 +46,8 @@ class LoadCase(Message):
 
     label: Name | None = Field(default=None, description="Name of the case; its number if absent.")
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Angles without the load, as the controller shows them, in units.angle."
+        description="Joints without the load, as the controller shows them: angles in units.angle, prismatic "
+        "joints in units.length."
     )
     force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
     moment: Vector3 | None = Field(
@@ -183,7 +185,7 @@ class CartesianCompliance(Message):
     translation_by_force: TranslationalCompliance[Square3]
     translation_by_moment: TranslationPerMoment[Square3]
     rotation_by_force: RotationPerForce[Square3]
-    rotation_by_moment: Compliance[Square3]
+    rotation_by_moment: RotationalCompliance[Square3]
     symmetric: bool = Field(description="True if the load has a potential: a dead moment has none.")
     along: DirectionalStiffness | None = Field(description="Null without a force and a direction.")
     worst: WorstDirection
@@ -295,14 +297,15 @@ class MapOptions(AcceptingOptions, SagOptions):
         default=None,
         description="Direction along and across which compliance is computed; default: that of the force.",
     )
-    limits: Radians[dict[Name, tuple[Quantity, Quantity]]] = Field(
+    limits: Positions[dict[Name, tuple[Quantity, Quantity]]] = Field(
         default_factory=dict,
-        description="Additional joint limits, as controller angles, by joint name.",
+        description="Additional joint limits, as the controller shows the joints, by joint name.",
     )
-    near: Radians[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
+    near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Controller angles: the posture nearest to them is used at each place, of all branches "
-        "and orientations; default: the stiffest posture.",
+        description="Joints as the controller shows them: the posture nearest to them is used at each place, "
+        "of all branches and orientations; default: the stiffest posture. Needed if the robot has prismatic "
+        "joints, which stand still there.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -336,8 +339,8 @@ class MapPlace(Message):
     """One place."""
 
     position: Metres[Point] = Field(description="Position in R0.")
-    joints: Radians[list[float]] = Field(
-        description="Joint angles without the load, as the controller shows them."
+    joints: Positions[list[float]] = Field(
+        description="Joint positions without the load, as the controller shows them."
     )
     tool_direction: Dimensionless[Point] = Field(description="Direction in which the tool's axis points.")
     displacement: Metres[Point] = Field(description="Displacement, loaded minus unloaded, axes of R0.")

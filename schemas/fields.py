@@ -11,6 +11,8 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
+from jointstiff.schemas.joints import JOINT_UNITS
+
 FAR_POINT = 5.0
 """Distance of a point on the tool from the flange beyond which its unit is in doubt [m]."""
 
@@ -78,8 +80,7 @@ Metres = Annotated[Value, Field(json_schema_extra={"unit": "m"})]
 Kilograms = Annotated[Value, Field(json_schema_extra={"unit": "kg"})]
 Radians = Annotated[Value, Field(json_schema_extra={"unit": "rad"})]
 Newtons = Annotated[Value, Field(json_schema_extra={"unit": "N"})]
-Compliance = Annotated[Value, Field(json_schema_extra={"unit": "rad/(N.m)"})]
-Stiffness = Annotated[Value, Field(json_schema_extra={"unit": "N.m/rad"})]
+RotationalCompliance = Annotated[Value, Field(json_schema_extra={"unit": "rad/(N.m)"})]
 TranslationalCompliance = Annotated[Value, Field(json_schema_extra={"unit": "m/N"})]
 TranslationPerMoment = Annotated[Value, Field(json_schema_extra={"unit": "m/(N.m)"})]
 RotationPerForce = Annotated[Value, Field(json_schema_extra={"unit": "rad/N"})]
@@ -92,6 +93,18 @@ MixedSquares = Annotated[Value, Field(json_schema_extra={"unit": "m2, m.rad, rad
 Dimensionless = Annotated[Value, Field(json_schema_extra={"unit": "1"})]
 StatedUnit = Annotated[Value, Field(json_schema_extra={"unit": "see `unit`"})]
 """A value of any shape in this unit, which stands in the JSON schema: `Metres[float | None]`."""
+
+_ANGLES, _LENGTHS = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
+Positions = Annotated[
+    Value, Field(json_schema_extra={"unit": _ANGLES.position, "unit_of_prismatic": _LENGTHS.position})
+]
+Stiffness = Annotated[
+    Value, Field(json_schema_extra={"unit": _ANGLES.stiffness, "unit_of_prismatic": _LENGTHS.stiffness})
+]
+Compliance = Annotated[
+    Value, Field(json_schema_extra={"unit": _ANGLES.compliance, "unit_of_prismatic": _LENGTHS.compliance})
+]
+"""A value of joints: of a prismatic joint it has the other unit."""
 
 Timestamp = Annotated[datetime, Field(description="Time in UTC, ISO 8601.")]
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Dimensionless, Message, Name, Radians, Terminal
+from jointstiff.schemas.fields import Dimensionless, Message, Name, Positions, Terminal
 
 
 class ProblemItem(Message):
@@ -82,7 +82,7 @@ class Action(Message):
     joint_map: Dimensionless[list[list[float]]] = Field(
         description="Rows of the matrix of the corrected joint map; empty for other actions."
     )
-    offset: Radians[list[float]] = Field(
+    offset: Positions[list[float]] = Field(
         description="Offset of the corrected joint map; empty for other actions."
     )
     target: Name | None = Field(

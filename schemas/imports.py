@@ -9,6 +9,7 @@ from pydantic import Field
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, GeometryNoise, GeometryUnits, TrackedPosition
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit, LengthUnit, MeasurementSetDocument, Noise
 
 MAX_PREVIEW_ROWS = 5
@@ -173,6 +174,10 @@ class ImportPreview(Message):
     )
     joint_count: int | None = Field(
         default=None, description="Number of joint angles per observation; null if there are none."
+    )
+    joint_kinds: list[JointKind] = Field(
+        default_factory=list,
+        description="Kinds of the joints by the units of their columns: one in a unit of length slides.",
     )
     targets: list[str] = Field(
         default_factory=list, description="Names of the targets, in order of appearance."

@@ -6,8 +6,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Identifier, Message, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
 from jointstiff.schemas.finding import Assessment, Problem, ResultSummary, VerdictSummary
+from jointstiff.schemas.joints import JointKind
 
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
@@ -42,6 +43,10 @@ class Result(Message):
     """Result with the assessment of its readings, or of the run whose model it uses."""
 
     assessment: Assessment | None
+    joint_kinds: dict[Name, JointKind] = Field(
+        default_factory=dict,
+        description="Kinds of the robot's joints in their order, where one is prismatic; empty if all turn.",
+    )
 
     @property
     def summary(self) -> ResultSummary:

@@ -21,6 +21,7 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.robot import MAX_JOINTS
 
 LEAST_SIGMA = 1e-9
@@ -323,7 +324,9 @@ MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
 class Units(Message):
     """Units of every number in the set; mandatory, because kg instead of N cannot be detected later."""
 
-    length: LengthUnit = Field(description="Unit of positions, deflections, load points and sigma.")
+    length: LengthUnit = Field(
+        description="Unit of positions, deflections, load points, sigma and prismatic joints."
+    )
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
     force: ForceUnit = Field(description="Unit of forces; 1 kgf = 9.80665 N.")
     moment: MomentUnit | None = Field(
@@ -431,7 +434,8 @@ class Observation(Message):
 
     label: Name = Field(description="Label, unique in the set.", examples=["c01"])
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Joint angles as displayed by the controller, in units.angle."
+        description="Joints as displayed by the controller: angles in units.angle, prismatic joints in "
+        "units.length."
     )
     force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
     moment: Vector3 | None = Field(
@@ -478,6 +482,11 @@ class MeasurementSetHeader(SetMetadata):
     load_point: Vector3 | None = Field(
         default=None,
         description="Load point in the flange frame, in units.length; an observation may have its own.",
+    )
+    joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
+        default=None,
+        description="Kinds of the joints as the readings state them, such as a table whose header says which "
+        "are lengths. If stated, they must be those of the robot.",
     )
 
 

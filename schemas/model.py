@@ -14,6 +14,7 @@ from jointstiff.schemas.fields import (
     Name,
     Newtons,
     Point,
+    RotationalCompliance,
     SquareCompliance,
     Torque,
     TranslationalCompliance,
@@ -148,7 +149,7 @@ class LinkCompliance(Message):
     translation: TranslationalCompliance[list[PrincipalCompliance]] = Field(
         description="Principal translational compliances, largest first."
     )
-    rotation: Compliance[list[PrincipalCompliance]] = Field(
+    rotation: RotationalCompliance[list[PrincipalCompliance]] = Field(
         description="Principal rotational compliances, largest first."
     )
     effective_freedom: Dimensionless[float] = Field(

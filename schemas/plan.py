@@ -15,6 +15,7 @@ from jointstiff.schemas.fields import (
     Name,
     Newtons,
     Point,
+    Positions,
     Quantity,
     Radians,
     Stiffness,
@@ -27,6 +28,7 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
 from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
 from jointstiff.schemas.options import StiffnessPrior, Weight
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -151,7 +153,8 @@ class PlanOptions(AcceptingOptions):
     )
     tracker: PlannedTracker | None = Field(default=None, description="Tracker, whose errors replace `sigma`.")
     torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
-        default_factory=dict, description="Greatest torque of the load about a joint [N.m]."
+        default_factory=dict,
+        description="Greatest torque of the load about a joint [N.m], or force along a prismatic one [N].",
     )
     stiffness: Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]] = Field(
         default_factory=dict,
@@ -167,9 +170,10 @@ class PlanOptions(AcceptingOptions):
         default_factory=list, description="Joints to determine; default: all that the loads twist."
     )
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
-        default=5_000, description="Postures drawn within the joints' limits, in whole degrees."
+        default=5_000,
+        description="Postures drawn within the joints' limits, in whole degrees and millimetres.",
     )
-    postures: Radians[
+    postures: Positions[
         Annotated[
             list[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]],
             Field(max_length=10_000),
@@ -178,8 +182,8 @@ class PlanOptions(AcceptingOptions):
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,
-        description="Least difference between two postures in the angle of a joint; 0 allows repeated "
-        "postures.",
+        description="Least difference between two postures in the angle of a joint, or in metres in the "
+        "position of a prismatic one; 0 allows repeated postures.",
     )
     validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.2, description="Share of the readings that are held out from the fit."
@@ -207,7 +211,7 @@ class PlannedReading(Message):
     """One posture with its load."""
 
     label: Name = Field(description="Label; v1, v2, … for held-out readings.")
-    joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
+    joints: Positions[list[float]] = Field(description="Joints as the controller shows them.")
     force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
     anchor: int | None = Field(description="Anchor of the cable, counted from 0.")
     direction: Dimensionless[Point | None] = Field(
@@ -220,6 +224,7 @@ class PlannedJoint(Message):
     """Standard uncertainty of one joint's compliance."""
 
     name: Name
+    kind: StatedKind = "revolute"
     standard_uncertainty: Compliance[float] = Field(
         description="Standard uncertainty of the compliance after the plan."
     )

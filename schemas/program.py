@@ -159,8 +159,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         Terminal("", "NUMBERS[deg]", numbers_of, unit="deg"),
     ] = Field(
         default=None,
-        description="Controller angles near the first cartesian target, in units.angle; needed if the "
-        "program does not state the arm's configuration.",
+        description="Joints near the first cartesian target, as the controller shows them: angles in "
+        "units.angle, prismatic joints in units.length. Needed if the program does not state the arm's "
+        "configuration, or if the robot has prismatic joints, which stand still there.",
     )
     limits: ProgramLimits = Field(default_factory=ProgramLimits)
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(

@@ -15,6 +15,7 @@ from jointstiff.schemas.fields import (
     Metres,
     Name,
     Point,
+    Positions,
     Quantity,
     Radians,
     ResourceChange,
@@ -23,6 +24,7 @@ from jointstiff.schemas.fields import (
     Vector3,
     either,
 )
+from jointstiff.schemas.joints import JointKind, StatedKind
 
 MAX_JOINTS = 32
 MAX_URDF_CHARACTERS = 2 * 1024 * 1024
@@ -33,10 +35,11 @@ class DhRow(Message):
 
     a: Metres[Quantity] = Field(description="Link length a.")
     alpha: Radians[Quantity] = Field(description="Link twist alpha.")
-    d: Metres[Quantity] = Field(description="Link offset d.")
+    d: Metres[Quantity] = Field(description="Link offset d, constant added to a prismatic joint's length.")
     theta: Radians[Quantity] = Field(description="Constant added to the joint's angle.")
-    lower: Radians[Quantity | None] = Field(default=None, description="Lower joint limit, if known.")
-    upper: Radians[Quantity | None] = Field(default=None, description="Upper joint limit, if known.")
+    lower: Positions[Quantity | None] = Field(default=None, description="Lower joint limit, if known.")
+    upper: Positions[Quantity | None] = Field(default=None, description="Upper joint limit, if known.")
+    kind: StatedKind = "revolute"
 
 
 class DhModel(Message):
@@ -48,8 +51,8 @@ class DhModel(Message):
         "`modified` (Craig): rotate alpha, move a, rotate theta, move d."
     )
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Rows from base to flange, one per joint. All joints are revolute. The flange frame is "
-        "the last frame of the table."
+        description="Rows from base to flange, one per joint. A revolute joint adds its angle to theta, a "
+        "prismatic one its length to d. The flange frame is the last frame of the table."
     )
 
 
@@ -89,13 +92,15 @@ PostedModel = Annotated[UrdfModel | DhModel | GeometryModel | CatalogueModel, Fi
 
 
 class JointMap(Message):
-    """Affine map: model angles = matrix · controller angles + offset."""
+    """Affine map: joints of the model = matrix · joints of the controller + offset."""
 
     matrix: Annotated[
         list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
-    ] = Field(description="Invertible n × n matrix; dimensionless.")
-    offset: Radians[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(
-        description="Offset, n numbers in rad."
+    ] = Field(
+        description="Invertible n × n matrix, in SI units of the joints; dimensionless among revolute ones."
+    )
+    offset: Positions[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(
+        description="Offset, n numbers."
     )
 
 
@@ -155,8 +160,9 @@ class Joint(Message):
     """One moving joint, in the order of the model."""
 
     name: Name
-    lower: Radians[float | None] = Field(description="Lower limit of the model angle; null if unlimited.")
-    upper: Radians[float | None] = Field(description="Upper limit of the model angle; null if unlimited.")
+    kind: StatedKind = "revolute"
+    lower: Positions[float | None] = Field(description="Lower limit of the model's joint; null if unlimited.")
+    upper: Positions[float | None] = Field(description="Upper limit of the model's joint; null if unlimited.")
 
 
 class Wrist(Message):
@@ -246,14 +252,13 @@ class KinematicsRequest(Message):
     robot: RobotDocument | None = Field(
         default=None, description="Robot document that is not stored, to preview it."
     )
-    joints: Radians[
+    joints: Positions[
         Annotated[
             list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_POSTURES)
         ]
     ] = Field(
         default_factory=list,
-        description="Joint angles as displayed by the controller, one list per configuration; default: all "
-        "zeros.",
+        description="Joints as displayed by the controller, one list per configuration; default: all zeros.",
     )
 
     _one_robot = either("robot_id", "robot")
@@ -268,6 +273,7 @@ class Posture(Message):
     joint_axes: Dimensionless[list[Point]] = Field(
         description="Unit vectors along the joints' axes. Dimensionless."
     )
+    joint_kinds: list[JointKind] = Field(description="Kinds of the joints: about or along these axes.")
     flange_origin: Metres[Point]
     flange_axes: Dimensionless[Square3] = Field(
         description="Unit vectors of the flange's x, y and z axes. Dimensionless."

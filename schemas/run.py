@@ -17,12 +17,14 @@ from jointstiff.schemas.fields import (
     Name,
     Newtons,
     Point,
+    Positions,
     Radians,
     Stiffness,
     Torque,
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary, Verdict
 from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
 from jointstiff.schemas.options import Elasticity, ElasticModel, Loss, Method, RunOptions, Weighting
@@ -78,6 +80,7 @@ class JointResult(Message):
     """Result of one joint. A joint that is not observable has no numbers."""
 
     name: Name
+    kind: StatedKind = "revolute"
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     verdict: Verdict = Field(
         description="Verdict on the use of the stiffness, limited by its status and by the reasons about it "
@@ -220,7 +223,7 @@ class Advice(Message):
 
     joint: Name
     message: str = Field(description="Advice in words: posture, load, and the expected gain.")
-    joints: Radians[list[float]] = Field(description="Joint angles as displayed by the controller.")
+    joints: Positions[list[float]] = Field(description="Joints as displayed by the controller.")
     observation: Name | None = Field(
         description="Label of the observation with this posture, if there is one."
     )
@@ -275,6 +278,7 @@ class ResampledJoint(Message):
     """One joint over all draws."""
 
     name: Name
+    kind: StatedKind = "revolute"
     compliance_mean: Compliance[float | None]
     compliance_deviation: Compliance[float | None] = Field(description="Standard deviation of one draw.")
     compliance_interval: Compliance[tuple[float, float] | None] = Field(

@@ -10,6 +10,7 @@ from jointstiff.schemas.alarm import TrendChange
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.finding import Assessment, Verdict
 from jointstiff.schemas.job import Requester
+from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import Notes
 from jointstiff.schemas.options import Method, Weighting
 
@@ -143,6 +144,7 @@ class TrendJoint(Message):
     """One joint over the campaigns."""
 
     name: Name
+    kind: StatedKind = "revolute"
     state: JointState = Field(
         description="State at the latest campaign; `unjudged`: no campaign after a complete baseline yet."
     )

@@ -58,7 +58,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     refuse_unsupported(robot, measurements, settings)
     length = settings.characteristic_length if settings.weighting == "characteristic_length" else None
     if settings.weighting == "characteristic_length" and length is None:
-        excitation = Excitation(robot.joint_names)
+        excitation = Excitation(robot.joint_names, robot.joint_kinds)
         for block in regressor_blocks(robot, measurements):
             excitation.add(block)
         null = _require_observable(excitation).null
@@ -158,7 +158,7 @@ def _fit(
     if settings.loss == "huber":
         targets, robust = _weights(robot, measurements, settings, before)
         measurements = robust.weigh(measurements)
-    excitation, triangles = Excitation(robot.joint_names), MethodTriangles(method)
+    excitation, triangles = Excitation(robot.joint_names, robot.joint_kinds), MethodTriangles(method)
     largest = np.zeros((robot.n, robot.n))
     for block in regressor_blocks(robot, measurements, compliance):
         triangles.add(block)
@@ -194,7 +194,7 @@ def _weights(
     sigma = measurements.sigma
     if before is not None and before.robust is not None:
         sigma = before.robust.sigma
-    excitation, targets = Excitation(robot.joint_names), TargetRows(robot.n)
+    excitation, targets = Excitation(robot.joint_names, robot.joint_kinds), TargetRows(robot.n)
     for block in regressor_blocks(robot, measurements, compliance):
         excitation.add(block)
         targets.add(block)

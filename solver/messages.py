@@ -28,7 +28,7 @@ class _View:
             raise TypeError(str(error)) from error
 
 
-def message(kind: type[Built], source: object, **stated: object) -> Built:
+def message(kind: type[Built], source: object, /, **stated: object) -> Built:
     """Build a message from an object.
 
     Args:
@@ -43,13 +43,13 @@ def message(kind: type[Built], source: object, **stated: object) -> Built:
     return kind.model_validate(fields | given, from_attributes=True)
 
 
-def messages_of(kind: type[Built], sources: Sequence[object], **stated: Sequence[Any]) -> list[Built]:
+def messages_of(kind: type[Built], sources: Sequence[object], /, **stated: Sequence[Any]) -> list[Built]:
     """Build one message for each object, as `message` does, with columns of fields whose values are given."""
     names = [name for name in kind.model_fields if name not in stated]
     return rows(kind, **{name: [getattr(source, name) for source in sources] for name in names}, **stated)
 
 
-def rows(kind: type[Built], **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
+def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
     """Build one message for each row of columns of equal length, named by their fields."""
     values = zip(*map(_column, columns.values()), strict=True)
     documents = [dict(zip(columns, row, strict=True)) for row in values]

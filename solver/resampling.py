@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_batch, solve_step
@@ -123,7 +124,7 @@ def gram_blocks(
             that bend the robot, so that the rows are linear.
     """
     method = Method(robot, settings, estimate.characteristic_length)
-    excitation = Excitation(robot.joint_names)
+    excitation = Excitation(robot.joint_names, robot.joint_kinds)
     fitted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)
@@ -388,13 +389,19 @@ def _refuse_outside(name: str, value: int, least: int, most: int | None) -> None
 
 
 def summarise(
-    resamples: Resamples, joints: Sequence[str], *, hidden: BoolArray | None = None, confidence: float = 0.95
+    resamples: Resamples,
+    joints: Sequence[str],
+    *,
+    kinds: Sequence[JointKind] | None = None,
+    hidden: BoolArray | None = None,
+    confidence: float = 0.95,
 ) -> ResamplingResult:
     """Summarise resamples: statistics of each joint over the repetitions that determine it.
 
     Args:
         resamples: K repetitions, at least one.
         joints: names of the n joints.
+        kinds: of the joints; all revolute if None.
         hidden: (n,) joints that the whole set does not show: they get no numbers.
         confidence: share of the repetitions within the percentile intervals.
 
@@ -427,6 +434,7 @@ def summarise(
         joints=rows(
             ResampledJoint,
             name=joints,
+            kind=["revolute"] * len(joints) if kinds is None else kinds,
             compliance_mean=compliance,
             compliance_deviation=c_deviation,
             compliance_interval=c_interval,

@@ -1,9 +1,11 @@
-"""Lengths and limits in words."""
+"""Lengths, limits, postures and stiffnesses in words."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees, floor, log10
+
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 
 
 def length_text(length: float) -> str:
@@ -37,3 +39,23 @@ def rounded_down(limit: float) -> float:
     """Round a lower limit down to three digits."""
     step = 10.0 ** (floor(log10(limit)) - 2)
     return floor(limit / step) * step
+
+
+def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimals: int = 0) -> str:
+    """Return the positions of joints [rad or m] as people read them: (10, -20)°, or (10°, 250 mm)."""
+    angles = [f"{degrees(value):.{decimals}f}" for value in positions]
+    if "prismatic" not in kinds:
+        return f"({', '.join(angles)})°"
+    mixed = [
+        f"{1e3 * value:.{decimals}f} mm" if kind == "prismatic" else f"{angle}°"
+        for value, angle, kind in zip(positions, angles, kinds, strict=True)
+    ]
+    return f"({', '.join(mixed)})"
+
+
+def stiffness_text(stiffness: float, kind: JointKind) -> str:
+    """Return a stiffness [SI] of a joint of a kind, in the unit that suits it."""
+    units = JOINT_UNITS[kind]
+    if stiffness >= 1e4:
+        return f"{stiffness / 1e6:.3g} {'' if kind == 'prismatic' else '· '}{units.million_stiffness}"
+    return f"{stiffness:.3g} {units.stiffness.replace('.', '·')}"

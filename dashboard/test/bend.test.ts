@@ -12,6 +12,7 @@ const ARM = {
     [0, 1, 0],
     [0, 1, 0],
   ],
+  joint_kinds: ["revolute", "revolute"],
   flange_origin: [2, 0, 0],
 } as unknown as Posture;
 
@@ -20,6 +21,13 @@ describe("the bent arm", () => {
     const load = { point: [2, 0, 0], force: [0, 0, -100] } as const;
     // torque about +y of a force down at x: 100 N x 2 m and x 1 m, which turns the tip down
     for (const angle of bendOf(ARM, [1e-6, 2e-6], load)) expect(angle).toBeCloseTo(2e-4, 12);
+  });
+  it("slides along the axis of a prismatic joint, by compliance times the force along it", () => {
+    const slide = { ...ARM, joint_kinds: ["revolute", "prismatic"] } as Posture;
+    const load = { point: [2, 0, 0], force: [30, -100, 0] } as const;
+    expect(bendOf(slide, [0, 2e-6], load)[1]).toBeCloseTo(-2e-4, 12);
+    const moved = bent(slide, [Math.PI / 2, 0.25]);
+    moved.flange_origin.forEach((value, i) => expect(value).toBeCloseTo([0, 0.25, -2][i] as number));
   });
   it("turns what each joint carries", () => {
     const quarter = bent(ARM, [0, Math.PI / 2]);

@@ -23,7 +23,7 @@ describe("keys of content", () => {
   });
 });
 
-const blank = { a: "", alpha: "", d: "", theta: "", lower: "", upper: "" };
+const blank = { a: "", alpha: "", d: "", theta: "", lower: "", upper: "", kind: "revolute" as const };
 
 describe("the DH editor", () => {
   it("reads numbers as people type them", () =>
@@ -50,10 +50,17 @@ describe("the DH editor", () => {
     expect(documentOf("arm", { ...table, rows: [{ ...blank, a: "1.", alpha: "x" }] })).toBeNull();
     expect(documentOf("arm", { ...table, rows: [{ ...blank, a: "1.", lower: "x" }] })).toBeNull();
   });
+  it("sends a prismatic joint's limits as lengths, and shows them again in millimetres", () => {
+    const rows = [{ ...blank, a: "350", kind: "prismatic" as const, lower: "-20", upper: "180" }];
+    const document = documentOf("SCARA", { ...newDh(), rows });
+    const model = document?.model as DhModel;
+    expect(model.rows[0]).toMatchObject({ kind: "prismatic", lower: -0.02, upper: 0.18 });
+    expect(tableOf(model, null).rows[0]).toMatchObject({ kind: "prismatic", lower: "-20", upper: "180" });
+  });
   it("begins empty, and an empty table is no robot", () => {
     expect(
       newDh()
-        .rows.flatMap((row) => Object.values(row))
+        .rows.flatMap(({ kind: _, ...row }) => Object.values(row))
         .join(""),
     ).toBe("");
     expect(documentOf("arm", newDh())).toBeNull();
@@ -62,11 +69,13 @@ describe("the DH editor", () => {
     const model: DhModel = {
       format: "dh",
       convention: "standard",
-      rows: [{ a: -0.57155, alpha: Math.PI / 2, d: 0.1807, theta: 0, lower: -Math.PI, upper: null }],
+      rows: [{ a: -0.57155, alpha: Math.PI / 2, d: 0.1807, theta: 0, lower: -Math.PI, upper: null, kind: "revolute" }],
     };
     const map = { matrix: [[-1]], offset: [0] };
     const table = tableOf(model, map);
-    expect(table.rows).toEqual([{ a: "-571.55", alpha: "90", d: "180.7", theta: "0", lower: "-180", upper: "" }]);
+    expect(table.rows).toEqual([
+      { a: "-571.55", alpha: "90", d: "180.7", theta: "0", lower: "-180", upper: "", kind: "revolute" },
+    ]);
     const read = documentOf("arm", table);
     expect(read?.joint_map).toEqual(map);
     expect(read?.model.format === "dh" && read.model.rows[0]?.a).toBeCloseTo(-0.57155, 12);

@@ -11,6 +11,7 @@ const POSTURE: Posture = {
     [0, 1, 0],
     [0, 1, 0],
   ],
+  joint_kinds: ["revolute", "revolute"],
   flange_origin: [2, 0, 0],
   flange_axes: [
     [1, 0, 0],

@@ -4,6 +4,7 @@ import { bandsOf, changedTogether, changeText, pointsOf, worstFirst } from "../s
 
 const joint = (part: Partial<TrendJoint>): TrendJoint => ({
   name: "joint_1",
+  kind: "revolute",
   state: "in_control",
   points: [],
   charts: [],

@@ -1,6 +1,7 @@
 import { describe, expect, it } from "vitest";
 import type { JointResult } from "../src/api/types";
 import { shownStiffness } from "../src/lib/stiffness";
+import { postureText } from "../src/lib/units";
 import { lowerLimit, stiffnessUncertainty, verdictOf } from "../src/lib/verdict";
 
 /** A joint with what the page looks at. */
@@ -53,6 +54,13 @@ describe("stiffness in the unit that was chosen", () => {
       value: "1\u202f235\u202f000",
       uncertainty: "15\u202f000",
     });
+  });
+  it("puts the unit of a prismatic joint beside its number", () => {
+    const slide = joint({ kind: "prismatic", stiffness: 20_100_000, standard_uncertainty: 1e-9 });
+    expect(shownStiffness(slide, "MNm").value).toBe("20.10\u00a0N/µm");
+    expect(shownStiffness(slide, "kNmDeg").value).toBe("20.10\u00a0N/µm");
+    expect(shownStiffness(slide, "compliance").value).toContain("\u00a0µm/N");
+    expect(postureText([Math.PI / 2, 0.25], ["revolute", "prismatic"], 0)).toBe("90°, 250\u00a0mm");
   });
   it("gives only a limit where there is no value", () => {
     const shown = shownStiffness(

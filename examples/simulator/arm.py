@@ -1,4 +1,4 @@
-"""A serial arm with torsion springs in its joints: what it is, where its axes and flange are.
+"""A serial arm with springs in its joints: what it is, where its axes and flange are.
 
 Units are SI (m, rad, N·m). Everything is expressed in R0, the robot's base frame, unless it says
 otherwise. Postures take leading batch axes: angles `(..., n)` give rotations `(..., 3, 3)`.
@@ -29,9 +29,11 @@ LIMITS_DEGREES = ((-180, 180), (-40, 70), (-100, 60), (-200, 200), (-120, 120), 
 
 @dataclass(frozen=True, eq=False)
 class SpringArm:
-    """A serial arm of revolute joints, each a linear torsion spring; the links are rigid.
+    """A serial arm of revolute and prismatic joints, each a linear spring; the links are rigid.
 
-    The kinematics are given at zero joint angles, in R0; there are no link frames.
+    The kinematics are given at zero joint positions, in R0; there are no link frames. A prismatic joint
+    slides along its axis: its position and limits are in m, its stiffness is in N/m, and [rad], [N·m] and
+    [N·m/rad] below are [m], [N] and [N/m] of it.
     """
 
     axis_points: FloatArray  #: A point on each axis, in R0 [m], (n, 3)
@@ -41,6 +43,7 @@ class SpringArm:
     stiffnesses: FloatArray  #: Torsional stiffness of each joint [N·m/rad], (n,); infinite for a rigid joint
     #: Lowest and highest angle of each joint [rad], (n, 2); ±π if not given
     limits: FloatArray = field(default_factory=lambda: np.array([-np.pi, np.pi]))
+    prismatic: tuple[int, ...] = ()  #: Indices of the prismatic joints
 
     def __post_init__(self) -> None:
         n = np.size(self.stiffnesses)
@@ -82,11 +85,16 @@ class SpringArm:
         for j, (point, direction) in enumerate(zip(self.axis_points, self.axis_directions, strict=True)):
             points.append(rotation @ point + translation)
             directions.append(rotation @ direction)
-            rotation = rotation @ _rotation_about(direction, angles[..., j])
-            translation = points[-1] - rotation @ point
+            if j in self.prismatic:
+                translation = translation + angles[..., j, None] * directions[-1]
+            else:
+                rotation = rotation @ _rotation_about(direction, angles[..., j])
+                translation = points[-1] - rotation @ point
+        turning = np.array([[0.0 if j in self.prismatic else 1.0] for j in range(len(points))])
         return Posture(
             axis_points=np.stack(points, axis=-2),
             axis_directions=np.stack(directions, axis=-2),
+            turning=turning,
             flange_rotation=rotation @ self.flange_rotation,
             flange_translation=rotation @ self.flange_translation + translation,
         )
@@ -98,8 +106,19 @@ class Posture:
 
     axis_points: FloatArray  #: Point o_j on each axis [m], (..., n, 3)
     axis_directions: FloatArray  #: Unit vector a_j along each axis, (..., n, 3)
+    turning: FloatArray  #: 1 of a joint that turns about its axis, 0 of one that slides along it, (n, 1)
     flange_rotation: FloatArray  #: Rotation from the flange frame to R0, (..., 3, 3)
     flange_translation: FloatArray  #: Origin of the flange frame [m], (..., 3)
+
+    @property
+    def turns(self) -> FloatArray:
+        """Angular velocity of the flange per unit speed of each joint: a_j or zero, (..., n, 3)."""
+        return self.turning * self.axis_directions
+
+    @property
+    def slides(self) -> FloatArray:
+        """Velocity of the flange per unit speed of each joint that slides: a_j or zero, (..., n, 3)."""
+        return (1.0 - self.turning) * self.axis_directions
 
     def point_to_base(self, point: ArrayLike) -> FloatArray:
         """Express one point per posture, given in the flange frame [m] (..., 3), in R0."""
@@ -114,7 +133,9 @@ class Posture:
         return rotated + self.flange_translation[..., None, :]
 
     def velocities(self, point: FloatArray) -> FloatArray:
-        """Velocity a_j × (x − o_j) of a flange-fixed point x per unit speed of each joint.
+        """Velocity of a flange-fixed point x per unit speed of each joint.
+
+        It is a_j × (x − o_j) of a revolute joint, a_j of a prismatic one.
 
         Args:
             point: The point x in R0 [m], (..., 3).
@@ -122,7 +143,8 @@ class Posture:
         Returns:
             Rows of the transposed Jacobian J_v(q, x)ᵀ [m/rad], axes of R0, (..., n, 3).
         """
-        return np.cross(self.axis_directions, point[..., None, :] - self.axis_points)
+        turned: FloatArray = np.cross(self.turns, point[..., None, :] - self.axis_points)
+        return turned + self.slides
 
 
 def default_arm(encoders: Encoders = "motor", *, wrist_offset: float = 0.0) -> SpringArm:

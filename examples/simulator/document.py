@@ -26,7 +26,7 @@ def robot_document(arm: SpringArm) -> Document:
     Args:
         arm: The arm.
     """
-    name = f"simulated {len(arm.stiffnesses)}R"
+    name = "simulated " + ("robot with slides" if arm.prismatic else f"{len(arm.stiffnesses)}R")
     model = {
         "format": "urdf",
         "urdf": urdf_text(arm, name),
@@ -69,7 +69,7 @@ def measurement_set(
         document["flange_targets"] = {
             target: in_unit(point, scales.length) for target, point in targets.items()
         }
-    observations = _observations(experiment, scales)
+    observations = _observations(experiment, scales, scales.of_joints(experiment.slides))
     for i, observation in enumerate(observations):
         observation["readings"] = [
             {"target": target, **_reading(unloaded[i, t], loaded[i, t], readings, scales.length)}
@@ -92,20 +92,23 @@ def experiment_of(document: Document) -> Experiment:
     scales = Scales.of(measured["units"])
     observations = measured["observations"]
     load_points = [o.get("load_point", measured.get("load_point")) for o in observations]
+    kinds = [text.split('"')[0] for text in document["robot"]["model"]["urdf"].split(' type="')[1:]]
+    slides = np.array([kind == "prismatic" for kind in kinds if kind != "fixed"])
     return Experiment(
-        joints=scales.angle * np.array([o["joints"] for o in observations]),
+        joints=scales.of_joints(slides) * np.array([o["joints"] for o in observations]),
         forces=scales.force * np.array([o["force"] for o in observations]),
         moments=scales.moment * np.array([o["moment"] for o in observations]),
         load_points=scales.length * np.array(load_points),
+        slides=slides,
     )
 
 
-def _observations(experiment: Experiment, scales: Scales) -> list[Document]:
-    """The observations without their readings."""
+def _observations(experiment: Experiment, scales: Scales, of_joints: FloatArray) -> list[Document]:
+    """The observations without their readings; joints in units worth so many rad or m, (n,)."""
     return [
         {
             "label": f"c{i + 1:02d}",
-            "joints": in_unit(experiment.joints[i], scales.angle),
+            "joints": in_unit(experiment.joints[i], of_joints),
             "force": in_unit(experiment.forces[i], scales.force),
             "moment": in_unit(experiment.moments[i], scales.moment),
             "load_point": in_unit(experiment.load_points[i], scales.length),

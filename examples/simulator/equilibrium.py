@@ -3,7 +3,7 @@
 Units are SI (m, rad, N, N·m); axes of R0 unless it says otherwise. In every function
 
 * `arm` is the arm, with n joints;
-* `q` are the joint angles without load [rad], (..., n);
+* `q` are the joint positions without load [rad, of prismatic joints m], (..., n);
 * `force` F on the robot acts at the load point [N], axes of R0, (..., 3);
 * `moment` M on the robot is taken about the load point [N·m], axes of R0, (..., 3);
 * `load_point` p_W is where the force acts, in the flange frame [m], (..., 3);
@@ -49,7 +49,7 @@ def torques(
     posture = arm.posture(q)
     velocities = posture.velocities(posture.point_to_base(load_point))
     of_force: FloatArray = np.einsum("...ji,...i->...j", velocities, np.asarray(force, float))
-    of_moment: FloatArray = np.einsum("...ji,...i->...j", posture.axis_directions, np.asarray(moment, float))
+    of_moment: FloatArray = np.einsum("...ji,...i->...j", posture.turns, np.asarray(moment, float))
     return of_force + of_moment
 
 
@@ -59,11 +59,12 @@ def torque_derivative(
     """Return the derivative of the torques, ∂τ_j/∂θ_k [N·m/rad], row j, column k, (..., n, n).
 
     With v_j = a_j × (p_W − o_j): a joint k before j turns a_j and v_j, a joint k after j moves p_W
-    by v_k. So `∂τ_j/∂θ_k = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)`. The part of F
+    by v_k. So `∂τ_j/∂θ_k = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)`. Of a joint that
+    slides along a_j, v_j = a_j, and zero stands for a_j in both products. The part of F
     is symmetric, because a dead force has a potential; the part of M is not.
     """
     posture = arm.posture(q)
-    axes = posture.axis_directions
+    axes = posture.turns
     velocities = posture.velocities(posture.point_to_base(load_point))
     axis_by_velocity = np.cross(axes[..., :, None, :], velocities[..., None, :, :])
     axis_by_axis = np.cross(axes[..., None, :, :], axes[..., :, None, :])
@@ -140,7 +141,8 @@ def linear_deflections(
     posture = arm.posture(q)
     positions = posture.targets_to_base(targets)
     levers = positions[..., :, None, :] - posture.axis_points[..., None, :, :]
-    velocities = np.cross(posture.axis_directions[..., None, :, :], levers)  # (..., T, n, 3)
+    velocities = np.cross(posture.turns[..., None, :, :], levers)  # (..., T, n, 3)
+    velocities = velocities + posture.slides[..., None, :, :]
     linear: FloatArray = np.einsum("...tji,...j->...ti", velocities, twist)
     return linear
 

@@ -45,10 +45,11 @@ DIRECTION_DECIMALS = 6  # random directions are rounded: their length is 1 to ab
 class Experiment:
     """Configurations and loads of N observations."""
 
-    joints: FloatArray  #: Joint angles without load [rad], (N, n)
+    joints: FloatArray  #: Joint positions without load [rad, of joints that slide m], (N, n)
     forces: FloatArray  #: Force on the robot [N], axes of R0, (N, 3)
     moments: FloatArray  #: Moment on the robot about the load point [N·m], axes of R0, (N, 3)
     load_points: FloatArray  #: Where the force acts, in the flange frame [m], (N, 3)
+    slides: ArrayLike = False  #: Which joints slide, (n,)
 
     @property
     def wrenches(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -127,6 +128,7 @@ def plan_experiment(
         forces=force * directions,
         moments=moment * _random_directions(configurations, [seed, MOMENT_STREAM]),
         load_points=np.broadcast_to(np.asarray(load_point, dtype=float), (configurations, 3)),
+        slides=np.isin(np.arange(len(arm.stiffnesses)), arm.prismatic),
     )
 
 

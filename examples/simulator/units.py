@@ -35,6 +35,10 @@ class Scales:
     force: float  #: Newtons in the unit of force
     moment: float  #: Newton metres in the unit of moment
 
+    def of_joints(self, slides: ArrayLike) -> FloatArray:
+        """SI value of one unit of each joint's position [rad or m], (n,): of a length where it slides."""
+        return np.where(slides, self.length, self.angle)
+
     @classmethod
     def of(cls, units: Mapping[str, str]) -> Scales:
         """Look the units up; the unit of moment is N.m where it is not named.
@@ -56,7 +60,7 @@ class Scales:
         return cls(**{quantity: SI_VALUES[quantity][unit] for quantity, unit in named.items()})
 
 
-def in_unit(values: ArrayLike, scale: float, decimals: int | None = None) -> Any:  # noqa: ANN401
+def in_unit(values: ArrayLike, scale: ArrayLike, decimals: int | None = None) -> Any:  # noqa: ANN401
     """Convert SI values to a unit, as a number or nested lists of numbers for a document.
 
     Args:
@@ -64,7 +68,7 @@ def in_unit(values: ArrayLike, scale: float, decimals: int | None = None) -> Any
         scale: What the unit is worth in SI.
         decimals: Decimals to keep, in the unit; None for all.
     """
-    converted: FloatArray = np.asarray(values, dtype=float) / scale
+    converted: FloatArray = np.asarray(values, dtype=float) / np.asarray(scale)
     if decimals is not None:
         converted = np.round(converted, decimals)
     tidy = [float(f"{value + 0.0:.{SIGNIFICANT_DIGITS}g}") for value in converted.ravel()]

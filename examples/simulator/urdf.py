@@ -12,7 +12,7 @@ BASE_LINK = "base_link"
 FLANGE_LINK = "flange"
 
 JOINT = """<link name="{child}"/>
-<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>\
+<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>\
 <origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>\
 <limit lower="{lower}" upper="{upper}" effort="10000" velocity="3"/></joint>"""
 FLANGE = """<link name="{child}"/>
@@ -37,6 +37,7 @@ def urdf_text(arm: SpringArm, name: str = "arm") -> str:
         lines.append(
             JOINT.format(
                 name=joint,
+                kind="prismatic" if j in arm.prismatic else "revolute",
                 parent=parent,
                 child=child,
                 xyz=_numbers(arm.axis_points[j] - origin),

@@ -246,8 +246,10 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
         bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
         model = model.model_copy(update={"urdf": write_urdf(chain)})
         document = document.model_copy(update={"model": model, "bodies": bodies})
-    content = document.model_dump_json(exclude={"name", "bodies"})
-    return PreparedRobot(document, build_robot(document), hash_of(content))
+    robot = build_robot(document)
+    of_rows = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}  # as before kinds
+    content = document.model_dump_json(exclude={"name": True, "bodies": True, **of_rows})
+    return PreparedRobot(document, robot, hash_of(content))
 
 
 def build_robot(document: RobotDocument) -> Robot:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.measurement import (
     MAX_TARGETS,
     EncoderReading,
@@ -23,6 +24,7 @@ from jointstiff.schemas.measurement import (
     Units,
 )
 from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.service.conversion.robots import joint_factors, named_joints
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
@@ -579,14 +581,25 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         raise MeasurementError(
             f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
-            remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+            remedy=f"give the {robot.n} controller angles of {named_joints(robot)}",
+        )
+    if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
+        stated = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
+        name, own = next(((name, own) for name, own, given in stated if own != given), ("", None))
+        units = JOINT_UNITS[own or "revolute"]
+        raise MeasurementError(
+            f"joint {name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, but the "
+            f"robot's is {own}",
+            where="joint_kinds",
+            remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
+            "order of the joints",
         )
     length = LENGTH[header.units.length]
     deflection = np.where(
         readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
     )
     deflection = np.where(readings.unloaded_only[..., None], 0.0, deflection)
-    joints = ANGLE[header.units.angle] * readings.joints
+    joints = joint_factors(robot, header.units) * readings.joints
     direction = None
     if readings.directions is not None:
         direction = readings.directions.unit_vectors(robot, joints)
@@ -642,6 +655,13 @@ def _encoder_readings(
             remedy="give both `noise.sigma` and `noise.encoder_sigma`: they weigh angles against lengths",
         )
     angle, columns = ANGLE[header.units.angle], encoders.columns(robot.joint_names)
+    if robot.prismatic[columns].any():
+        name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
+        raise MeasurementError(
+            f"there are encoder readings of {name}, a prismatic joint",
+            where="observations",
+            remedy="omit them: secondary encoders are read of revolute joints only",
+        )
     deflection = np.zeros((len(encoders.present), robot.n))
     present = np.zeros(deflection.shape, dtype=np.bool_)
     deflection[:, columns] = angle * (encoders.loaded - encoders.unloaded)

@@ -9,7 +9,12 @@ import numpy as np
 
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
+from jointstiff.schemas.geometry import GeometryUnits
+from jointstiff.schemas.joints import JointKind, stated_kinds
+from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import Kinematics, Posture
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
@@ -66,7 +71,7 @@ def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body
 def describe_joints(robot: Robot) -> list[robots.Joint]:
     """Return the moving joints with their limits."""
     lower, upper = robot.limits.T
-    return rows(robots.Joint, name=robot.joint_names, lower=lower, upper=upper)
+    return rows(robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper)
 
 
 def describe_wrist(robot: Robot) -> robots.Wrist:
@@ -87,11 +92,12 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
         refuse_other_angles(robot, angles, f"joints[{number}]")
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
     q = robot.joint_map.model_angles(controller)
-    configurations, (_, origins) = Configurations(robot, q), joint_frames(robot, q)
+    configurations, (frames, origins) = Configurations(robot, q), joint_frames(robot, q)
     postures = rows(
         Posture,
         joint_origins=origins,
-        joint_axes=configurations.angular_jacobian.transpose(0, 2, 1),
+        joint_axes=np.einsum("bjik,jk->bji", frames, robot.axes),
+        joint_kinds=[robot.joint_kinds] * len(q),
         flange_origin=configurations.flange_translation,
         flange_axes=configurations.flange_rotation.transpose(0, 2, 1),
     )
@@ -118,8 +124,13 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
         )
 
 
+def joint_factors(robot: Robot, units: Units | GeometryUnits) -> FloatArray:
+    """Return what the unit of each joint's position (n,) is worth in rad, or in m of a prismatic joint."""
+    return robot.by_kind(ANGLE[units.angle], LENGTH[units.length])
+
+
 def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> None:
-    """Refuse a posture that does not have one angle for each joint.
+    """Refuse a posture that does not have one position for each joint.
 
     Raises:
         RequestError: it has more or fewer.
@@ -128,8 +139,19 @@ def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> No
         raise RequestError(
             f"there are {len(angles)} joint angles, but the robot has {robot.n} joints",
             where=where,
-            remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+            remedy=f"give the {robot.n} controller angles of {named_joints(robot)}",
         )
+
+
+def kinds_of(robot: Robot) -> dict[str, JointKind]:
+    """Return the kinds of the joints by name, as results state them: none where all turn."""
+    return stated_kinds(robot.joint_names, robot.joint_kinds)
+
+
+def named_joints(robot: Robot) -> str:
+    """Return the names of the joints, those of prismatic ones as lengths."""
+    named = zip(robot.joint_names, robot.joint_kinds, strict=True)
+    return ", ".join(f"{name} (length)" if kind == "prismatic" else name for name, kind in named)
 
 
 def joint_index(robot: Robot, name: str, where: str) -> int:

@@ -15,7 +15,7 @@ from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
-from jointstiff.solver.text import rounded_down
+from jointstiff.solver.text import rounded_down, stiffness_text
 
 _UNIT = UNITS["MNm/rad"]
 PLACEHOLDERS = (
@@ -51,7 +51,7 @@ class ExportedModel:
 
     def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
         """Yield each moving joint with its result and its stiffness [N·m/rad]; None where there is none."""
-        for joint, result in zip(self.chain.revolute, self.result.joints, strict=True):
+        for joint, result in zip(self.chain.moving, self.result.joints, strict=True):
             yield joint, result, stiffness_of(result)
 
     def remarks(self) -> list[str]:
@@ -69,10 +69,14 @@ class ExportedModel:
             "Geometry: of the robot as it was described, not identified."
             if self.geometry_id is None
             else f"Geometry: as identified, geometry {self.geometry_id}.",
-            "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame "
-            f"of the link {self.chain.base}.",
+            f"Lengths in m, angles in rad, stiffness in {self._units()}. Angles are those of the model, in "
+            f"the frame of the link {self.chain.base}.",
         ]
         return [*lines, *self._limits()]
+
+    def _units(self) -> str:
+        slides = "" if not self.robot.prismatic.any() else ", of prismatic joints in N/m"
+        return f"N·m/rad{slides}"
 
     def _limits(self) -> Iterator[str]:
         joint_map = self.robot.joint_map
@@ -85,7 +89,7 @@ class ExportedModel:
         if self.result.links is not None:
             yield (
                 "The run found that links or a coupling of joints bend, too. They are not in this file: each "
-                "stiffness is that of the joint together with its link's rotation about its axis."
+                "stiffness is that of the joint together with its link's motion about or along its axis."
             )
 
     def remark_on(self, joint: JointResult) -> str:
@@ -95,7 +99,8 @@ class ExportedModel:
             return f"{joint.name}: no stiffness: {why_no_stiffness(joint)}; {verdict}"
         value, _, interval = _UNIT.cells(joint)
         level = f"{100 * self.run.request.confidence:g} % interval {interval}"
-        return f"{joint.name}: {value} · {_UNIT.label} ({level}); {verdict}"
+        number = value if joint.kind == "prismatic" else f"{value} · {_UNIT.label}"
+        return f"{joint.name}: {number} ({level}); {verdict}"
 
 
 def stiffness_of(joint: JointResult) -> float | None:
@@ -110,7 +115,9 @@ def why_no_stiffness(joint: JointResult) -> str:
     if joint.compliance < 0.0:
         return "the estimate is negative: identify with compliances not negative"
     least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
-    bound = "" if least is None else f"; it is at least {rounded_down(least) / 1e6:.3g} · {_UNIT.label}"
+    bound = ""
+    if least is not None:
+        bound = f"; it is at least {stiffness_text(rounded_down(least), joint.kind)}"
     return f"the readings cannot distinguish the joint from rigid{bound}"
 
 
@@ -154,13 +161,15 @@ def joints_table(model: ExportedModel) -> Sheet:
         columns["coverage factor [1]"] = [budget.coverage_factor] * len(joints)
     columns["run"] = [run.id] * len(joints)
     columns["input SHA-256"] = [run.provenance.input_hash] * len(joints)
-    return judged(Sheet(columns), model.result.assessment)
+    sheet = Sheet.of_joints(Sheet(columns), [joint.kind for joint in joints])
+    return judged(sheet, model.result.assessment)
 
 
 def kinematics_table(model: ExportedModel) -> Sheet:
     """Return a row a joint of the chain: its frame in that of the link that carries it, at angle zero."""
     rows: list[dict[str, Value]] = []
-    for joint in model.chain.joints:
+    joints = model.chain.joints
+    for joint in joints:
         lower, upper = joint.limits or (None, None)
         rows.append(
             {
@@ -173,7 +182,7 @@ def kinematics_table(model: ExportedModel) -> Sheet:
                 "upper limit [rad]": upper,
             }
         )
-    return Sheet.of_rows(rows)
+    return Sheet.of_joints(Sheet.of_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints])
 
 
 def joints_csv(model: ExportedModel) -> bytes:

@@ -162,6 +162,12 @@ class Meaning:
         """Kind of the column's cells."""
         return self.quantity.kind
 
+    @property
+    def dimension(self) -> Dimension | None:
+        """Dimension of its numbers: a joint in a unit of length is prismatic; None of texts."""
+        slides = self.kind == "joint" and self.unit in _WORDS["units"]["length"]
+        return "length" if slides else DIMENSIONS.get(self.kind)
+
     def __str__(self) -> str:
         """Return words that are read as the same meaning."""
         kind, target, state = self.quantity
@@ -267,6 +273,8 @@ def checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
     if text is None:
         return None
     dimension, known = DIMENSIONS[kind], unit_named(text)
+    if kind == "joint" and known is not None and known[0] == "length":
+        return known[1]
     if known is None or known[0] != dimension:
         reason = f"{shown(header)}: {shown(text)} is not a known unit of {dimension}"
         raise ImportFileError(NOWHERE, reason, f"convert to one of {', '.join(_WORDS['units'][dimension])}")
@@ -389,9 +397,11 @@ def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
     What stands in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
     of a position `x_t` is no tonne, and the m of `x_m` no metre if the caller states a unit.
     """
-    bracketed, dimension = split_unit(header)[1], DIMENSIONS[meaning.kind]
+    bracketed = split_unit(header)[1]
     tail = bracketed if bracketed is not None else header.replace("_", " ").split(" ")[-1]
     known = any_unit(tail)
+    slides = meaning.kind == "joint" and bracketed is not None and known is not None and known[0] == "length"
+    dimension = "length" if slides else meaning.dimension
     certain = bracketed is not None and (known is not None or header.endswith("]"))
     measured = header.endswith("_m") and meaning.unit is not None
     if not certain and (measured or known is None or known[0] != dimension):

@@ -13,7 +13,6 @@ from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import grammar
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grammar import (
-    DIMENSIONS,
     POINTS,
     Dimension,
     Kind,
@@ -334,7 +333,7 @@ class ColumnReader:
             tuple(resolved),
             texts,
             quantities,
-            {DIMENSIONS[one.kind]: one.unit for one in measured if one.unit is not None},
+            {one.dimension: one.unit for one in measured if one.dimension and one.unit is not None},
             tuple(self._notes),
             probe=bool(rotation) or bool(kinds & {"deleted", "uncertainty"}),
             faulty="unknown" in kinds or len(self._faults.found) > before,
@@ -482,9 +481,9 @@ class ColumnReader:
     def _with_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
         """Return the meanings, each number with its unit; one unit for each dimension."""
         resolved = list(meanings)
-        for dimension in dict.fromkeys(DIMENSIONS[one.kind] for one in meanings if one.kind in DIMENSIONS):
+        for dimension in dict.fromkeys(one.dimension for one in meanings if one.dimension):
             of_dimension = Faults(1)  # the others say the same
-            columns = [index for index, one in enumerate(meanings) if DIMENSIONS.get(one.kind) == dimension]
+            columns = [index for index, one in enumerate(meanings) if one.dimension == dimension]
             bare: list[int] = []
             first = ""
             for column in columns:
@@ -514,7 +513,7 @@ class ColumnReader:
             ImportFileError: two of them differ.
         """
         units = self._options.units
-        known = None if units is None else getattr(units, DIMENSIONS[meaning.kind])
+        known = None if units is None else getattr(units, meaning.dimension or "")
         sources = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
         (first, unit), *others = [(where, unit) for where, unit in sources.items() if unit] or [("", None)]
         for where, other in others:

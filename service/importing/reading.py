@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ImportOptions, ImportPreview, State
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
@@ -163,6 +164,7 @@ class _Reader:
                 "observation_count": len(observations),
                 "first_labels": [one.label for one in observations[:MAX_PREVIEW_ROWS]],
                 "joint_count": None if joints is None else len(joints),
+                "joint_kinds": self._joint_kinds(),
                 "targets": targets,
                 "states": states,
                 "reading_count": sum(len(one.points) for one in observations) if read else 0,
@@ -174,6 +176,14 @@ class _Reader:
         doubts = [layout.doubt for layout in self._layouts if layout.doubt]
         unusual = (*doubts, *_unusual(observations))
         return Understood(preview, (), tuple(observations), units, self._surroundings, unusual)
+
+    def _joint_kinds(self) -> list[JointKind]:
+        """Return the kinds of the joints by the units of their columns."""
+        for columns in (layout.columns for layout in self._layouts):
+            if indices := columns.quantities.get(Quantity("joint")):
+                dimensions = [columns.meanings[index].dimension for index in indices]
+                return ["prismatic" if each == "length" else "revolute" for each in dimensions]
+        return []
 
     def understood(self) -> Understood:
         """Return the files as far as they were understood, and the faults."""

@@ -20,10 +20,8 @@ from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grammar import (
     DIGITS,
-    DIMENSIONS,
     INCH,
     POINTS,
-    Dimension,
     Kind,
     Quantity,
     names_a_state,
@@ -385,7 +383,7 @@ class RowReader:
             place = self._grid.place(row, indices[0])
             if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
                 continue
-            vector = self._vector(row, indices, faults, DIMENSIONS[quantity.kind])
+            vector = self._vector(row, indices, faults)
             if quantity.kind in POINTS:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
@@ -426,7 +424,7 @@ class RowReader:
         indices = self._columns.quantities.get(position.of("addition"))
         if indices is None or not vector:
             return vector
-        added = self._vector(row, indices, faults, "length")
+        added = self._vector(row, indices, faults)
         if added is None:
             place = self._grid.place(row, indices[0])
             faults.report(place, "the deviation to be added is empty", "fill it in")
@@ -444,7 +442,7 @@ class RowReader:
         for of_kind in (self._columns.quantities.get(position.of(kind), ()) for kind in _UNCERTAINTIES):
             columns = columns or of_kind
             if expanded is None and of_kind:
-                expanded = self._vector(row, of_kind, faults, "length")
+                expanded = self._vector(row, of_kind, faults)
         if not columns:
             return None, False
         reason = ""
@@ -461,17 +459,14 @@ class RowReader:
         sigma = tuple((value or self._least) / _COVERAGE_FACTOR for value in expanded)
         return sigma if len(sigma) > 1 else (sigma[0] / sqrt(3.0),) * 3, len(sigma) == 1
 
-    def _vector(
-        self, row: Row, indices: tuple[int, ...], faults: Faults, dimension: Dimension
-    ) -> Vector | None:
+    def _vector(self, row: Row, indices: tuple[int, ...], faults: Faults) -> Vector | None:
         """The numbers of some columns; None if all of their cells are empty, () if one is faulty."""
         if not any(row.cells[index] for index in indices):
             return None
-        factor = self._length if dimension == "length" else 1.0
         numbers: list[float] = []
         for index in indices:
             with faults.collected(self._grid.place(row, index)):
-                numbers.append(factor * self._number(row, index))
+                numbers.append(self._number(row, index))
         return tuple(numbers) if len(numbers) == len(indices) else ()
 
     def _number(self, row: Row, index: int) -> float:
@@ -480,4 +475,5 @@ class RowReader:
             reason = f"a number is needed, but the cell has type {row.kinds[index]}: {shown(text)}"
             remedy = "enter a number, and format the cell as a number; replace a formula without a stored "
             raise ImportFileError(self._grid.place(row, index), reason, f"{remedy}value by its value")
-        return read_number(text, self._mark)
+        factor = self._length if self._columns.meanings[index].dimension == "length" else 1.0
+        return factor * read_number(text, self._mark)

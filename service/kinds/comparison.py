@@ -20,6 +20,7 @@ from jointstiff.schemas.comparison import (
 )
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.kinds.run import moments
@@ -82,8 +83,8 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
                 Column("p", [joint.p_value for joint in joints], _p_value),
             ],
             title=f"Two sides, {METHOD_NAMES[first.method]}" if alike else "Two sides",
-            caption=f"{unit.quantity} in {unit.label} with its standard uncertainty; ratio of the "
-            "stiffnesses, second to first; p: p-value of equal stiffnesses",
+            caption=f"{unit.quantity} in {unit.label_of(first.joints)} with its standard uncertainty; ratio "
+            "of the stiffnesses, second to first; p: p-value of equal stiffnesses",
         ),
         *joint_reason_lines((joint.name, joint.reason) for joint in joints),
     ]
@@ -127,18 +128,22 @@ def _interval(joint: JointRatio) -> str:
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     joints = ordered.joints
+
+    def _ends(ends: tuple[float, float] | None, kind: JointKind) -> str:
+        return unit.of(kind).bare_interval(ends)
+
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
-            Column("first", [joint.compliance_first for joint in joints], unit.bare),
-            Column("interval", [joint.compliance_interval_first for joint in joints], unit.bare_interval),
-            Column("second", [joint.compliance_second for joint in joints], unit.bare),
-            Column("interval", [joint.compliance_interval_second for joint in joints], unit.bare_interval),
+            Column("first", joints, lambda joint: unit.bare(joint.compliance_first, joint.kind)),
+            Column("interval", joints, lambda joint: _ends(joint.compliance_interval_first, joint.kind)),
+            Column("second", joints, lambda joint: unit.bare(joint.compliance_second, joint.kind)),
+            Column("interval", joints, lambda joint: _ends(joint.compliance_interval_second, joint.kind)),
             Column("remark", ["held equal" if joint.equal else "" for joint in joints], text=True),
         ],
         title="Both in one problem, no joint softer on the second side",
-        caption=f"{unit.quantity} in {unit.label}, interval under all constraints; the order increases χ² by "
-        f"{ordered.chi_square_increase:.3g}",
+        caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the order "
+        f"increases χ² by {ordered.chi_square_increase:.3g}",
     )
 
 
@@ -154,7 +159,7 @@ def _method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
     alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
-    title = f"{unit.quantity.capitalize()} in {unit.label}"
+    title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"
     if drawn is not None:
         title += (
             f", mean & standard deviation of\n{drawn.repetitions} fits of {drawn.size} configurations drawn "
@@ -255,6 +260,8 @@ def _drawn_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
     text = rounded(mean, deviation, ".2g")
     if deviation is not None:
         text += f" & {rounded(deviation, deviation)}"
+    if drawn is not None and (own := unit.of(drawn.kind)) is not unit:
+        text += f" {own.label}"
     return Line(text, "bad" if mean < 0 else "")
 
 
@@ -422,7 +429,8 @@ def entries_sheet(job: Comparison) -> Sheet:
         drawn = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
         pairs = [*zip(entry.joints, drawn, strict=True)] or [(None, None)]
         rows += [fit.model_copy(update={"joint": joint, "drawn": own}) for joint, own in pairs]
-    return Sheet.of_fields(rows, _COLUMNS)
+    kinds = [None if row.joint is None else row.joint.kind for row in rows]
+    return Sheet.of_joints(Sheet.of_fields(rows, _COLUMNS), kinds)
 
 
 def ratios_sheet(job: Comparison) -> Sheet:

@@ -11,9 +11,15 @@ from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
 from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import (
+    joint_factors,
+    kinds_of,
+    refuse_far_point,
+    refuse_other_angles,
+)
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.acceptance import RunModel, moment_factor
 from jointstiff.service.tables.files import csv_text, rows_of
@@ -79,6 +85,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
     labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
     return DeflectionResult(
+        joint_kinds=kinds_of(robot),
         assessment=used.result.assessment,
         confidence=confidence,
         model_error_postures=used.postures,
@@ -123,7 +130,8 @@ def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
         places.append(case.place or request.place or point)
     moments = np.array([case.moment or (0.0, 0.0, 0.0) for case in request.cases], dtype=np.float64)
     return LoadCases(
-        joints=ANGLE[units.angle] * np.array([case.joints for case in request.cases], dtype=np.float64),
+        joints=joint_factors(robot, units)
+        * np.array([case.joints for case in request.cases], dtype=np.float64),
         force=FORCE[units.force] * np.array([case.force for case in request.cases], dtype=np.float64),
         moment=moment_factor(units, moments) * moments,
         load_point=length * np.array(points, dtype=np.float64),
@@ -131,17 +139,18 @@ def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     )
 
 
-def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> DeflectionOptions:  # noqa: ANN401
+def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) -> DeflectionOptions:  # noqa: ANN401
     """Understand a table of load cases.
 
-    Columns: `label`; an angle for each joint, as `J1 [deg]` or by the joint's name; `Fx [N]`, `Fy [N]`,
+    Columns: `label`; a position for each joint, as `J1 [deg]` or by the joint's name (of a prismatic joint
+    `J3 [mm]`); `Fx [N]`, `Fy [N]`,
     `Fz [N]`; and, where they are wanted, `Mx [N.m]` …, `load point x [mm]` …, `place x [mm]` … (both in the
     flange frame) and `direction x` …. Cells are parted by commas, semicolons or tabs; between semicolons and
     tabs a decimal comma may stand.
 
     Args:
         text: of the table.
-        joint_names: of the n joints.
+        joints: kinds of the robot's n joints by name, in their order.
         options: other fields of the message, in their `units`; SI where these name none.
 
     Raises:
@@ -158,8 +167,8 @@ def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> De
     if isinstance(stated, Mapping):
         stated = _SI | {name: unit for name, unit in stated.items() if unit is not None}
     units = _validated(Units, stated, "units")
-    columns = [_column(header, joint_names, units) for header in rows[0]]
-    _refuse_missing(columns, len(joint_names))
+    columns = [_column(header, joints, units) for header in rows[0]]
+    _refuse_missing(columns, len(joints))
     cases = [_case(row, columns, i, decimal_comma=not comma) for i, row in enumerate(rows[1:], 2) if any(row)]
     if len(cases) > MAX_CASES:
         raise RequestError(
@@ -177,13 +186,15 @@ def _validated(message: type[AnyMessage], fields: object, *where: str) -> AnyMes
         raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
 
 
-def _column(header: str, joint_names: Sequence[str], units: Units) -> _Column:
-    name = header.partition("[")[0].strip()
+def _column(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
+    name, joint_names = header.partition("[")[0].strip(), list(joints)
     if name.lower() == "label":
         return "label", 0, 1.0
-    joint = re.fullmatch(r"J(\d+)", name)
-    if name in joint_names or (joint and 1 <= int(joint[1]) <= len(joint_names)):
-        place = joint_names.index(name) if name in joint_names else int(joint[1]) - 1 if joint else 0
+    number = re.fullmatch(r"J(\d+)", name)
+    if name in joint_names or (number and 1 <= int(number[1]) <= len(joints)):
+        place = joint_names.index(name) if name in joint_names else int(number[1]) - 1 if number else 0
+        if joints[joint_names[place]] == "prismatic":
+            return "joints", place, header_factor(header, LENGTH) / LENGTH[units.length]
         return "joints", place, header_factor(header, ANGLE) / ANGLE[units.angle]
     column = vector_column(header, _VECTORS)
     if column is None:

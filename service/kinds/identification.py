@@ -256,6 +256,7 @@ class ByJoints(Work):
         return summarise(
             Resamples.concatenate([Resamples(**part) for part in parts]),
             [joint.name for joint in estimate.joints],
+            kinds=[joint.kind for joint in estimate.joints],
             hidden=np.array([joint.status == "not_observable" for joint in estimate.joints]),
             confidence=self._settings.confidence,
         )

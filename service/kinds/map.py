@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import degrees
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.deflection import Map, MapOptions, MapPlace, MapRequest, MapResult, MapSummary
+from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Line, Part, Table, ends, figure, number, numbers
+from jointstiff.solver.text import posture_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.map_work import MapWork
@@ -72,18 +75,22 @@ def _report(job: Map, result: MapResult, _view: View) -> Report:
         lines.append(f"{result.extrapolated} places are beyond the loads or postures of the campaign")
     parts: list[Part] = [Line(line) for line in [*lines, *result.remarks]]
     if result.worst is not None and result.stiffest is not None:
-        parts.append(_extremes((result.worst, result.stiffest), job.request.confidence))
+        places = (result.worst, result.stiffest)
+        parts.append(_extremes(places, job.request.confidence, list(result.joint_kinds.values())))
     return Report(parts)
 
 
-def _extremes(places: tuple[MapPlace, MapPlace], confidence: float) -> Table:
-    angles, micro = [[*map(degrees, each.joints)] for each in places], number(".3g", 1e6)
+def _extremes(places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind]) -> Table:
+    micro, joints = number(".3g", 1e6), [each.joints for each in places]
+    posture = Column("controller's angles", [[*map(degrees, each)] for each in joints], numbers(".1f"), "°")
+    if kinds:
+        posture = Column("controller's joints", [posture_text(each, kinds, 1) for each in joints], text=True)
     interval = ends(".3g", 1e6)
     return Table(
         [
             Column("", ["worst place", "stiffest place"], text=True),
             Column("place", [each.position for each in places], numbers(".3f"), "m"),
-            Column("controller's angles", angles, numbers(".1f"), "°"),
+            posture,
             Column("deflection", [each.deflection for each in places], number(".4g", 1e6), "µm"),
             Column("readings only", [each.readings_only for each in places], interval, "µm"),
             Column("with model error", [each.with_model_error for each in places], interval, "µm"),

@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.acceptance import RunModel, accepted_run
 from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
 from jointstiff.service.resources.inputs import Inputs
@@ -49,7 +49,7 @@ class MapWork(Work):
         self._used = RunModel.of(robot, run, request)
         self._task, self.places = map_task(request, robot), grid_of(request)
         try:
-            self._inverse = InverseKinematics(robot)
+            self._inverse = InverseKinematics(robot, self._task.near)
         except RobotError as error:
             raise RequestError(error.reason, where="run_id", remedy=error.remedy) from error
 
@@ -77,6 +77,7 @@ class MapWork(Work):
         tool = self._task.rotation @ _unit(self.request.tool_axis, "tool_axis")
         return MapResult(
             assessment=used.result.assessment,
+            joint_kinds=kinds_of(self.robot),
             model_error_postures=used.postures,
             remarks=used.remarks(self.request.confidence),
             **map_numbers(table, self.places, tool),
@@ -96,7 +97,10 @@ class MapWork(Work):
         columns |= {f"{axis} [m]": self.places[:, i] for i, axis in enumerate("xyz")}
         columns["direction"] = np.where(posed, direction, np.nan)
         columns["turn"] = np.where(posed, turn, np.nan)
-        columns |= {f"{name} [rad]": table.joints[:, j] for j, name in enumerate(self.robot.joint_names)}
+        for j, (name, kind) in enumerate(zip(self.robot.joint_names, self.robot.joint_kinds, strict=True)):
+            # a prismatic joint may be called x, as a column of the place is
+            header = f"joint {name} [m]" if kind == "prismatic" else f"{name} [rad]"
+            columns[header] = table.joints[:, j]
         columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
         columns |= {
             "deflection [m]": table.length,

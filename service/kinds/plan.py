@@ -62,6 +62,7 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
 
 def _joints(result: PlanResult) -> Table:
     joints, nano = result.joints, number(".3g", 1e9)
+    slides = [joint.name for joint in joints if joint.kind == "prismatic"]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
@@ -69,7 +70,8 @@ def _joints(result: PlanResult) -> Table:
             Column("relative", [joint.relative for joint in joints], lambda share: f"{100 * share:.2g} %"),
             Column("now", [joint.before for joint in joints], nano),
         ],
-        title="Predicted standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
+        title="Predicted standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)"
+        + (f", of {', '.join(slides)} 10⁻⁹ m/N" if slides else ""),
         caption="by the noise of the readings alone; model error comes on top"
         if any(any(each.force) for each in result.readings)
         else "by the noise of the readings, the bounds of the masses and the geometry",
@@ -80,8 +82,11 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     """Return a row for each posture; with boxes to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
+    lengths = _lengths(result)
     angles = [
-        Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
+        Column(name, [1e3 * each.joints[j] for each in readings], number(".1f"), "mm")
+        if j in lengths
+        else Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
         for j, name in enumerate(_axes(result))
     ]
     ticks = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
@@ -101,8 +106,15 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     )
 
 
+def _lengths(result: PlanResult) -> list[int]:
+    """Return the indices of the prismatic joints."""
+    return [j for j, kind in enumerate(result.joint_kinds.values()) if kind == "prismatic"]
+
+
 def _axes(result: PlanResult) -> list[str]:
     """Return the names of the axes; those that are not determined have their number."""
+    if result.joint_kinds:
+        return list(result.joint_kinds)
     known = [joint.name for joint in result.joints]
     count = len(result.readings[0].joints) if result.readings else 0
     return known if len(known) == count else [f"axis {j + 1}" for j in range(count)]
@@ -139,7 +151,10 @@ def readings_sheet(plan: Plan) -> Sheet:
     result = plan.result
     if result is None:
         return Sheet({})
-    names = [f"joint_{j + 1} [deg]" for j in range(len(result.readings[0].joints))]
+    lengths = _lengths(result)
+    names = [
+        f"joint_{j + 1} [{'mm' if j in lengths else 'deg'}]" for j in range(len(result.readings[0].joints))
+    ]
     places = [f"load point {axis} [mm]" for axis in "xyz"]
     along = {axis for each in result.readings if (axis := _along(each)) in ("x", "y", "z")}
     gauged = any(each.direction is not None for each in result.readings)
@@ -153,7 +168,10 @@ def readings_sheet(plan: Plan) -> Sheet:
     return Sheet.of_rows(
         {
             "label": each.label,
-            **{name: round(degrees(angle), 3) for name, angle in zip(names, each.joints, strict=True)},
+            **{
+                name: round(1e3 * value if j in lengths else degrees(value), 3)
+                for j, (name, value) in enumerate(zip(names, each.joints, strict=True))
+            },
             **{f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)},
             **{name: round(1e3 * part, 3) for name, part in zip(places, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,

@@ -16,7 +16,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import OwnWeight, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import joint_index, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.identification import identified, identified_by_weight, to_settings
 from jointstiff.service.kinds.work import QuickWork
@@ -236,6 +236,7 @@ def to_plan_result(
         plans.PlanResult,
         plan,
         assessment=assessment,
+        joint_kinds=kinds_of(robot),
         readings=rows(
             plans.PlannedReading,
             label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
@@ -250,6 +251,7 @@ def to_plan_result(
         joints=rows(
             plans.PlannedJoint,
             name=[robot.joint_names[j] for j in chosen],
+            kind=[robot.joint_kinds[j] for j in chosen],
             standard_uncertainty=c * plan.uncertainty,
             relative=np.where(known, plan.uncertainty, np.nan),
             before=c * plan.before,

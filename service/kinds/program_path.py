@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import LoadSegment, ProcessLoad, ProgramFrame, ProgramOptions
-from jointstiff.service.conversion.robots import refuse_far_point, refuse_other_angles
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.acceptance import moment_factor
 from jointstiff.service.kinds.deflection import vector_column
 from jointstiff.service.kinds.work import as_request_errors
@@ -460,7 +460,7 @@ def _postures(
     inverse: InverseKinematics,
     visits: IndexArray,
 ) -> FloatArray:
-    """Return the wanted posture (v, 6) of each visit: controller's angles [rad]."""
+    """Return the wanted posture (v, n) of each visit, as the controller shows it [rad or m]."""
     targets, unit = program.targets, program.targets.angle_unit[visits, None]
     by_joints = targets.by_joints[visits]
     given = np.where(by_joints[:, None], targets.values[visits, :6] * unit, np.nan)
@@ -468,10 +468,7 @@ def _postures(
     poses = frames.flange_poses(program, visits)
     ranges = stated.ranges(visits)
     says = np.isfinite(ranges).any(axis=(1, 2))
-    start = None
-    if options.start is not None:
-        refuse_other_angles(robot, options.start, "start")
-        start = ANGLE[options.units.angle] * np.array(options.start)
+    start = start_of(options, robot)
     by_joint = program.moves.by_joint & says & stated.decides
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)
@@ -482,6 +479,18 @@ def _postures(
     if faults:
         raise ProgramError(faults)
     return joints
+
+
+def start_of(options: ProgramOptions, robot: Robot) -> FloatArray | None:
+    """Return the joints (n,) near the first target, as the controller shows them [rad or m]; None for none.
+
+    Raises:
+        RequestError: they are those of another robot.
+    """
+    if options.start is None:
+        return None
+    refuse_other_angles(robot, options.start, "start")
+    return np.asarray(joint_factors(robot, options.units) * np.array(options.start))
 
 
 def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArray) -> None:

@@ -28,9 +28,10 @@ from jointstiff.schemas.program import (
 )
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.robots import kinds_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.acceptance import RunModel, accepted_run
-from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path
+from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path, start_of
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
@@ -104,6 +105,7 @@ class WrittenPoints:
     rounding: FloatArray  # (k,) part of it that comes of the program's digits [m]
     changed: BoolArray  # (k,) whether a number is another one than before
     place: FloatArray  # (m, 3) where the tool's centre is wanted, in R0 [m]
+    arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
     quantile: float  # half the width of intervals in standard uncertainties
 
     def spread(self, sizes: FloatArray) -> Spread | None:
@@ -170,7 +172,7 @@ class WrittenPoints:
         """Return all points in the order of the path, as `points_sheet` reads them."""
         corrections, path = self.corrections, self.path
         numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
-        numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(path.cases.joints).T
+        numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(self.arm).T
         for start in range(0, len(corrections.points), BLOCK):
             block = slice(start, start + BLOCK)
             numbers[len(_POSTURE) :, corrections.points[block]] = self._columns(block).T
@@ -242,20 +244,22 @@ def rewritten(
         by_joints, unit = program.targets.by_joints[own], program.targets.angle_unit[own, None]
         under = Configurations(robot, robot.joint_map.model_angles(found.commanded[rows]))
         values = frames.numbers(program, own, under.flange_pose)
-        values[by_joints, :6] = (found.commanded[rows] / unit)[by_joints]
+        before, after = (inverse.of_arm(each) for each in (cases.joints, found.commanded[rows]))
+        values[by_joints, :6] = (after / unit)[by_joints]
         values[found.share[rows] == 0.0] = np.nan
         posed = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
-        words = path.stated.edits(own[posed], cases.joints[posed], found.commanded[rows[posed]])
+        words = path.stated.edits(own[posed], before[posed], after[posed])
         numbers = text.replace(own, values, words)
-        before = program.targets.values[own, :NUMBERS]
-        changed[rows] = (np.isfinite(before) & (before != numbers)).any(axis=1)
+        as_read = program.targets.values[own, :NUMBERS]
+        changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
         # What the text says now, beside what it said
-        angles = robot.joint_map.model_angles(numbers[:, :6] * unit)
+        angles = robot.joint_map.model_angles(inverse.whole(numbers[:, :6] * unit))
         posed = np.flatnonzero(~by_joints)
-        poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, before))
-        angles[posed], reached = inverse.polished_from(
-            poses, under if len(posed) == len(own) else Configurations(robot, under.q[posed])
-        )
+        poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, as_read))
+        of_arm = inverse.of_arm(under.q)
+        known = under if inverse.arm is robot and len(posed) == len(own) else None
+        arm, reached = inverse.polished_from(poses, known or Configurations(inverse.arm, of_arm[posed]))
+        angles[posed] = inverse.whole(arm, of_model=True)
         lost += found.points[rows[posed[~reached]]].tolist()
         wanted = robot.joint_map.model_angles(cases.joints)
         wanted_poses = np.empty((len(own), 4, 4))
@@ -274,6 +278,7 @@ def rewritten(
         rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
         changed=changed,
         place=_places(path, robot),
+        arm=inverse.of_arm(path.cases.joints),
         quantile=quantile,
     )
     return text.files(), points
@@ -338,8 +343,9 @@ class ProgramWork(Work):
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
+        robot = self._used.model.robot
         with as_request_errors():
-            return InverseKinematics(self._used.model.robot)
+            return InverseKinematics(robot, start_of(self._request, robot))
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -366,9 +372,14 @@ class ProgramWork(Work):
             ProgramError: a load finds no stable balance.
         """
         path, points = self._path, self._visits.loaded[slice(*span)]
+        model, inverse = self._used.model, self._inverse
+
+        def hold(commanded: FloatArray) -> FloatArray:
+            return inverse.standing(model.robot, commanded)
+
         try:
             cases = path.cases[points]
-            compensation = compensate(self._used.model, cases, self._limits(), self._ramp[points])
+            compensation = compensate(model, cases, self._limits(), self._ramp[points], hold)
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
                 raise
@@ -435,6 +446,7 @@ class ProgramWork(Work):
         )
         return ProgramResult(
             assessment=self._assessment(),
+            joint_kinds=kinds_of(self._used.model.robot),
             format=kind,
             points=len(program.targets),
             moves=len(program.moves) + len(program.left),

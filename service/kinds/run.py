@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import degrees, sqrt
+from collections.abc import Iterator, Sequence
+from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.model import LinkCompliance, LinksResult, ModelSelection, ScoredModel
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import (
@@ -34,6 +35,7 @@ from jointstiff.service.tables.table import (
     percent,
     rounded,
 )
+from jointstiff.solver.text import posture_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -91,7 +93,7 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
             Column("verdict", joints, _verdict_cell, text=True),
         ],
         title=f"Joint {unit.quantity}, {way}, {constraint}",
-        caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label}",
+        caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label_of(joints)}",
     )
 
 
@@ -116,7 +118,7 @@ def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -
             Column("after", column(after)),
         ],
         title="Before and after",
-        caption=f"{unit.quantity} with its standard uncertainty in {unit.label}",
+        caption=f"{unit.quantity} with its standard uncertainty in {unit.label_of(before.joints)}",
     )
 
 
@@ -172,15 +174,15 @@ def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
             yield f"{advice.joint}: {advice.message}"
         elif advice.joint not in advised:
             advised.add(advice.joint)
-            yield f"{advice.joint}: {_reading(advice)}{_gain(run, advice, joints[advice.joint])}"
+            gain = _gain(run, advice, joints[advice.joint])
+            yield f"{advice.joint}: {_reading(advice, [joint.kind for joint in result.joints])}{gain}"
 
 
-def _reading(advice: Advice) -> str:
+def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Return load and posture of a reading."""
     size = sqrt(sum(part**2 for part in advice.force))
     along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)
-    angles = ", ".join(f"{degrees(angle):.0f}" for angle in advice.joints)
-    posture = f"({angles})° if free of collisions" if advice.observation is None else advice.observation
+    posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
     return f"{size:.4g} N along ({along}) in posture {posture}"
 
 
@@ -192,7 +194,11 @@ def _gain(run: Run, advice: Advice, joint: JointResult) -> str:
         return ""
     if ratio is None or u is None or not joint.compliance:
         after = advice.standard_uncertainty
-        return "" if after is None else f": u(c) becomes {1e6 * after:.2g} µrad/(N·m)"
+        return (
+            ""
+            if after is None
+            else f": u(c) becomes {1e6 * after:.2g} {JOINT_UNITS[joint.kind].micro_compliance}"
+        )
     # Only the readings' part shrinks; what all observations share stays.
     readings = u if joint.budget is None else joint.budget.readings
     after = sqrt(max(u**2 - (1.0 - ratio**2) * readings**2, 0.0))
@@ -453,7 +459,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
             column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
         ],
         title=f"{resampling.repetitions} fits of {size}",
-        caption=f"{unit.quantity} in {unit.label}: mean and standard deviation of one fit; "
+        caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
         "compensation on all",
     )
 
@@ -469,7 +475,8 @@ def moments(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, f
         if unit.inverse
         else (joint.stiffness_mean, joint.stiffness_deviation)
     )
-    mean, deviation = (None if value is None else unit.factor * value for value in moments)
+    factor = unit.of(joint.kind).factor
+    mean, deviation = (None if value is None else factor * value for value in moments)
     return mean, deviation
 
 

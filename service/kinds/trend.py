@@ -234,6 +234,7 @@ def _joint(
         state = "alarm" if alarms[-1].acknowledgement is None else "acknowledged"
     return messages.TrendJoint(
         name=name,
+        kind=next((one.joints[name].kind for one in campaigns if name in one.joints), "revolute"),
         state=state,
         points=points,
         charts=[

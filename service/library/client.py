@@ -151,7 +151,7 @@ class Client:
         """Predict deflections by a run; arguments as of `jointstiff.predict`."""
         request: dict[str, Any] = {**options, "run_id": self.identified(run)}
         if isinstance(postures, str | PathLike):
-            joints = [joint.name for joint in self.runs.get(request["run_id"]).joints.values()]
+            joints = {name: joint.kind for name, joint in self.runs.get(request["run_id"]).joints.items()}
             with as_campaign_error("prediction"):
                 request |= plain(load_cases(postures, joints, options))
         else:

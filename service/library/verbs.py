@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, cast
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
@@ -519,12 +520,13 @@ def predict(
     known = here.inputs.run(here.identified(run), "run_id")
     with as_campaign_error("prediction"):
         robot = known.prepared.robot
-        return predict_by_run(robot, known.run, load_cases(postures, robot.joint_names, options))
+        kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
+        return predict_by_run(robot, known.run, load_cases(postures, kinds, options))
 
 
 def load_cases(
     postures: str | PathLike[str] | Sequence[Message | Mapping[str, Any]],
-    joint_names: Sequence[str],
+    joints: Mapping[str, JointKind],
     options: Mapping[str, Any],
 ) -> DeflectionOptions:
     """Return the load cases of a CSV file, or cases as in the API, with the options of a prediction.
@@ -538,7 +540,7 @@ def load_cases(
 
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
-        return read_load_cases(text, joint_names, **options)
+        return read_load_cases(text, joints, **options)
     cases = [
         case.model_dump(mode="json", exclude_unset=True) if isinstance(case, Message) else dict(case)
         for case in postures

@@ -8,6 +8,7 @@ from typing import Any, Final
 from rich.console import RenderableType
 
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.work import Work
 from jointstiff.service.reports.document import (
@@ -56,9 +57,15 @@ def job_report(kind: AnyKind, job: Job, *, details: bool = False, unit: str = DE
     """
     parts = job_parts(kind, job, View(details, UNITS[unit]))
     if details:
-        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request)]
+        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request, kinds_in(job))]
         parts.append(text_table(["what was asked for", ""], facts, texts=[0, 1]))
     return printed(parts)
+
+
+def kinds_in(job: Job) -> dict[str, JointKind]:
+    """Return the kinds of the joints by name where one is prismatic; none without a result."""
+    kinds: dict[str, JointKind] = getattr(job.result, "joint_kinds", {})
+    return kinds
 
 
 def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
@@ -118,7 +125,7 @@ def job_document(
                     *about,
                 ],
             ),
-            Section(REQUESTED, facts=requested(job.request)),
+            Section(REQUESTED, facts=requested(job.request, kinds_in(job))),
             Section(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],

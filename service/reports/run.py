@@ -17,7 +17,8 @@ import numpy as np
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, SetMetadata
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.conversion.robots import joint_factors
+from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.exporting.model import ExportedModel, joints_csv, why_no_stiffness
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
@@ -239,7 +240,7 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     sigma = NO_NUMBER
     if result.sigma is not None:
         sigma = f"{rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
-    posture = [ANGLE[readings.units.angle] * angle for angle in readings.observations[0].joints]
+    posture = (joint_factors(model.robot, readings.units) * readings.observations[0].joints).tolist()
     pictures = [
         intervals(result.joints, model.run.request.confidence),
         before_and_after(result),

@@ -124,7 +124,7 @@ def _missing(understood: Understood, request: ImportRequest) -> dict[MissingFiel
     unusual = [] if request.accept_unusual else _unusual(understood, request)
     right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     stated, unit = request.force is not None, None if request.units is None else request.units.force
-    joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …"
+    joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
@@ -236,6 +236,7 @@ def _measurement_set(understood: Understood, request: ImportRequest, first: str)
                     **understood.units,
                 },
                 "encoders": request.encoders,
+                "joint_kinds": understood.preview.joint_kinds,
                 "noise": lengths.get("noise") or None,
                 "flange_targets": {
                     name: _converted(request.flange_targets[place], *units, "load_point")

@@ -16,6 +16,7 @@ from pydantic_core import to_jsonable_python
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Assessment, Finding, Problem, Verdict
+from jointstiff.schemas.joints import JointKind
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
 from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit, figure
 
@@ -171,6 +172,7 @@ _SHOWN: Final[Mapping[str, tuple[float, str]]] = {
     "1": (1.0, ""),
     "N.m": (1.0, "N·m"),
     "N.m/rad": (1e-6, "10⁶ N·m/rad"),
+    "N/m": (1e-6, "N/µm"),
     "N.mm": (1.0, "N·mm"),
     "kN.m": (1.0, "kN·m"),
     "kgf.m": (1.0, "kgf·m"),
@@ -184,23 +186,59 @@ _MOST_LINES: Final = 20
 NOT_STATED: Final = "not stated"
 
 
-def requested(request: Message) -> list[tuple[str, str]]:
+@dataclass(frozen=True)
+class _Units:
+    """Units that a request states, and the kinds of the joints to which its numbers belong."""
+
+    stated: object  # the request's own units; None without
+    kinds: Mapping[str, JointKind]  # by name, in the order of the robot; empty if all turn
+
+    def of(self, field: FieldInfo) -> _Unit:
+        """Return the units of a field: of its schema, or those which the request states."""
+        text = field.description or ""
+        stated = [str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(text)]
+        if stated:
+            return _Unit(stated[0], stated[-1])
+        return _Unit(field_unit(field), field_unit(field, "unit_of_prismatic") or field_unit(field))
+
+    def of_each(self, values: Sequence[float], unit: _Unit) -> list[str] | None:
+        """Return the units of the values of a field that has one for each joint; None of any other."""
+        by_joint = unit.sliding != unit.turning and len(values) == len(self.kinds)
+        return [unit.of(kind) for kind in self.kinds.values()] if by_joint else None
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """Unit of a number, and that of a prismatic joint, which differs where it belongs to joints."""
+
+    turning: str
+    sliding: str
+
+    def of(self, kind: JointKind | None) -> str:
+        """Return the unit of a number of a joint of a kind."""
+        return self.sliding if kind == "prismatic" else self.turning
+
+
+def requested(
+    request: Message, kinds: Mapping[str, JointKind] = MappingProxyType({})
+) -> list[tuple[str, str]]:
     """Return label and text of all fields of a request; one line names those without a value.
 
-    Lengths are in mm, angles in degrees, stiffnesses in 10⁶ N·m/rad. Of what is too long to be read, such as
+    Lengths are in mm, angles in degrees, stiffnesses in 10⁶ N·m/rad, or N/µm of prismatic joints, whose kinds
+    are given. Of what is too long to be read, such as
     readings and files, the number of entries and the SHA-256 of their JSON are stated.
     """
-    entries = list(_entries(request, getattr(request, "units", None), ""))
+    entries = list(_entries(request, _Units(getattr(request, "units", None), kinds), ""))
     absent = [label for label, text in entries if not text]
     facts = [(label[:1].upper() + label[1:], text) for label, text in entries if text]
     return [*facts, *([("Not stated", ", ".join(absent))] if absent else [])]
 
 
-def _entries(message: Message, units: object, within: str) -> Iterator[tuple[str, str]]:
+def _entries(message: Message, units: _Units, within: str) -> Iterator[tuple[str, str]]:
     """Yield label and text of each field; the text is empty where there is no value."""
     for name, field in type(message).model_fields.items():
         label, value = f"{within}{name.replace('_', ' ')}", getattr(message, name)
-        unit = _unit(field, units)
+        unit = units.of(field)
         if isinstance(value, Message):
             yield from _entries(value, units, f"{label}: ")
         elif isinstance(value, Sequence) and value and isinstance(value[0], Message):
@@ -212,16 +250,16 @@ def _entries(message: Message, units: object, within: str) -> Iterator[tuple[str
             yield label, _line(value, unit, units)
 
 
-def _line(value: object, unit: str, units: object) -> str:
+def _line(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
     """Return a value in one line, or a summary of a long one."""
-    text = _text(value, unit, units)
+    text = _text(value, unit, units, kind)
     return text if len(text) <= _LONGEST else _summary(value)
 
 
-def _text(value: object, unit: str, units: object) -> str:
+def _text(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
     if isinstance(value, Message):
         parts = (
-            (name.replace("_", " "), _line(part, _unit(type(value).model_fields[name], units), units))
+            (name.replace("_", " "), _line(part, units.of(type(value).model_fields[name]), units, kind))
             for name, part in ((name, getattr(value, name)) for name in type(value).model_fields)
             if part is not None
         )
@@ -229,15 +267,19 @@ def _text(value: object, unit: str, units: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        factor, name = _SHOWN.get(unit, (1.0, unit))
+        factor, name = _SHOWN.get(unit.of(kind), (1.0, unit.of(kind)))
         return f"{_number(factor * value)}{'' if name in ('', '°') else ' '}{name}"
     if isinstance(value, Mapping):
-        return "; ".join(f"{key} {_text(part, unit, units)}" for key, part in value.items())
+        named = ((key, part, units.kinds.get(key)) for key, part in value.items())
+        return "; ".join(f"{key} {_text(part, unit, units, of)}" for key, part, of in named)
     if isinstance(value, Sequence) and not isinstance(value, str):
         if value and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value):
-            factor, name = _SHOWN.get(unit, (1.0, unit))
+            if own := units.of_each(value, unit):
+                alone = (_text(part, _Unit(one, one), units) for part, one in zip(value, own, strict=True))
+                return f"({', '.join(alone)})"
+            factor, name = _SHOWN.get(unit.of(kind), (1.0, unit.of(kind)))
             return f"({', '.join(_number(factor * part) for part in value)}) {name}".strip()
-        return "; ".join(_text(part, unit, units) for part in value)
+        return "; ".join(_text(part, unit, units, kind) for part in value)
     return str(value)
 
 
@@ -252,10 +294,3 @@ def _summary(value: object) -> str:
     plain = json.dumps(to_jsonable_python(value), separators=(",", ":"))
     count = len(value) if isinstance(value, Sequence | Mapping) else 1
     return f"{count} entries, SHA-256 {hashlib.sha256(plain.encode()).hexdigest()}"
-
-
-def _unit(field: FieldInfo, units: object) -> str:
-    """Return the unit of a field: of its schema, or that which its request states."""
-    if match := _STATED_UNIT.search(field.description or ""):
-        return getattr(units, match[1], None) or ""
-    return field_unit(field)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import radians
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.tables.table import NO_NUMBER, Line, concise, figure, rounded
 from jointstiff.solver.text import rounded_down
@@ -15,13 +16,32 @@ from jointstiff.solver.text import rounded_down
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
 
+class HasKind(Protocol):
+    """A joint as a result states it."""
+
+    @property
+    def kind(self) -> JointKind:
+        """Kind of the joint."""
+
+
 @dataclass(frozen=True)
 class StiffnessUnit:
     """A unit of stiffness, or of its inverse."""
 
-    factor: float  # factor of a stiffness in N·m/rad; where inverse, of a compliance in rad/(N·m)
+    factor: float  # factor of a stiffness in SI units; where inverse, of a compliance
     label: str  # as printed
     inverse: bool = False  # whether compliances are shown
+    sliding: StiffnessUnit | None = None  # the unit of prismatic joints; None in itself
+
+    def of(self, kind: JointKind) -> StiffnessUnit:
+        """Return the unit of joints of a kind."""
+        return self.sliding if kind == "prismatic" and self.sliding is not None else self
+
+    def label_of(self, joints: Iterable[HasKind]) -> str:
+        """Return the unit's label, with that of prismatic joints where one is among those shown."""
+        if self.sliding is None or all(joint.kind != "prismatic" for joint in joints):
+            return self.label
+        return f"{self.label}, or {self.sliding.label} where stated"
 
     @property
     def quantity(self) -> str:
@@ -29,7 +49,7 @@ class StiffnessUnit:
         return "compliance" if self.inverse else "stiffness"
 
     def value(self, compliance: float) -> float | None:
-        """Convert a compliance [rad/(N·m)]; None for a stiffness without limit."""
+        """Convert a compliance in SI units; None for a stiffness without limit."""
         if self.inverse:
             return self.factor * compliance
         return self.factor / compliance if compliance else None
@@ -45,7 +65,10 @@ class StiffnessUnit:
         return self.factor * joint.standard_uncertainty * joint.stiffness**2
 
     def cells(self, joint: JointResult) -> tuple[str, str, str]:
-        """Return value, standard uncertainty and interval as printed."""
+        """Return value, standard uncertainty and interval as printed; of a prismatic joint with the unit."""
+        if (unit := self.of(joint.kind)) is not self:
+            cells = unit.cells(joint)
+            return cells[0] if joint.compliance is None else f"{cells[0]} {unit.label}", cells[1], cells[2]
         if joint.compliance is None:
             return "—", "—", "—"
         uncertainty = self.uncertainty(joint)
@@ -74,15 +97,20 @@ class StiffnessUnit:
 
     def concise(self, joint: JointResult) -> Line:
         """Return the value with its standard uncertainty in units of the last digits (GUM, 7.2.2)."""
+        if (unit := self.of(joint.kind)) is not self:
+            line = unit.concise(joint)
+            return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
         value = None if joint.compliance is None else self.value(joint.compliance)
         if value is None:
             return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
         return Line(concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
 
-    def bare(self, compliance: float | None) -> str:
-        """Format a compliance [rad/(N·m)] of which no uncertainty is known."""
+    def bare(self, compliance: float | None, kind: JointKind = "revolute") -> str:
+        """Format a compliance in SI units of which no uncertainty is known."""
         if compliance is None:
             return "—"
+        if (unit := self.of(kind)) is not self:
+            return f"{unit.bare(compliance)} {unit.label}"
         value = self.value(compliance)
         return "rigid" if value is None else figure(value, ".3g")
 
@@ -97,13 +125,19 @@ class StiffnessUnit:
         )
 
 
+_PER_MICRON: Final = StiffnessUnit(1e-6, JOINT_UNITS["prismatic"].million_stiffness)
 UNITS: Final[Mapping[str, StiffnessUnit]] = MappingProxyType(
     {
-        "MNm/rad": StiffnessUnit(1e-6, "10⁶ N·m/rad"),
-        "kNm/deg": StiffnessUnit(radians(1.0) / 1e3, "kN·m/°"),
-        "Nm/arcmin": StiffnessUnit(_ARC_MINUTE, "N·m/arcmin"),
-        "Nm/rad": StiffnessUnit(1.0, "N·m/rad"),
-        "urad/Nm": StiffnessUnit(1e6, "µrad/(N·m)", inverse=True),
+        "MNm/rad": StiffnessUnit(1e-6, JOINT_UNITS["revolute"].million_stiffness, sliding=_PER_MICRON),
+        "kNm/deg": StiffnessUnit(radians(1.0) / 1e3, "kN·m/°", sliding=_PER_MICRON),
+        "Nm/arcmin": StiffnessUnit(_ARC_MINUTE, "N·m/arcmin", sliding=_PER_MICRON),
+        "Nm/rad": StiffnessUnit(1.0, "N·m/rad", sliding=StiffnessUnit(1.0, "N/m")),
+        "urad/Nm": StiffnessUnit(
+            1e6,
+            JOINT_UNITS["revolute"].micro_compliance,
+            inverse=True,
+            sliding=StiffnessUnit(1e6, JOINT_UNITS["prismatic"].micro_compliance, inverse=True),
+        ),
     }
 )
 """Units by the names of the terminal; the page has the same."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import floor, isfinite, log10
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 from pydantic.fields import FieldInfo
 
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 
 NO_NUMBER = "—"
 """Shown where there is no number."""
@@ -153,6 +154,18 @@ class Sheet:
     digits: str = ""  # format of numbers in CSV, such as `.10g`; as many as read back the same without
 
     @classmethod
+    def of_joints(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
+        """Return a sheet with a row for each joint; if one is prismatic, its headers say both units."""
+        if "prismatic" not in kinds:
+            return sheet
+        columns: dict[str, Any] = {}
+        for header, values in sheet.columns.items():
+            columns[_by_kind(header)] = values
+            if header == "joint":
+                columns["kind"] = list(kinds)
+        return replace(sheet, columns=columns, texts=sheet.texts | {"kind"})
+
+    @classmethod
     def of_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
         """Build a sheet of rows that have the same headers."""
         listed = list(rows)
@@ -180,6 +193,16 @@ class Sheet:
                 parts = [_component(value, place) for value in values]
                 sheet[name] = [factor * part if isinstance(part, float) else part for part in parts]
         return cls(sheet)
+
+
+def _by_kind(header: str) -> str:
+    """Return a header with the unit that a prismatic joint's number has, too."""
+    turning, sliding = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
+    for name in ("position", "effort", "stiffness", "compliance"):
+        unit = f"[{getattr(turning, name)}]"
+        if header.endswith(unit):
+            return f"{header.removesuffix(unit)}{unit[:-1]}, prismatic {getattr(sliding, name)}]"
+    return header
 
 
 def _components(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -212,9 +235,9 @@ def _unit_at(kind: type[Message], path: str) -> str:
     return _unit_at(next(_messages_in(field.annotation)), rest) if rest else field_unit(field)
 
 
-def field_unit(field: FieldInfo) -> str:
-    """Return the unit that the schema of a field states; none for one without a unit."""
-    return _declared(field.json_schema_extra) or _unit_within(field.annotation)
+def field_unit(field: FieldInfo, key: str = "unit") -> str:
+    """Return the unit that the schema of a field states under a key; none for one without a unit."""
+    return _declared(field.json_schema_extra, key) or _unit_within(field.annotation, key)
 
 
 def _messages_in(annotation: Any) -> Iterator[type[Message]]:  # noqa: ANN401 - a type
@@ -224,17 +247,18 @@ def _messages_in(annotation: Any) -> Iterator[type[Message]]:  # noqa: ANN401 - 
         yield from _messages_in(part)
 
 
-def _unit_within(annotation: Any) -> str:  # noqa: ANN401 - a type
+def _unit_within(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
     """Return the unit that a part of a type declares, such as that of the values of a dictionary."""
     for part in get_args(annotation):
-        unit = _declared(part.json_schema_extra) if isinstance(part, FieldInfo) else _unit_within(part)
+        is_field = isinstance(part, FieldInfo)
+        unit = _declared(part.json_schema_extra, key) if is_field else _unit_within(part, key)
         if unit:
             return unit
     return ""
 
 
-def _declared(extra: object) -> str:
-    return str(extra.get("unit", "")) if isinstance(extra, Mapping) else ""
+def _declared(extra: object, key: str) -> str:
+    return str(extra.get(key, "")) if isinstance(extra, Mapping) else ""
 
 
 def text_table(

@@ -29,6 +29,7 @@ from jointstiff.schemas.comparison import (
     OrderedJoint,
     OrderedResult,
 )
+from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.errors import RequestError
@@ -152,9 +153,9 @@ def refuse_other_joints(first: Robot, second: Robot) -> None:
     """Refuse robots whose joints do not correspond.
 
     Raises:
-        RequestError: they differ in number or names.
+        RequestError: they differ in number, names or kinds.
     """
-    if first.joint_names != second.joint_names:
+    if first.joint_names != second.joint_names or first.joint_kinds != second.joint_kinds:
         raise RequestError(
             f"the robots have different joints: {', '.join(first.joint_names)}, and "
             f"{', '.join(second.joint_names)}",
@@ -335,7 +336,13 @@ def fit_ordered(
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
     message = OrderedResult(
         joints=list(
-            map(_ordered_joint, sides[0].robot.joint_names, *c.reshape(2, n), *ends.reshape(2, n, 2))
+            map(
+                _ordered_joint,
+                sides[0].robot.joint_names,
+                sides[0].robot.joint_kinds,
+                *c.reshape(2, n),
+                *ends.reshape(2, n, 2),
+            )
         ),
         chi_square_increase=max(0.0, squares[0] - squares[1]),
         certificate=greatest_violations([fits[0].certificate]),
@@ -350,11 +357,12 @@ def _blocks(covariance: FloatArray, known: IndexArray, n: int) -> list[FloatArra
 
 
 def _ordered_joint(
-    name: str, first: float, second: float, ends_first: FloatArray, ends_second: FloatArray
+    name: str, kind: JointKind, first: float, second: float, ends_first: FloatArray, ends_second: FloatArray
 ) -> OrderedJoint:
     one, two = (float(value) if isfinite(value) else None for value in (first, second))
     return OrderedJoint(
         name=name,
+        kind=kind,
         compliance_first=one,
         compliance_second=two,
         stiffness_first=stiffness_of(one),

@@ -14,9 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.design.feasibility import targets_in_flange, within_limits
+from jointstiff.solver.design.feasibility import in_whole_units, targets_in_flange, within_limits
 from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Spectrum
@@ -24,6 +25,7 @@ from jointstiff.solver.messages import point
 from jointstiff.solver.readings.measurements import Measurements, shown_along
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.text import posture_text
 from jointstiff.solver.triangle import whitened
 
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
@@ -43,8 +45,8 @@ EASIER: Final = 1.05
 _SHOWS: Final = 1e-6
 _LEAST_LEVER: Final = 1e-6
 """Distance [m] of a force from an axis below which it twists the joint by rounding alone."""
-_LEAST_SPAN: Final = 1.0
-"""Range of a joint's angle [rad] for new postures, where the set itself spans less."""
+_LEAST_SPAN: Final = (1.0, 0.1)
+"""Range of a joint [rad, m of a prismatic one] for new postures, where the set itself spans less."""
 _DRAWS: Final = 4
 """New postures drawn for each one needed, as limits of coupled joints exclude some."""
 _SEED: Final = 20170924
@@ -154,9 +156,9 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
 
 
 def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
-    """Draw postures in whole degrees, within what the set spans and the joints' limits.
+    """Draw postures in whole degrees and millimetres, within what the set spans and the joints' limits.
 
-    The draw is the same at each call. A joint that the set hardly moves is moved by a radian, as a
+    The draw is the same at each call. A joint that the set hardly moves is moved by `_LEAST_SPAN`, as a
     posture that none of the set resembles may be what is missing.
 
     Args:
@@ -165,12 +167,12 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
         count: at most so many.
 
     Returns:
-        (M, n) [rad].
+        (M, n) [rad or m].
     """
     least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
-    half = np.maximum(greatest - least, _LEAST_SPAN) / 2.0
+    half = np.maximum(greatest - least, robot.by_kind(*_LEAST_SPAN)) / 2.0
     draws = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_DRAWS * count, robot.n))
-    joints: FloatArray = np.radians(np.round(np.degrees((least + greatest) / 2.0 + half * draws)))
+    joints = in_whole_units(robot, (least + greatest) / 2.0 + half * draws)
     return joints[within_limits(robot, joints)][:count]
 
 
@@ -190,7 +192,7 @@ class _Search:
         *,
         one_direction: bool,
     ) -> None:
-        self._names, self._labels = robot.joint_names, measurements.labels
+        self._names, self._kinds, self._labels = robot.joint_names, robot.joint_kinds, measurements.labels
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
@@ -249,22 +251,23 @@ class _Search:
         after = _deviation(Spectrum(np.vstack([self._regressor, added])), joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:
             return None
+        units = JOINT_UNITS[self._kinds[joint]]
         name, size, i = self._names[joint], float(np.linalg.norm(force)), int(postures.observation[m])
         if i >= 0:
             posture = f"in posture {self._labels[i]}"
         else:
-            angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(postures.joints[m]))
-            posture = f"in posture ({angles})°, if it is free of collisions,"
+            shown = posture_text(postures.joints[m].tolist(), self._kinds)
+            posture = f"in posture {shown}, if it is free of collisions,"
         load = f"apply the load of {size:.4g} N as before"
         if not (self._one_direction and np.allclose(force, self._own, rtol=1e-9)):
             direction = ", ".join(f"{part / size + 0.0:.2f}" for part in force.tolist())
             load = f"apply {size:.4g} N along ({direction})"
         uncertainty = None if self._sigma is None else self._sigma * after
         ratio = None if before is None else after / before
-        changes = [] if uncertainty is None else [f"{uncertainty:.2g} rad/(N.m)"]
+        changes = [] if uncertainty is None else [f"{uncertainty:.2g} {units.compliance}"]
         if ratio is not None:
             changes.append(f"{ratio:.2g} times its present value")
-        gain = f"a torque of {float(abs(torque[joint])):.3g} N.m about the axis of {name}"
+        gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
         if changes:
             method = "" if self._same_method else "with method partial_pose "
             gain = f"{method}u({name}) falls to {', '.join(changes)}"

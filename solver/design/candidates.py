@@ -61,7 +61,7 @@ class PlanRequest:
     directions: FloatArray | None = None
     links: bool = False  #: whether elastic links are a nuisance
     link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading
-    angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad]
+    angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad or m]
     validation: float = 0.2  #: share of the readings that are held out
     so_far: Measurements | None = None  #: readings of the campaign at hand; None to begin
     #: rows (N, 3 T, P) of unloaded positions in postures (N, n) [m], joints first, then a nuisance in units
@@ -166,7 +166,7 @@ def parameters_of(
     if len(missing):
         joints = ", ".join(names[j] for j in missing)
         raise RequestError(
-            f"no candidate load twists {joints}, or no target moves when it turns",
+            f"no candidate load twists {joints}, or no target moves with it",
             where="joints",
             remedy="allow loads in other directions, or name the joints to be determined, without these",
         )

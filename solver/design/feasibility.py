@@ -30,8 +30,8 @@ _RELATIVE_RADIUS: Final = 0.04
 """Radius of the links over the length of the stretched arm, where none is given."""
 _SHORTEST_CABLE: Final = 0.1
 """Length of a cable [m] below which it cannot be fastened."""
-_LARGEST_ANGLE: Final = np.pi
-"""Range of a joint without limits [rad]."""
+_LARGEST_POSITION: Final = (np.pi, 1.0)
+"""Range of a joint without limits [rad, m of a prismatic one]."""
 _ROUNDING: Final = 1e-9
 
 
@@ -62,7 +62,7 @@ class Equipment:
 
         Args:
             robot: n joints.
-            joints: (N, n) angles as the controller shows them [rad].
+            joints: (N, n) positions as the controller shows them [rad or m].
             force: (N, 3) axes of R0 [N].
             along: (N, 3) unit vectors in R0 along which targets are read; None if all coordinates are.
         """
@@ -130,7 +130,7 @@ def feasible(
         robot: n joints.
         equipment: targets, load and tracker.
         cell: surroundings.
-        joints: (N, n) angles as the controller shows them [rad].
+        joints: (N, n) positions as the controller shows them [rad or m].
         direction: (N, 3) of the force, axes of R0; None where it is free.
 
     Returns:
@@ -145,9 +145,9 @@ def feasible(
     points = np.concatenate([base, joint_frames(robot, model)[1], flange, load[:, None]], axis=1)
     radius = cell.link_radius
     if radius is None:
-        radius = _RELATIVE_RADIUS * float(
-            np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2).sum(axis=1).max()
-        )
+        links = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)
+        links[:, :-1][:, robot.prismatic] = 0.0  # a rail makes no link thicker
+        radius = _RELATIVE_RADIUS * float(links.sum(axis=1).max())
     struck = {"joint_limits": ~within_limits(robot, joints)}
     if direction is not None:
         jacobian = now.jacobian_at(load[:, None])[:, 0]
@@ -233,27 +233,35 @@ def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray)
 
 
 def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
-    """Draw postures evenly within the joints' limits, in whole degrees of the controller's angles.
+    """Draw postures evenly within the joints' limits, in whole degrees or mm as the controller shows them.
 
     Returns:
-        (N, n) [rad], N at most `count`.
+        (N, n) [rad or m], N at most `count`.
 
     Raises:
-        RequestError: the limits leave no whole degree.
+        RequestError: the limits leave no whole degree or millimetre.
     """
-    limits = np.clip(robot.limits, -_LARGEST_ANGLE, _LARGEST_ANGLE)
+    largest = robot.by_kind(*_LARGEST_POSITION)[:, None]
+    limits = np.clip(robot.limits, -largest, largest)
     random = np.random.default_rng(seed)
     model = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * random.random((count, robot.n))
     controller = np.linalg.solve(robot.joint_map.matrix, (model - robot.joint_map.offset).T).T
-    joints: FloatArray = np.radians(np.round(np.degrees(controller)))
+    joints = in_whole_units(robot, np.asarray(controller, dtype=np.float64))
     joints = joints[within_limits(robot, joints)]
     if not len(joints):
         raise RequestError(
-            "no posture in whole degrees is within the joint limits",
+            f"no posture in whole degrees{' and millimetres' if robot.prismatic.any() else ''} is within the "
+            "joint limits",
             where="postures",
             remedy="give the postures, or correct the joint limits of the robot's model",
         )
     return joints
+
+
+def in_whole_units(robot: Robot, joints: FloatArray) -> FloatArray:
+    """Return positions (N, n) [rad or m] rounded to whole degrees, and to whole mm of prismatic joints."""
+    degrees: FloatArray = np.radians(np.round(np.degrees(joints)))
+    return np.where(robot.prismatic, np.round(joints * 1e3) / 1e3, degrees)
 
 
 def within_limits(robot: Robot, joints: FloatArray) -> BoolArray:

@@ -187,7 +187,7 @@ def ordered(joints: FloatArray, group: IndexArray) -> IndexArray:
         group: (n,) of equal loads.
 
     Returns:
-        (n,) order. Travel is the greatest change of a joint's angle from one posture to the next.
+        (n,) order. Travel is the greatest change of a joint from one posture to the next [rad or m].
     """
     order: list[int] = []
     for each in np.unique(group):
@@ -219,7 +219,7 @@ class Distinct:
     """Rule that no two readings are taken in nearly the same posture."""
 
     postures: FloatArray  #: (N, n) joint angles of the candidates [rad]
-    #: two postures are distinct if the angle of a joint differs by at least this [rad]; zero lets a
+    #: two postures are distinct if the position of a joint differs by at least this [rad or m]; zero lets a
     #: candidate be read again
     angle: float
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.schemas import finding, run
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.joints import stated_kinds
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction, UncertaintyBudget
@@ -57,6 +58,7 @@ def run_result(
         run.RunResult,
         estimate,
         assessment=to_assessment(assessment, estimate.joints),
+        joint_kinds=stated_kinds(names, [joint.kind for joint in estimate.joints]),
         joints=messages_of(
             run.JointResult,
             estimate.joints,

@@ -19,6 +19,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy import optimize, special
 
+from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
@@ -87,9 +88,9 @@ def better_alternative(robot: Robot, measurements: Measurements) -> BetterAltern
     Returns:
         The alternative, or None where no alternative fits far better.
     """
-    best, plain = _best(robot, measurements, _alternatives(robot.n, measurements.present.shape[1]))
+    best, plain = _best(robot, measurements, _alternatives(robot.joint_kinds, measurements.present.shape[1]))
     if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
-        mapped, _ = _best(robot, measurements, _joint_maps(robot.n))
+        mapped, _ = _best(robot, measurements, _joint_maps(robot.joint_kinds))
         best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
     return best
 
@@ -130,21 +131,22 @@ def _best(
 
 
 @lru_cache
-def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
-    """Return the mistakes that are compared."""
+def _alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
+    """Return the mistakes that are compared: lengths are neither exchanged nor coupled with angles."""
+    n, turning = len(kinds), [j for j, kind in enumerate(kinds) if kind == "revolute"]
     unit, none = np.eye(n), np.zeros(n)
     mistakes: list[Alternative] = []
-    for j, k in combinations(range(n), 2):
+    for j, k in ((j, k) for j, k in combinations(range(n), 2) if kinds[j] == kinds[k]):
         order = np.arange(n)
         order[[j, k]] = k, j
         mistakes.append(Alternative("columns_exchanged", (j, k), unit[order], none))
     for j, row in enumerate(unit):
         reversed_joint = unit - 2.0 * np.outer(row, row)
         mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, none))
-    for sign in (1.0, -1.0) if n > 2 else ():
+    for sign in (1.0, -1.0) if n > 2 and kinds[1] == kinds[2] else ():
         coupled = unit + sign * np.outer(unit[2], unit[1])
         mistakes.append(Alternative("joints_coupled", (1, 2), coupled, none))
-    for j, turn in product(range(n), (0.5 * np.pi, -0.5 * np.pi, np.pi)):
+    for j, turn in product(turning, (0.5 * np.pi, -0.5 * np.pi, np.pi)):
         mistakes.append(Alternative("zero_offset", (j,), unit, turn * unit[j]))
     exchanges = [
         Alternative("load_and_target_exchanged", (), unit, none, t)
@@ -154,10 +156,11 @@ def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
 
 
 @lru_cache
-def _joint_maps(n: int) -> tuple[Alternative, ...]:
+def _joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
     """Return joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
-    unit, maps = np.eye(n), []
-    for coupling, signs in product((0.0, 1.0, -1.0), product((1.0, -1.0), repeat=n)):
+    n, maps = len(kinds), list[Alternative]()
+    unit, couplings = np.eye(n), (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
+    for coupling, signs in product(couplings, product((1.0, -1.0), repeat=n)):
         concerned = {*np.flatnonzero(np.array(signs) < 0.0).tolist()}
         if len(concerned) + abs(coupling) > 1:
             joints = tuple(sorted(concerned | ({1, 2} if coupling else set())))

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import optimize
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.alternatives import (
     LARGEST_RATIO,
@@ -65,7 +66,7 @@ LARGEST_SIGMA: Final = 1e-4
 LEAST_SIGMA: Final = 1e-8
 """Residuals [m] below which the readings are computed, not measured."""
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
-"""Range of joint stiffness of industrial robots [N·m/rad], with a margin of three decades."""
+"""Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
 LARGEST_SHIFT: Final = 0.5
 """Bias in standard uncertainties at which a 95 % interval covers only 92 %."""
 _PLACES: Final = 60
@@ -640,6 +641,7 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
     }
     least, greatest = PLAUSIBLE_STIFFNESS
     implausible = {name: k for name, k in identified.items() if not least <= abs(k) <= greatest}
+    units = {joint.name: JOINT_UNITS[joint.kind].stiffness for joint in estimate.joints}
     for name, stiffness in implausible.items():
         # A wrong unit scales all joints, a wrong column or map changes single joints.
         remedy = (
@@ -654,8 +656,8 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             code="stiffness_implausible",
             weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness:.3g} N.m/rad; joints of industrial "
-            f"robots have {least:.0e} to {greatest:.0e} N.m/rad",
+            message=f"the stiffness of {name} is {stiffness:.3g} {units[name]}; joints of industrial "
+            f"robots have {least:.0e} to {greatest:.0e} {units[name]}",
             remedy=remedy,
             where=name,
         )

@@ -220,7 +220,8 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
     now, unknowns = part, np.zeros(())
     for _ in range(_REFITS):
         block = next(regressor_blocks(robot, now, compliance))
-        excitation = Excitation(robot.joint_names)  # a load elsewhere may twist joints that it did not
+        # a load elsewhere may twist joints that it did not
+        excitation = Excitation(robot.joint_names, robot.joint_kinds)
         excitation.add(block)
         seen = ~excitation.observability().null
         triangles = _Triangles(block, compliance, seen, terms, ())

@@ -31,6 +31,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import ObservabilityIndices, OneSidedBounds, SigmaTest
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -56,7 +57,7 @@ from jointstiff.solver.fitting.observability import (
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.text import rounded_down
+from jointstiff.solver.text import rounded_down, stiffness_text
 
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""
@@ -297,6 +298,7 @@ class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable."""
 
     name: str
+    kind: JointKind  #: its units are of this kind
     #: "uncertain" where the standard uncertainty reaches the compliance and the interval contains zero, so
     #: that there is no greatest stiffness
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
@@ -474,8 +476,8 @@ class Evidence:
             wanted, value = np.searchsorted(likelihood.joints, shown), self.fit.compliance[shown]
             ends = [*interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
         joints = [
-            JointCompliance(name, "not_observable", reason=reason)
-            for name, reason in zip(self.names, hidden, strict=True)
+            JointCompliance(name, kind, "not_observable", reason=reason)
+            for name, kind, reason in zip(self.names, self.observability.kinds, hidden, strict=True)
         ]
         for j, both in zip(shown.tolist(), ends, strict=True):
             joints[j] = self.verdict(j, both)
@@ -484,6 +486,8 @@ class Evidence:
     def verdict(self, j: int, ends: FloatArray | None) -> JointCompliance:
         """Return the result for a joint that has a number, by its interval and one-sided bounds (2, 2)."""
         name, value, ratio = self.names[j], float(self.fit.compliance[j]), float(self.prior_to_data[j])
+        kind = self.observability.kinds[j]
+        units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
         reason = self.constraint_that_holds(j, ends)
@@ -495,14 +499,15 @@ class Evidence:
             status = "uncertain"
             size = "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
             reason = (
-                f"{self.stiffer_than(ends)}the standard uncertainty of its compliance, "
-                f"{1e6 * uncertainty:.2g} µrad/(N·m), {size}: add loads with more torque about the axis of "
+                f"{self.stiffer_than(j, ends)}the standard uncertainty of its compliance, "
+                f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {size}: add loads with more {units.load} "
                 f"{name}"
             )
         alone = "the readings show {} only in combination with other joints: only its prior separates them"
         two_sided, one_sided = (None, None) if ends is None else ends.tolist()
         return JointCompliance(
             name,
+            kind,
             status,
             value,
             uncertainty,
@@ -525,7 +530,7 @@ class Evidence:
         """
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
-            limit = self.stiffer_than(ends) or "its compliance is zero: "
+            limit = self.stiffer_than(j, ends) or "its compliance is zero: "
             return f"{limit}these readings cannot distinguish it from a rigid joint"
         if self.fit.tied[j] or active:
             seen = np.flatnonzero(~self.observability.null)
@@ -538,12 +543,11 @@ class Evidence:
             return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
         return None
 
-    def stiffer_than(self, ends: FloatArray | None) -> str:
+    def stiffer_than(self, j: int, ends: FloatArray | None) -> str:
         """Return the lower limit of a stiffness, as in the tables; empty without one."""
         if ends is None or ends[1, 1] <= 0.0:
             return ""
-        lower = rounded_down(1.0 / float(ends[1, 1]))
-        stiffness = f"{lower / 1e6:.3g} · 10⁶ N·m/rad" if lower >= 1e4 else f"{lower:.3g} N·m/rad"
+        stiffness = stiffness_text(rounded_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
     def why_hidden(self, j: int) -> str | None:

@@ -160,7 +160,7 @@ class Method:
             UnsupportedMethodError: the decoupled method, and the robot has no spherical wrist.
         """
         joints = np.arange(robot.n)
-        self.joint_names = robot.joint_names
+        self.joint_names, self.joint_kinds = robot.joint_names, robot.joint_kinds
         self.name, self.weighting = settings.method, settings.weighting
         self.length = 1.0 if settings.weighting == "uniform" else length
         self.stages: tuple[Stage, ...] = (Stage(joints, joints[:0]),)
@@ -255,7 +255,7 @@ class MethodTriangles:
         self.stages = [self.judged] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
         self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
         self.cross: FloatArray = np.zeros((n, n))
-        self.seen_from_centre = Excitation(method.joint_names)
+        self.seen_from_centre = Excitation(method.joint_names, method.joint_kinds)
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations."""

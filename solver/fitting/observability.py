@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import ObservabilityIndices
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.terms.block import RegressorBlock
@@ -171,6 +172,7 @@ class Observability:
     #: and the moment turned about its axis in every observation; 0 to 1
     excitation: FloatArray
     greatest_torque: FloatArray  #: (n,) greatest torque of the load about the joint, over the set [N·m]
+    kinds: tuple[JointKind, ...]  #: (n,) kinds of the joints
 
 
 class Excitation:
@@ -180,9 +182,9 @@ class Excitation:
     levers, had the force pulled across them. These ratios need no unit and no frame.
     """
 
-    def __init__(self, joint_names: tuple[str, ...]) -> None:
+    def __init__(self, joint_names: tuple[str, ...], joint_kinds: tuple[JointKind, ...]) -> None:
         n = len(joint_names)
-        self._names = joint_names
+        self._names, self._kinds = joint_names, joint_kinds
         self._torque, self._lever, self._column, self._potential = np.zeros((4, n))
         self._motion, self._greatest_torque = np.zeros((2, n))
         self._deflection = 0.0
@@ -236,15 +238,16 @@ class Excitation:
             reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
             excitation=np.sqrt(self._column / potential),
             greatest_torque=self._greatest_torque,
+            kinds=self._kinds,
         )
 
     def _reason(self, joint: int) -> str:
-        name = self._names[joint]
+        name, words = self._names[joint], JOINT_UNITS[self._kinds[joint]]
         # A load on the joint's own axis has no lever: it is measured against the greatest one.
         lever = max(self._lever[joint], 1e-6 * self._lever.max())
         if self._torque[joint] <= NULL_COLUMN**2 * lever:
-            return f"the load never twists {name}: add loads that twist it"
-        return f"no target moves when {name} turns: place a target away from its axis"
+            return f"the load never {words.loads} {name}: add loads that {words.load_verb} it"
+        return f"no target moves when {name} {words.moves}: place a target away from its axis"
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,12 +343,13 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
         uncertainty: standard uncertainty of its compliance [rad/(N·m)].
     """
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
-    beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} N.m"
+    own, other = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most))
+    beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} {other.effort}"
     return (
         f"{names[joint]} is hidden by noise: its standard uncertainty of {uncertainty:.2g} "
-        f"rad/(N.m) exceeds {observability.reference_compliance[joint]:.2g} rad/(N.m), the "
-        "compliance with which it alone would explain all deflections; the load twists it with at "
-        f"most {torque[joint]:.2g} N.m{beside}: add loads that twist it more"
+        f"{own.compliance} exceeds {observability.reference_compliance[joint]:.2g} {own.compliance}, the "
+        f"compliance with which it alone would explain all deflections; the load {own.loads} it with at "
+        f"most {torque[joint]:.2g} {own.effort}{beside}: add loads that {own.load_verb} it more"
     )
 
 

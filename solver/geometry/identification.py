@@ -120,6 +120,7 @@ class IdentifiedGeometry:
         return message(
             results.GeometryResult,
             self,
+            joint_kinds={},
             assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
             poses=identified.evidence if isinstance(identified, CalibratedAxes) else None,
             goodness=message(

@@ -137,8 +137,8 @@ def identify_model(
     limits: list[tuple[float, float] | None] = [None] * len(axes)
     base_link, end = "base", "flange"
     if nominal is not None:
-        names, links = list(nominal.joint_names), [joint.child for joint in nominal.revolute]
-        limits, base_link, end = [joint.limits for joint in nominal.revolute], nominal.base, nominal.flange
+        names, links = list(nominal.joint_names), [joint.child for joint in nominal.moving]
+        limits, base_link, end = [joint.limits for joint in nominal.moving], nominal.base, nominal.flange
         links[-1] = f"{end}_mount" if links[-1] == end else links[-1]
     joints, origin = [], np.zeros(3)
     for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
@@ -335,7 +335,7 @@ def dh_table(
     # Modified tables have a and alpha of the perpendicular before an axis, standard ones of that behind it
     padding = (1, 0) if convention == "modified" else (0, 1)
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
-    lower, upper = zip(*(joint.limits or (None, None) for joint in chain.revolute), strict=True)
+    lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
     places = [np.broadcast_to(flange.translation, (_POSTURES, 1, 3))] * 2
     for *both, angle in zip(reversed(axes), reversed(used), angles.T[::-1], strict=True):

@@ -24,7 +24,7 @@ from scipy.linalg import qr
 
 from jointstiff.schemas.geometry import PoseEvidence
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.errors import MeasurementError, NotObservableError
+from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
 from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit, RigidTransform, minimise
 from jointstiff.solver.robot.model import JointMap, KinematicChain
 from jointstiff.solver.triangle import whitener
@@ -349,7 +349,19 @@ def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) ->
 
 
 def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], RigidTransform]:
-    """Axes of a chain in R0 at angle zero, their points at the joints' origins, and flange to R0 there."""
+    """Axes of a chain in R0 at angle zero, their points at the joints' origins, and flange to R0 there.
+
+    Raises:
+        RobotError: a joint is prismatic: its axis has a direction and no place.
+    """
+    linear = [joint.name for joint in chain.moving if joint.kind == "prismatic"]
+    if linear:
+        raise RobotError(
+            f"axes are identified of revolute joints only, but {', '.join(linear)} slides",
+            remedy="fix it in the model (URDF: type fixed, at the position where it stands), and omit it "
+            "from the readings; or use the nominal model",
+            where="robot",
+        )
     R, t = np.eye(3), np.zeros(3)
     axes = []
     for joint in chain.joints:

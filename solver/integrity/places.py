@@ -73,10 +73,10 @@ _EXACT: Final = 1e-18
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Angles and positions of some rows, corrected for one assumed mistake."""
+    """Joints and positions of some rows, corrected for one assumed mistake."""
 
     code: FindingCode  #: the finding if it is true
-    joints: FloatArray  #: (M, n) controller angles [rad]
+    joints: FloatArray  #: (M, n) joints as the controller shows them [rad or m]
     figure: str  #: change that was tried, for the message: "with ... ".
     remedy: str  #: the proposed correction
     rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
@@ -84,18 +84,21 @@ class Hypothesis:
     action: Action | None = None  #: correction that a program can make
 
 
-def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
+def unit_hypotheses(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
     """Yield lengths and angles in another unit.
 
     Args:
-        joints: (M, n) controller angles as posted [rad].
+        joints: (M, n) joints of the controller as posted [rad or m].
+        prismatic: (n,) which of them are lengths.
     """
     rows = np.arange(len(joints))
+    shorter, longer = (joints * np.where(prismatic, factor, 1.0) for factor in (1e-3, 1e3))
+    as_degrees, as_radians = (np.where(prismatic, joints, f(joints)) for f in (np.deg2rad, np.rad2deg))
     units: list[tuple[FindingCode, FloatArray, float, str, str, Unit]] = [
-        ("length_unit_suspect", joints, 1e-3, "all lengths divided by 1000", MM_AS_M, "mm"),
-        ("length_unit_suspect", joints, 1e3, "all lengths multiplied by 1000", M_AS_MM, "m"),
-        ("angle_unit_suspect", np.deg2rad(joints), 1.0, "all angles taken as degrees", DEG_AS_RAD, "deg"),
-        ("angle_unit_suspect", np.rad2deg(joints), 1.0, "all angles taken as radians", RAD_AS_DEG, "rad"),
+        ("length_unit_suspect", shorter, 1e-3, "all lengths divided by 1000", MM_AS_M, "mm"),
+        ("length_unit_suspect", longer, 1e3, "all lengths multiplied by 1000", M_AS_MM, "m"),
+        ("angle_unit_suspect", as_degrees, 1.0, "all angles taken as degrees", DEG_AS_RAD, "deg"),
+        ("angle_unit_suspect", as_radians, 1.0, "all angles taken as radians", RAD_AS_DEG, "rad"),
     ]
     for code, angles, length, figure, remedy, unit in units:
         action = Action.of("convert_units", unit=unit)
@@ -152,7 +155,8 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     agree = _apart(seen, place) <= LARGEST_MODEL_ERROR
     sample = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))]
     joints, judged = view.measurements.joints, []
-    for h in (*unit_hypotheses(joints[sample]), *angle_hypotheses(joints, sample, view.robot.joint_names)):
+    units = unit_hypotheses(joints[sample], view.robot.prismatic)
+    for h in (*units, *angle_hypotheses(joints, sample, view.robot.joint_names)):
         asked = sample[h.rows]
         at = Configurations(view.robot, view.robot.joint_map.model_angles(h.joints))
         there = seen_from_flange(at, h.length * view.measurements.position[asked], view.measured[asked])

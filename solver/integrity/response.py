@@ -304,7 +304,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
     Yields:
         At most one finding of each kind a joint.
     """
-    names, encoders = view.robot.joint_names, view.measurements.encoders
+    names, encoders = view.robot.joint_names, view.measurements.encoders  # none of prismatic joints
     if encoders is None:
         return
     torque = np.concatenate([block.torque for block in regressor_blocks(view.robot, view.measurements)])

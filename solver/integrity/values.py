@@ -16,6 +16,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.readings.measurements import NOISE_SIGMAS, Measurements
 from jointstiff.solver.robot.configuration import Configurations
@@ -167,9 +168,9 @@ def inspect_values(view: View) -> Iterator[Finding]:
 
 
 def angles(view: View) -> Iterator[Finding]:
-    """Name angles that look like another unit's, and those beyond the robot's limits."""
-    joints = view.measurements.joints
-    largest = float(np.abs(joints).max())
+    """Name angles that look like another unit's, and joints beyond the robot's limits."""
+    joints, turning = view.measurements.joints, ~view.robot.prismatic
+    largest = float(np.abs(joints[:, turning]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
         yield view.finding(
             "angle_unit_suspect",
@@ -191,11 +192,12 @@ def angles(view: View) -> Iterator[Finding]:
     lower, upper = view.robot.limits.T
     outside = (q < lower - _LIMIT_MARGIN) | (q > upper + _LIMIT_MARGIN)
     for i, j in np.argwhere(outside).tolist():
+        units = JOINT_UNITS[view.robot.joint_kinds[j]]
         yield view.finding(
             "joint_outside_limits",
-            f"the model angle of {view.robot.joint_names[j]} is {q[i, j]:.4g} rad, outside its limits "
-            f"[{lower[j]:.4g}, {upper[j]:.4g}] rad",
-            "check `units.angle`, the joint map, and the order of the angles",
+            f"the model {units.dimension} of {view.robot.joint_names[j]} is {q[i, j]:.4g} {units.position}, "
+            f"outside its limits [{lower[j]:.4g}, {upper[j]:.4g}] {units.position}",
+            f"check `units.{units.dimension}`, the joint map, and the order of the joints",
             row=i,
         )
 

@@ -16,6 +16,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.model import ElementShare, LinkCertificate, LinkCompliance, PrincipalCompliance
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
@@ -337,7 +338,8 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
     rows[np.arange(columns.n), columns.coupling[diagonal(columns.n)]] = 1.0
     i, j = entries(6)
     for joint in columns.links:
-        axis = np.concatenate([np.zeros(3), robot.chain.revolute[joint].axis])
+        along_or_about = (robot.axes[joint], np.zeros(3))
+        axis = np.concatenate(along_or_about if robot.prismatic[joint] else along_or_about[::-1])
         rows[joint, columns.link(joint)] = axis[i] * axis[j] * weights(6)
     return rows
 
@@ -346,7 +348,8 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 class EffectiveCompliances:
     """The n effective compliances with their intervals; NaN where something is not known."""
 
-    compliance: FloatArray  #: (n,) of the joints with their links' rotations about their axes [rad/(N·m)]
+    #: (n,) of the joints with their links' rotations about, or motions along, their axes [rad/(N·m)]
+    compliance: FloatArray
     ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]
     uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
 
@@ -387,10 +390,6 @@ LARGEST_UNCERTAINTY: Final = 0.5
 
 RIGID: Final = 1e-12
 """Compliance [rad/(N·m)] that no reading tells from none: cone programs stop short of zero."""
-
-_TOGETHER: Final = (
-    "effective: the joint and its link's rotation about its axis together, which readings do not tell apart"
-)
 
 
 def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: EffectiveCompliances) -> Estimate:
@@ -435,7 +434,11 @@ def _joint(
         return joint
     low, high = effective.ends[j].tolist()
     rigid = compliance < RIGID
-    remarks = [_TOGETHER] if with_link else []
+    motion = JOINT_UNITS[joint.kind].beside
+    together = (
+        f"effective: the joint and its link's {motion} its axis together, which readings do not tell apart"
+    )
+    remarks = [together] if with_link else []
     if rigid:
         remarks = ["the links explain the readings without it"]
     elif not np.isfinite(uncertainty):
@@ -447,6 +450,7 @@ def _joint(
         )
     return JointCompliance(
         name=joint.name,
+        kind=joint.kind,
         status="at_bound" if rigid else "identified" if uncertainty < compliance else "uncertain",
         compliance=0.0 if rigid else compliance,
         standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,

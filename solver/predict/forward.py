@@ -9,6 +9,7 @@ computed at the wanted posture, ``x − δ(x)``, has an error of second order.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import ClassVar, Final
@@ -366,6 +367,7 @@ def compensate(
     wanted: LoadCases,
     limits: CorrectionLimits | None = None,
     ramp: FloatArray | None = None,
+    hold: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Compensation:
     """Command such postures that the bent robot brings the tool to the wanted places.
 
@@ -375,6 +377,8 @@ def compensate(
             angles as the controller would show them, the load acts there.
         limits: by which corrections are held back.
         ramp: (m,) shares of the corrections (`ramp_shares`); all of them if None.
+        hold: what brings commands (m, n) of the model to the same poses by the joints that are free to move;
+            None if all are.
 
     Raises:
         RequestError: a load twists a joint of which nothing is known, finds no stable balance, or cannot be
@@ -384,7 +388,7 @@ def compensate(
     ramp = np.ones(len(wanted)) if ramp is None else ramp
     if len(wanted) > _BLOCK:
         blocks = [slice(start, start + _BLOCK) for start in range(0, len(wanted), _BLOCK)]
-        parts = [vars(compensate(model, wanted[block], limits, ramp[block])) for block in blocks]
+        parts = [vars(compensate(model, wanted[block], limits, ramp[block], hold)) for block in blocks]
         return Compensation(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     goal = model.unloaded(wanted)
     still = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
@@ -402,7 +406,7 @@ def compensate(
 
     def corrected(angles: FloatArray) -> tuple[Configurations, FloatArray]:
         """Return the kinematics of commands (m, n), and how far they are from the wanted poses."""
-        under = Configurations(robot, angles)
+        under = Configurations(robot, angles if hold is None else hold(angles))
         place = under.to_base(wanted.place[:, None])[:, 0]
         return under, _offset(*still, place, under.flange_rotation)
 

@@ -97,9 +97,10 @@ def postures_within_limits(
     goals = poses.reshape(-1, 4, 4)
     solutions, complete = inverse.solutions(goals)
     lost = np.zeros(0, dtype=np.intp)
-    if task.near is not None:
+    arm, of_arm = inverse.arm, None if task.near is None else inverse.of_arm(task.near)
+    if of_arm is not None:
         rows = np.flatnonzero(~complete)
-        near = np.tile(robot.joint_map.model_angles(task.near[None]), (len(rows), 1))
+        near = np.tile(arm.joint_map.model_angles(of_arm[None]), (len(rows), 1))
         followed, known = inverse.followed(goals[rows], near)
         known &= _far(followed, near) <= np.fmin.reduce(
             _far(solutions[rows], near[:, None]), axis=1, initial=np.inf
@@ -107,9 +108,9 @@ def postures_within_limits(
         solutions[rows] = np.nan
         solutions[rows[known], 0] = followed[known]
         lost = np.unique(rows[~known] // count)
-    angles = robot.joint_map.controller_angles(solutions)
+    angles = arm.joint_map.controller_angles(solutions)
     pose, branch = np.nonzero(np.isfinite(angles).all(axis=2))
-    joints = _turned(angles[pose, branch], robot, task)
+    joints = inverse.whole(_turned(angles[pose, branch], arm, of_arm))
     place, orientation = np.divmod(pose, count)
     kept = ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)
@@ -124,14 +125,14 @@ def _far(angles: FloatArray, near: FloatArray) -> FloatArray:
     return np.asarray(np.round(apart, 6))
 
 
-def _turned(angles: FloatArray, robot: Robot, task: MapTask) -> FloatArray:
-    """Return controller's angles (K, n), model's angles turned fully towards the limits or what is near.
+def _turned(angles: FloatArray, arm: Robot, posture: FloatArray | None) -> FloatArray:
+    """Return controller's angles (K, 6), model's angles turned fully towards the limits or a posture (6,).
 
     A joint that the map couples to others is turned in the model, where a full turn is one.
     """
-    joint_map, limits = robot.joint_map, robot.limits
+    joint_map, limits = arm.joint_map, arm.limits
     q = joint_map.model_angles(angles)
-    near = np.clip(0.0, *limits.T) if task.near is None else joint_map.model_angles(task.near[None])[0]
+    near = np.clip(0.0, *limits.T) if posture is None else joint_map.model_angles(posture[None])[0]
     q = q + _FULL_TURN * np.round((near - q) / _FULL_TURN)
     with np.errstate(invalid="ignore"):
         up = np.where(q < limits[:, 0], np.ceil((limits[:, 0] - q) / _FULL_TURN), 0.0)

@@ -97,34 +97,47 @@ class OwnWeight:
         """Return the torques g(q) and ``∂g/∂q`` of the weights (method.md §9).
 
         Joint j carries the links behind it: ``g_j = a_j · (S_j × γ)``, a its axis, γ gravity, S their first
-        moment about it. An angle behind j moves the moment of the links behind that angle, one before it
-        turns all that j carries, which is to turn gravity back.
+        moment about it; a prismatic joint carries the part of their weight along its axis. An angle behind j
+        moves the moment of the links behind that angle, one before it turns all that j carries, which is to
+        turn gravity back.
 
         Returns:
             (B, n) [N·m] and (B, n, n) [N·m/rad].
         """
         n = robot.n
         rotation, origin = joint_frames(robot, configurations.q)
-        axes = configurations.angular_jacobian.transpose(0, 2, 1)
+        axes = configurations.angular_jacobian.transpose(0, 2, 1)  # zero for a prismatic joint
         mass = np.triu(np.broadcast_to(self.mass, (n, n)))
         centre = (mass[..., None] * self.centre).transpose(1, 2, 0)  # (l, 3, j)
         moments = mass[..., None] * origin[:, None] + (rotation @ centre).transpose(0, 3, 1, 2)
         behind = moments[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]  # (B, j, k, 3), of the links from k on
-        behind = behind - mass[:, ::-1].cumsum(axis=1)[:, ::-1, None] * origin[:, None]
+        carried = mass[:, ::-1].cumsum(axis=1)[:, ::-1]  # (j, k) [kg]
+        behind = behind - carried[..., None] * origin[:, None]
         own = np.einsum("bjji->bji", behind)
         torque = np.einsum("bji,bji->bj", axes, np.cross(own, self.gravity))
-        later = np.cross(np.cross(axes[:, None], behind), self.gravity)
+        moves = np.cross(axes[:, None], behind)  # (B, j, k, 3), of that moment by joint k
+        if robot.prismatic.any():
+            slides = np.where(robot.prismatic, configurations.jacobian[:, :3], 0.0).transpose(0, 2, 1)
+            pulled = np.diag(carried)[:, None] * slides
+            torque += pulled @ self.gravity
+            moves += carried[..., None] * slides[:, None]
+        later = np.cross(moves, self.gravity)
         sooner = -np.cross(own[:, :, None], np.cross(axes, self.gravity)[:, None])
-        moved = np.where(np.tri(n, k=-1, dtype=np.bool_)[..., None], sooner, later)
-        return torque, np.einsum("bji,bjki->bjk", axes, moved)
+        before = np.tri(n, k=-1, dtype=np.bool_)
+        moved = np.where(before[..., None], sooner, later)
+        stiffness = np.einsum("bji,bjki->bjk", axes, moved)
+        if robot.prismatic.any():
+            stiffness -= before * (pulled @ np.cross(axes, self.gravity).transpose(0, 2, 1))
+        return torque, stiffness
 
 
 def unit_levers(
-    direction: FloatArray, point: FloatArray, rotation: FloatArray, origin: FloatArray
+    prismatic: BoolArray, direction: FloatArray, point: FloatArray, rotation: FloatArray, origin: FloatArray
 ) -> FloatArray:
     """Return the levers by which forces on links twist the joints before them.
 
     Args:
+        prismatic: (n,) which joints slide: a force pulls them along their axes, wherever it acts.
         direction: (B, n, 3) of the axes.
         point: (B, n, 3) on them [m].
         rotation: (B, n, 3, 3) of the frames that move with the joints.
@@ -136,7 +149,9 @@ def unit_levers(
     """
     n = point.shape[1]
     by_force = np.cross(direction[:, :, None], origin[:, None] - point[:, :, None])
+    by_force = np.where(prismatic[:, None, None], direction[:, :, None], by_force)
     by_metre = np.cross(direction[:, :, None, None], rotation.transpose(0, 1, 3, 2)[:, None])
+    by_metre = np.where(prismatic[:, None, None, None], 0.0, by_metre)
     levers = np.concatenate([by_force[..., None, :], by_metre], axis=3)
     return np.asarray(levers * np.triu(np.ones((n, n)))[..., None, None])
 
@@ -155,8 +170,8 @@ class IdentifiedWeight(OwnWeight):
         """Return a root (B, n, r) of the covariance of joints' turns [rad], by loads' torques (B, n)."""
         n = robot.n
         rotation, origin = joint_frames(robot, configurations.q)
-        axes = configurations.angular_jacobian.transpose(0, 2, 1)
-        units = unit_levers(axes, origin, rotation, origin) @ self.gravity
+        axes = np.einsum("bjik,jk->bji", rotation, robot.axes)
+        units = unit_levers(robot.prismatic, axes, origin, rotation, origin) @ self.gravity
         own = np.einsum("bjlp,jlpr->bjr", units, self.root[n:].reshape(n, n, 4, -1))
         return np.asarray(torque[..., None] * self.root[:n] + own)
 

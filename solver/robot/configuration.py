@@ -29,14 +29,14 @@ class Configurations:
     All arrays are read-only.
     """
 
-    q: FloatArray  #: (N, n) angles of the model [rad]
+    q: FloatArray  #: (N, n) positions of the model's joints [rad or m]
 
     def __init__(self, robot: Robot, q: FloatArray) -> None:
-        """Check the angles.
+        """Check the positions.
 
         Args:
             robot: the robot, n joints.
-            q: (N, n) angles of the model [rad].
+            q: (N, n) positions of the model's joints [rad or m].
 
         Raises:
             MeasurementError: if q has another shape or is not finite.
@@ -63,6 +63,8 @@ class Configurations:
             ax, ay, az = axes
             J = jacobian[..., block]
             J[0], J[1], J[2], J[3:] = y * az - z * ay, z * ax - x * az, x * ay - y * ax, axes
+            if robot.prismatic.any():
+                J[:3, robot.prismatic], J[3:, robot.prismatic] = axes[:, robot.prismatic], 0.0
             last[..., block], origin[..., block] = placed[-1, :, :3], placed[-1, :, 3]
         placement, rotation = robot.flange_placement, last.transpose(2, 0, 1)
         translation = origin.T + rotation @ placement.translation
@@ -76,13 +78,14 @@ class Configurations:
         """(N, 6, n) spatial Jacobian, axes of R0.
 
         The first three rows are the velocity of the point of the flange that passes through the origin of R0
-        [m/rad], the last three the flange's angular velocity [rad/rad].
+        [m/rad], the last three the flange's angular velocity [rad/rad]. The column of a prismatic joint is
+        its axis above zeros [m/m, rad/m].
         """
         return self._kinematics[0]
 
     @property
     def angular_jacobian(self) -> FloatArray:
-        """(N, 3, n) J_ω, the last three rows of the spatial Jacobian."""
+        """(N, 3, n) J_ω, the last three rows of the spatial Jacobian; zero for a prismatic joint."""
         return self._kinematics[0][:, 3:]
 
     @property
@@ -108,7 +111,8 @@ class Configurations:
     def jacobian_at(self, points: FloatArray) -> FloatArray:
         """Return J_v of the flange-fixed points now at the given places (method.md §1).
 
-        Column j is ``a_j × (x - o_j)``; the spatial Jacobian holds ``-a_j × o_j`` already.
+        Column j is ``a_j × (x - o_j)``, or a_j of a prismatic joint; the spatial Jacobian holds
+        ``-a_j × o_j`` already.
 
         Args:
             points: (N, T, 3) places in R0 [m].
@@ -155,7 +159,7 @@ def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     Args:
         robot: n joints.
-        q: (N, n) finite angles of the model [rad].
+        q: (N, n) finite positions of the model's joints [rad or m].
     """
     rotation, origin = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
     for block in _blocks(len(q)):
@@ -173,6 +177,8 @@ def _placed(robot: Robot, q: FloatArray) -> FloatArray:
     angles = np.ascontiguousarray(q.T)[:, None, None]
     still, sine, cosine = robot.joint_terms[..., None]
     placed: FloatArray = still + sine * np.sin(angles) + cosine * np.cos(angles)
+    for joint in np.flatnonzero(robot.prismatic):
+        placed[joint, :, 3] += robot.slides[joint, :, None] * q[:, joint]
     for before, after in pairwise(placed):
         after[:] = np.einsum("ikn,kjn->ijn", before[:, :3], after)
         after[:, 3] += before[:, 3]
@@ -186,7 +192,7 @@ def _blocks(count: int) -> Iterator[slice]:
 
 @dataclass(frozen=True, eq=False)
 class Wrist:
-    """The point nearest to the last three axes."""
+    """The point nearest to the last three axes, about which their joints turn."""
 
     #: greatest miss distance of a spherical wrist [m]; under 10 mrad of deflection it moves the centre by 5
     #: µm
@@ -208,10 +214,10 @@ def find_wrist(robot: Robot) -> Wrist | None:
     foot of their common perpendicular. One configuration therefore suffices.
 
     Returns:
-        The wrist, or None if there are fewer than three joints or the point is not unique, as for
-        parallel axes.
+        The wrist, or None if there are fewer than three joints, one of the last three slides, or the point
+        is not unique, as for parallel axes.
     """
-    if robot.n < WRIST_JOINTS:
+    if robot.n < WRIST_JOINTS or robot.prismatic[-WRIST_JOINTS:].any():
         return None
     configuration = Configurations(robot, np.zeros((1, robot.n)))
     moments, directions = np.split(configuration.jacobian[0, :, -WRIST_JOINTS:].T, 2, axis=1)

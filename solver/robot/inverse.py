@@ -1,5 +1,7 @@
 """Inverse kinematics of arms with six joints, and the choice among the postures that reach a path's poses.
 
+Prismatic joints, such as a rail below the arm, stand still: the arm is the robot's other joints.
+
 All branches are found in closed form (EAIK) and made exact by Newton steps.
 
 EAIK finds how a chain decomposes into subproblems of known solution (Ostermeier, Külz, Althoff, *Automatic
@@ -17,9 +19,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import RobotError
+from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.model import Robot, standing_still
 
 BRANCHES: Final = 8
 """Most solutions kept for a pose; more exist only where a joint is free to turn."""
@@ -55,21 +57,41 @@ _LEAST_AHEAD: Final = 16
 
 
 class InverseKinematics:
-    """Joint angles that bring the flange to poses.
+    """Joint angles that bring the flange to poses, prismatic joints standing still.
 
     Attributes:
-        robot: the robot, six joints.
+        arm: the robot without its prismatic joints, six revolute ones: all angles below are its.
+        turning: (6,) indices of these among the robot's joints.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, held: FloatArray | None = None) -> None:
         """Find how the chain, or else the nearest one that does, decomposes.
 
+        Args:
+            robot: n joints, six of them revolute.
+            held: (n,) positions as the controller shows them, at which prismatic joints stand still [m];
+                needed if there are such.
+
         Raises:
-            RobotError: the robot has not six joints, or no chain near it decomposes.
+            RobotError: the robot has not six revolute joints, it is not known where a prismatic one stands,
+                or no chain near it decomposes.
         """
-        if robot.n != _JOINTS:
+        self.turning = np.flatnonzero(~robot.prismatic)
+        if len(self.turning) != _JOINTS:
             remedy = "inverse kinematics needs an arm with six revolute joints"
-            raise RobotError(f"the robot has {robot.n} joints", remedy=remedy, where="robot")
+            count = f"{len(self.turning)} revolute joints" if robot.prismatic.any() else f"{robot.n} joints"
+            raise RobotError(f"the robot has {count}", remedy=remedy, where="robot")
+        self.arm, self._held, self._held_in_model = robot, np.zeros(robot.n), np.zeros(robot.n)
+        if robot.prismatic.any():
+            if held is None:
+                linear = ", ".join(np.array(robot.joint_names)[robot.prismatic])
+                raise RobotError(
+                    f"it is not stated where the linear axis {linear} stands",
+                    remedy="give all joints as `near` or `start`: the linear axis stands still there",
+                    where="robot",
+                )
+            self.arm = standing_still(robot, held)
+            self._held, self._held_in_model = held, robot.joint_map.model_angles(held[None])[0]
         try:
             from eaik.pybindings import EAIK
         except ImportError:
@@ -78,7 +100,7 @@ class InverseKinematics:
                 remedy="use a version of Python that EAIK has wheels for, 3.11 to 3.13",
                 where="robot",
             ) from None
-        self.robot = robot
+        robot = self.arm
         zero = np.zeros((1, robot.n))
         rotation, origin = joint_frames(robot, zero)
         flange = Configurations(robot, zero)
@@ -96,6 +118,37 @@ class InverseKinematics:
             remedy="use an arm with three parallel axes, or with a wrist whose axes meet",
             where="robot",
         )
+
+    def of_arm(self, joints: FloatArray) -> FloatArray:
+        """Return the arm's joints (..., 6) among the robot's (..., n)."""
+        return joints if self.arm.n == len(self._held) else joints[..., self.turning]
+
+    def whole(self, angles: FloatArray, *, of_model: bool = False) -> FloatArray:
+        """Return the robot's joints (..., n) by the arm's (..., 6), of the controller or of the model."""
+        if self.arm.n == len(self._held):
+            return angles
+        held = self._held_in_model if of_model else self._held
+        joints = np.broadcast_to(held, (*angles.shape[:-1], len(held))).copy()
+        joints[..., self.turning] = angles
+        joints[np.isnan(angles[..., 0])] = np.nan
+        return joints
+
+    def standing(self, robot: Robot, commanded: FloatArray) -> FloatArray:
+        """Return positions of the model (m, n) of the same flange poses as others, prismatic joints standing.
+
+        Raises:
+            RequestError: a pose is not reached from there.
+        """
+        if self.arm is robot:
+            return commanded
+        angles, reached = self.polished(flange_poses(robot, commanded), self.of_arm(commanded))
+        if not reached.all():
+            raise RequestError(
+                "the corrected target is not reached while the linear axis stands still",
+                remedy="move the part away from the singularity",
+                where=f"cases[{int(np.argmin(reached))}]",
+            )
+        return self.whole(angles, of_model=True)
 
     def solutions(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return all solutions of poses (m, 4, 4) of the flange in R0 [m], and where none may be missing.
@@ -159,7 +212,7 @@ class InverseKinematics:
         """Return the least singular value (m,) of the flange's Jacobian, in metres and radians."""
         if not len(q):
             return np.zeros(0)
-        jacobian = _jacobian(Configurations(self.robot, q))
+        jacobian = _jacobian(Configurations(self.arm, q))
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
     def followed(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -168,7 +221,7 @@ class InverseKinematics:
         Returns:
             Angles (m, 6) of the model [rad], and (m,) whether each could be told from others all along.
         """
-        begin, q = flange_poses(self.robot, near), near.copy()
+        begin, q = flange_poses(self.arm, near), near.copy()
         done, step = np.zeros(len(poses)), np.ones(len(poses))
         left = np.arange(len(poses))
         while len(left):
@@ -190,17 +243,15 @@ class InverseKinematics:
         q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
         for start in range(0, len(poses), _BLOCK):
             block = slice(start, start + _BLOCK)
-            q[block], reached[block] = self.polished_from(
-                poses[block], Configurations(self.robot, near[block])
-            )
+            q[block], reached[block] = self.polished_from(poses[block], Configurations(self.arm, near[block]))
         return q, reached
 
     def polished_from(self, poses: FloatArray, here: Configurations) -> tuple[FloatArray, BoolArray]:
-        """Do the same as `polished` where the kinematics of the given angles are known."""
+        """Do the same as `polished` where the arm's kinematics of the given angles are known."""
         q, reached = here.q.copy(), np.zeros(len(here), dtype=np.bool_)
         left = np.arange(len(here))
         for step_number in range(_STEPS):
-            here = Configurations(self.robot, q[left]) if step_number else here
+            here = Configurations(self.arm, q[left]) if step_number else here
             apart = np.empty((len(left), 6))  # displacement and rotation vector to the poses
             apart[:, :3] = poses[left, :3, 3] - here.flange_translation
             turn = poses[left, :3, :3] @ here.flange_rotation.transpose(0, 2, 1)
@@ -279,15 +330,15 @@ def choose_postures(
         given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
         stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
         tested: (m,) whether what is stated decides; where no posture came before, it does in any case.
-        start: (6,) controller's angles near the first pose [rad].
+        start: (n,) joints of the robot, as the controller shows them, near the first pose [rad or m].
 
     Returns:
-        (m, 6) angles as the controller shows them [rad], and (m,) values of `Unreached`.
+        (m, n) joints of the robot as the controller shows them [rad or m], and (m,) values of `Unreached`.
 
     Raises:
         RobotError: the joint map lets a controller's angle depend on those of joints further out.
     """
-    robot = inverse.robot
+    robot = inverse.arm
     if np.triu(robot.joint_map.matrix, 1).any():
         raise RobotError(
             "a joint depends on the controller's angle of a joint further out",
@@ -295,7 +346,7 @@ def choose_postures(
             where="joint_map.matrix",
         )
     joints, unreached = given.copy(), np.zeros(len(poses), dtype=np.intp)
-    previous, ahead = start, _AHEAD
+    previous, ahead = None if start is None else inverse.of_arm(start), _AHEAD
     for begin in range(0, len(poses), _AHEAD):
         block = slice(begin, begin + _AHEAD)
         choice = _Choice(inverse, poses[block], given[block], stated[block], tested[block])
@@ -305,7 +356,7 @@ def choose_postures(
     low, high = robot.limits.T
     outside = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
     unreached[known & outside & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
-    return joints, unreached
+    return inverse.whole(joints), unreached
 
 
 class _Choice:
@@ -320,7 +371,7 @@ class _Choice:
         tested: BoolArray,
     ) -> None:
         """Find the solutions (m, 8, 6) in angles of the model, NaN where there is none."""
-        self._inverse, self._robot, self._poses = inverse, inverse.robot, poses
+        self._inverse, self._robot, self._poses = inverse, inverse.arm, poses
         self._posed, self._stated, self._tested = np.isnan(given[:, 0]), stated, tested
         self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
         self._branches[self._posed], self._complete[self._posed] = inverse.solutions(poses[self._posed])

@@ -2,9 +2,10 @@
 
 URDFs, read by `solver.robot.urdf`, and Denavit-Hartenberg tables end here, so everything behind them meets
 one kind of robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
-moving joints. Lengths are in m, angles in rad.
+moving joints. Lengths are in m, angles in rad; a joint's position is an angle or a length, by its kind
+(`schemas.joints`).
 
-Both conventions of tables put one revolute joint into each row; the flange frame is the last frame of the
+Both conventions of tables put one moving joint into each row; the flange frame is the last frame of the
 table. Rx, Rz are rotations about, Tx, Tz translations along the axes of the moved frame.
 """
 
@@ -20,11 +21,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RobotError
 
 MAX_MOVING_JOINTS = 32
-"""Maximum number of revolute joints of a chain: work and memory grow with its cube."""
+"""Maximum number of moving joints of a chain: work and memory grow with its cube."""
 
 MAX_CHAIN_JOINTS = 64
 """Maximum number of joints of a chain, fixed ones included."""
@@ -32,8 +34,8 @@ MAX_CHAIN_JOINTS = 64
 MAX_NAME_LENGTH = 200
 """Maximum length of the name of a robot, a link or a joint."""
 
-UNLIMITED_ANGLE = 1e6
-"""Smallest limit [rad] that means no limit, in documents written and read."""
+UNLIMITED = 1e6
+"""Smallest limit [rad or m] that means no limit, in documents written and read."""
 
 Convention = Literal["standard", "modified"]
 
@@ -41,7 +43,7 @@ LARGEST_LENGTH = 100.0
 """Largest a or d of a Denavit-Hartenberg table [m]."""
 
 LARGEST_ANGLE = 1e3
-"""Largest joint limit of a table [rad]."""
+"""Largest limit of a revolute joint of a table [rad]."""
 
 LARGEST_TWIST = 2 * math.pi
 """Largest alpha or theta of a table [rad]; a larger one is in degrees."""
@@ -54,19 +56,20 @@ _UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already no
 class ChainJoint:
     """A joint and the link behind it. Arrays are copied and read-only.
 
-    The joint's frame is the child link's frame at joint angle zero. A point x of the child link at
-    joint angle q lies at `rotation @ exp(q [axis]×) @ x + translation` in the parent link's frame.
+    The joint's frame is the child link's frame at joint position zero. In the parent link's frame, a point x
+    of the child link lies at `rotation @ exp(q [axis]×) @ x + translation` behind a revolute joint at angle
+    q, and at `rotation @ (x + q axis) + translation` behind a prismatic joint at length q.
 
     Raises:
         RobotError: a name, number, axis, rotation or limit that cannot be one.
     """
 
     name: str  #: name of the joint
-    kind: Literal["revolute", "fixed"]  #: `revolute` moves, `fixed` does not
+    kind: JointKind | Literal["fixed"]  #: how it moves; `fixed` does not
     rotation: FloatArray  #: (3, 3), from the joint's frame to the parent link's frame
     translation: FloatArray  #: (3,) origin of the joint's frame in the parent link's frame [m]
     axis: FloatArray  #: (3,) unit vector in the joint's frame; of no meaning for a fixed joint
-    limits: tuple[float, float] | None  #: least and greatest joint angle [rad], None without limits
+    limits: tuple[float, float] | None  #: least and greatest position [rad or m], None without limits
     child: str  #: name of the link that the joint carries
 
     def __post_init__(self) -> None:
@@ -91,17 +94,21 @@ class ChainJoint:
             raise RobotError(reason, remedy="rename the joint", where=place)
         lower, upper = self.limits or (0.0, 0.0)
         finite = math.isfinite(lower) and math.isfinite(upper)
-        if not finite or lower > upper or lower >= UNLIMITED_ANGLE or upper <= -UNLIMITED_ANGLE:
+        if not finite or lower > upper or lower >= UNLIMITED or upper <= -UNLIMITED:
             raise RobotError(
-                f"the joint limits {lower:g} and {upper:g} rad leave no range",
+                f"the joint limits {lower:g} and {upper:g}{self._unit} leave no range",
                 remedy="give a finite lower limit that does not exceed the upper one, or no limits",
                 where=f"{place} limits",
             )
 
     @property
     def is_moving(self) -> bool:
-        """Return whether the joint has an angle."""
+        """Return whether the joint has a position."""
         return self.kind != "fixed"
+
+    @property
+    def _unit(self) -> str:
+        return "" if self.kind == "fixed" else f" {JOINT_UNITS[self.kind].position}"
 
     @property
     def roll_pitch_yaw(self) -> tuple[float, float, float]:
@@ -126,11 +133,11 @@ class KinematicChain:
     def __post_init__(self) -> None:
         check_name(self.name, "the robot")
         check_name(self.base, "the base link")
-        moving = len(self.revolute)
+        moving = len(self.moving)
         if moving == 0:
             raise RobotError(
-                f"a fixed-only chain: there is no revolute joint between '{self.base}' and '{self.flange}'",
-                remedy="choose a base and a flange with revolute joints between them",
+                f"a fixed-only chain: there is no moving joint between '{self.base}' and '{self.flange}'",
+                remedy="choose a base and a flange with moving joints between them",
                 where="chain",
             )
         for count, most, what in (
@@ -151,14 +158,19 @@ class KinematicChain:
                 raise RobotError(reason, remedy=remedy, where=f"{what} '{name}'")
 
     @property
-    def revolute(self) -> tuple[ChainJoint, ...]:
+    def moving(self) -> tuple[ChainJoint, ...]:
         """Return the moving joints, from the base on."""
         return tuple(joint for joint in self.joints if joint.is_moving)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of the moving joints, from the base on."""
-        return tuple(joint.name for joint in self.revolute)
+        return tuple(joint.name for joint in self.moving)
+
+    @property
+    def joint_kinds(self) -> tuple[JointKind, ...]:
+        """Return the kinds of the moving joints, from the base on."""
+        return tuple(joint.kind for joint in self.joints if joint.kind != "fixed")
 
 
 def check_name(name: str, where: str) -> None:
@@ -187,10 +199,11 @@ class DhRow:
 
     a: float  #: link length [m]
     alpha: float  #: link twist [rad]
-    d: float  #: link offset [m]
-    theta: float  #: constant added to the joint angle [rad]
-    lower: float | None = None  #: least joint angle, `theta` not included [rad]; None without a limit
-    upper: float | None = None  #: greatest joint angle, `theta` not included [rad]; None without a limit
+    d: float  #: link offset, constant added to a prismatic joint's length [m]
+    theta: float  #: constant added to the joint's angle [rad]
+    lower: float | None = None  #: least position, without the constant [rad or m]; None without a limit
+    upper: float | None = None  #: greatest position, without the constant [rad or m]; None without a limit
+    kind: JointKind = "revolute"  #: a revolute joint adds to theta, a prismatic one to d
 
 
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
@@ -201,9 +214,11 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     * standard: T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i),
     * modified (Craig): T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i).
 
+    A prismatic joint's length q_i is added to d_i instead, and theta_i stays.
+
     Joints are named joint_1, joint_2, …; links base (frame 0, R0), link_1, …, flange (frame n). The
     links between have the origin and z of the joint that carries them: frame i in the modified,
-    frame i-1 in the standard convention, turned by the joint's angle.
+    frame i-1 in the standard convention, turned or shifted by the joint.
 
     Args:
         rows: 1 to `MAX_MOVING_JOINTS` rows, base first.
@@ -227,11 +242,11 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
         about_x = pin.SE3(pin.utils.rotate("x", row.alpha), np.array([row.a, 0.0, 0.0]))
         if convention == "modified":
             place = about_x * _about_z(row.theta, row.d)
-        else:  # the joint turns about z of frame i-1: what follows its own joint in row i-1 comes before it
+        else:  # the joint moves about or along z of frame i-1: what follows the joint of row i-1 comes before
             place = before * _about_z(row.theta, 0.0)
             before = _about_z(0.0, row.d) * about_x
         own, link = f"joint_{index + 1}", f"link_{index + 1}"
-        joints.append(ChainJoint(own, "revolute", place.rotation, place.translation, z, limits, link))
+        joints.append(ChainJoint(own, row.kind, place.rotation, place.translation, z, limits, link))
     joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
 
@@ -242,14 +257,15 @@ def _about_z(angle: float, length: float) -> pin.SE3:
 
 
 def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
-    """Return the limits of a row's joint [rad], unless a number of the row makes no sense."""
-    for field, largest, unit in (
-        ("a", LARGEST_LENGTH, "m"),
-        ("alpha", LARGEST_TWIST, "rad"),
-        ("d", LARGEST_LENGTH, "m"),
-        ("theta", LARGEST_TWIST, "rad"),
-        ("lower", LARGEST_ANGLE, "rad"),
-        ("upper", LARGEST_ANGLE, "rad"),
+    """Return the limits of a row's joint [rad or m], unless a number of the row makes no sense."""
+    position = ("m", LARGEST_LENGTH) if row.kind == "prismatic" else ("rad", LARGEST_ANGLE)
+    for field, unit, largest in (
+        ("a", "m", LARGEST_LENGTH),
+        ("alpha", "rad", LARGEST_TWIST),
+        ("d", "m", LARGEST_LENGTH),
+        ("theta", "rad", LARGEST_TWIST),
+        ("lower", *position),
+        ("upper", *position),
     ):
         value = getattr(row, field)
         if value is not None and not (math.isfinite(value) and abs(value) <= largest):
@@ -261,13 +277,13 @@ def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
     if row.lower is None and row.upper is None:
         return None
     return (
-        -UNLIMITED_ANGLE if row.lower is None else row.lower,
-        UNLIMITED_ANGLE if row.upper is None else row.upper,
+        -UNLIMITED if row.lower is None else row.lower,
+        UNLIMITED if row.upper is None else row.upper,
     )
 
 
 LARGEST_MAP_ENTRY: Final = 1e3
-"""Largest entry of a joint map's matrix [rad/rad] or offset [rad]."""
+"""Largest entry of a joint map's matrix or offset, in SI units of the joints."""
 
 WORST_CONDITION: Final = 1e8
 """Condition number of a joint map's matrix above which it counts as singular."""
@@ -280,7 +296,7 @@ _NAME: Final = "displaced axis"
 
 @dataclass(frozen=True, eq=False)
 class JointMap:
-    """Map controller angles q_c to model angles q = M q_c + o (method.md §1).
+    """Map the controller's joint positions q_c to those of the model, q = M q_c + o (method.md §1).
 
     Arrays are copied and read-only.
 
@@ -289,8 +305,8 @@ class JointMap:
             large, or singular.
     """
 
-    matrix: FloatArray  #: M (n, n), dimensionless
-    offset: FloatArray  #: o (n,) [rad]
+    matrix: FloatArray  #: M (n, n), units of the model's joint per those of the controller's
+    offset: FloatArray  #: o (n,) [rad or m]
 
     def __post_init__(self) -> None:
         for field in ("matrix", "offset"):
@@ -347,11 +363,11 @@ class JointMap:
         return len(self.offset)
 
     def model_angles(self, controller: FloatArray) -> FloatArray:
-        """Map controller angles (N, n) to model angles (N, n), both in rad."""
+        """Map positions (N, n) that the controller shows to those of the model, both [rad or m]."""
         return np.asarray(controller @ self.matrix.T + self.offset)
 
     def controller_angles(self, model: FloatArray) -> FloatArray:
-        """Return the angles (..., n) that the controller shows [rad] of angles of the model [rad]."""
+        """Return the positions (..., n) that the controller shows of those of the model, both [rad or m]."""
         wanted = (model - self.offset).reshape(-1, self.n)  # columns of one system: factorised once
         return np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
 
@@ -397,11 +413,14 @@ class Robot:
     flange_placement: pin.SE3  #: of the flange frame in the frame of the last moving joint [m]
     axes: FloatArray  #: (n, 3) unit vectors, each in the frame that moves with its joint
     #: (3, n, 3, 4) terms of the placement ``[R t]`` of each such frame in the one before: it is ``terms[0]
-    #: + sin(q) terms[1] + cos(q) terms[2]`` (Rodrigues), lengths in m
+    #: + sin(q) terms[1] + cos(q) terms[2]`` (Rodrigues), lengths in m; of a prismatic joint terms[0] alone
     joint_terms: FloatArray
+    prismatic: BoolArray  #: (n,) which joints slide along their axes; the others turn about them
+    slides: FloatArray  #: (n, 3) motion of such a frame in the one before by one m; zero of a revolute joint
     n: int  #: number of moving joints
     joint_names: tuple[str, ...]  #: names of the moving joints, from the base on
-    limits: FloatArray  #: (n, 2) least and greatest model angles [rad]; ∓inf where there is no limit
+    joint_kinds: tuple[JointKind, ...]  #: their kinds, in the same order
+    limits: FloatArray  #: (n, 2) least and greatest positions of the model [rad or m]; ∓inf for no limit
 
     def __init__(
         self, chain: KinematicChain, joint_map: JointMap | None = None, bodies: tuple[Body, ...] = ()
@@ -416,7 +435,7 @@ class Robot:
         Raises:
             RobotError: the joint map is for another number of joints.
         """
-        moving = chain.revolute
+        moving = chain.moving
         n = self.n = len(moving)
         self.chain, self.bodies, self.joint_names = chain, bodies, chain.joint_names
         self.joint_map = JointMap.identity(n) if joint_map is None else joint_map
@@ -429,32 +448,76 @@ class Robot:
         self.model = pin.Model()
         self.model.name = chain.name
         self.axes = np.array([joint.axis for joint in moving])
-        self.joint_terms = np.zeros((3, n, 3, 4))
+        self.joint_terms, self.slides = np.zeros((3, n, 3, 4)), np.zeros((n, 3))
         parent, placement = 0, pin.SE3.Identity()  # Pinocchio's world, R0
         for joint in chain.joints:
             placement = placement * pin.SE3(joint.rotation, joint.translation)
             if joint.is_moving:
                 # [P(I + K²) p], [PK 0] and [-PK² 0], by ``exp(q K) = I + sin(q) K + (1 - cos(q)) K²``
                 still, sine, cosine = self.joint_terms[:, parent]
-                K = pin.skew(joint.axis)
-                sine[:, :3] = placement.rotation @ K
-                cosine[:, :3] = -sine[:, :3] @ K
+                if joint.kind == "prismatic":
+                    self.slides[parent] = placement.rotation @ joint.axis
+                    unaligned = pin.JointModelPrismaticUnaligned(joint.axis)
+                else:
+                    K = pin.skew(joint.axis)
+                    sine[:, :3] = placement.rotation @ K
+                    cosine[:, :3] = -sine[:, :3] @ K
+                    unaligned = pin.JointModelRevoluteUnaligned(joint.axis)
                 still[:, :3] = placement.rotation - cosine[:, :3]
                 still[:, 3] = placement.translation
-                unaligned = pin.JointModelRevoluteUnaligned(joint.axis)
                 parent = self.model.addJoint(parent, unaligned, placement, joint.name)
                 placement = pin.SE3.Identity()  # in the last moving joint
         self.model.addBodyFrame(chain.flange, parent, placement, 0)
         self.flange_placement = placement
-        limits = np.array([joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE) for joint in moving])
-        self.limits = np.where(np.abs(limits) >= UNLIMITED_ANGLE, np.copysign(np.inf, limits), limits)
+        self.joint_kinds = chain.joint_kinds
+        self.prismatic = np.array([kind == "prismatic" for kind in self.joint_kinds])
+        limits = np.array([joint.limits or (-UNLIMITED, UNLIMITED) for joint in moving])
+        self.limits = np.where(np.abs(limits) >= UNLIMITED, np.copysign(np.inf, limits), limits)
         self.limits.setflags(write=False)
+
+    def by_kind(self, turning: float, sliding: float) -> FloatArray:
+        """Return a number for each joint (n,): one of angles, one of the lengths of prismatic joints."""
+        return np.where(self.prismatic, sliding, turning)
+
+
+def standing_still(robot: Robot, held: FloatArray) -> Robot:
+    """Return the robot without its prismatic joints, which stand where the controller shows them.
+
+    Args:
+        robot: n joints.
+        held: (n,) as the controller shows them; those of the revolute joints do not matter.
+
+    Raises:
+        RobotError: no joint is left, or a prismatic one moves with others of the controller.
+    """
+    matrix, offset, slides = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
+    if matrix[np.ix_(slides, ~slides)].any():
+        raise RobotError(
+            "a linear axis moves with a rotary axis of the controller, so it cannot stand still",
+            remedy="give a joint map whose rows of prismatic joints have entries of such joints only",
+            where="joint_map.matrix",
+        )
+    by_held = matrix[:, slides] @ held[slides] + offset
+    places = iter(by_held[slides].tolist())
+    joints = tuple(
+        replace(
+            joint,
+            kind="fixed",
+            translation=joint.translation + next(places) * (joint.rotation @ joint.axis),
+            limits=None,
+        )
+        if joint.kind == "prismatic"
+        else joint
+        for joint in robot.chain.joints
+    )
+    joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], by_held[~slides])
+    return Robot(replace(robot.chain, joints=joints), joint_map)
 
 
 def displaced_axis(robot: Robot, joint: int, translation: FloatArray, turn: FloatArray) -> Robot:
     """Return the robot with one axis moved.
 
-    At model angle zero all other axes and the flange stay in place.
+    At model position zero all other axes and the flange stay in place.
 
     Args:
         robot: n joints.
@@ -462,7 +525,7 @@ def displaced_axis(robot: Robot, joint: int, translation: FloatArray, turn: Floa
         translation: (3,) of the axis, axes of the joint's frame [m].
         turn: (3,) rotation vector of the axis about the origin of the joint's frame, its axes [rad].
     """
-    place = robot.chain.joints.index(robot.chain.revolute[joint])
+    place = robot.chain.joints.index(robot.chain.moving[joint])
     own = robot.chain.joints[place]
     rotation: FloatArray = Rotation.from_rotvec(turn).as_matrix()
     moved = replace(

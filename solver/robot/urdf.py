@@ -16,15 +16,16 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Literal
 from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
 import pinocchio as pin
 
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.model import UNLIMITED_ANGLE, Body, ChainJoint, KinematicChain, check_name
+from jointstiff.solver.robot.model import UNLIMITED, Body, ChainJoint, KinematicChain, check_name
 
 MAX_BYTES: Final = 2 * 1024 * 1024
 """Largest document, in bytes of UTF-8; text and comments have no other limit."""
@@ -45,6 +46,12 @@ _UNFIT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _SPACE = re.compile(r"[ \t\r\n]+")
 _TYPES = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar")
+_CHAIN_KINDS: Final[Mapping[str, JointKind | Literal["fixed"]]] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+}
 _ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
 _AXIS = {"xyz": 1e6}  # its norm is judged on the chain only: exporters leave odd axes on fixed joints
 _LARGEST_LIMIT = 1e300  # some documents write ±1e16 for no limit
@@ -58,7 +65,7 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
     """Read the chain from the base link to the flange link.
 
     An axis is normalised if its norm is within `AXIS_TOLERANCE` of 1. A `continuous` joint becomes a
-    revolute joint without limits, as does one with limits of ±`chain.UNLIMITED_ANGLE` or beyond.
+    revolute joint without limits, as does one with limits of ±`model.UNLIMITED` or beyond.
 
     Args:
         text: the document, xacro expanded.
@@ -86,8 +93,8 @@ def write_urdf(chain: KinematicChain) -> str:
     """Write a chain as a URDF that `read_urdf` reads back.
 
     Links come without inertia, visual or mesh. Numbers keep every digit, except that a rotation
-    becomes roll, pitch and yaw (to a few units in the last place). A joint without limits becomes
-    `revolute` with limits ±`UNLIMITED_ANGLE`, so that each joint has exactly one coordinate.
+    becomes roll, pitch and yaw (to a few units in the last place). A joint without limits gets limits of
+    ±`UNLIMITED`, so that each joint has exactly one coordinate.
     """
     robot = ElementTree.Element("robot", name=chain.name)
     links = (chain.base, *(joint.child for joint in chain.joints))
@@ -100,7 +107,7 @@ def write_urdf(chain: KinematicChain) -> str:
         xyz, rpy = _numbers(joint.translation), _numbers(joint.roll_pitch_yaw)
         ElementTree.SubElement(element, "origin", xyz=xyz, rpy=rpy)
         if joint.is_moving:
-            lower, upper = joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE)
+            lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
             ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
             bounds = {"lower": _numbers([lower]), "upper": _numbers([upper])}
             ElementTree.SubElement(element, "limit", bounds, effort="0", velocity="0")
@@ -157,7 +164,7 @@ class UrdfJoint:
     xyz: tuple[float, ...]  #: origin of the joint's frame in the parent link's frame [m]
     rpy: tuple[float, ...]  #: about the parent link's fixed axes [rad]
     axis: tuple[float, ...]  #: in the joint's frame
-    limit: dict[str, float]  #: numbers of <limit> by name [rad]
+    limit: dict[str, float]  #: numbers of <limit> by name [rad, m of a prismatic joint]
     mimics: bool  #: it follows another joint
 
     @classmethod
@@ -213,23 +220,25 @@ class UrdfJoint:
                 remedy="remove <mimic>, and describe the coupling in `joint_map`",
                 where=f"{place} <mimic>",
             )
-        if self.kind not in ("revolute", "continuous", "fixed"):
+        kind = _CHAIN_KINDS.get(self.kind)
+        if kind is None:
             raise RobotError(
                 f"there is a {self.kind} joint between base and flange",
-                remedy="only revolute, continuous and fixed joints are supported there: fix it at its "
-                "position, or choose another base or flange",
+                remedy="only revolute, continuous, prismatic and fixed joints are supported there: fix it at "
+                "its position, or choose another base or flange",
                 where=place,
             )
-        if self.kind == "revolute" and not self.limit.keys() & {"lower", "upper"}:
+        if self.kind in JOINT_UNITS and not self.limit.keys() & {"lower", "upper"}:
             raise RobotError(
-                "a revolute joint needs <limit> with lower and upper",
-                remedy="give the limits in rad, or make the joint continuous",
+                f"a {self.kind} joint needs <limit> with lower and upper",
+                remedy="give the limits in m"
+                if self.kind == "prismatic"
+                else "give the limits in rad, or make the joint continuous",
                 where=f"{place} <limit>",
             )
         lower, upper = self.limit.get("lower", 0.0), self.limit.get("upper", 0.0)
-        unlimited = lower <= -UNLIMITED_ANGLE and upper >= UNLIMITED_ANGLE
-        moves = self.kind != "fixed"
-        axis = np.array(self.axis if moves else _DEFAULT_AXIS)
+        unlimited = lower <= -UNLIMITED and upper >= UNLIMITED
+        axis = np.array(_DEFAULT_AXIS if kind == "fixed" else self.axis)
         norm = float(np.linalg.norm(axis))
         if abs(norm - 1.0) > AXIS_TOLERANCE:
             raise RobotError(
@@ -239,11 +248,11 @@ class UrdfJoint:
             )
         return ChainJoint(
             name=self.name,
-            kind="revolute" if moves else "fixed",
+            kind=kind,
             rotation=pin.rpy.rpyToMatrix(*self.rpy),
             translation=np.array(self.xyz),
             axis=axis / norm,
-            limits=None if unlimited or self.kind != "revolute" else (lower, upper),
+            limits=None if unlimited or self.kind not in JOINT_UNITS else (lower, upper),
             child=self.child,
         )
 
@@ -325,7 +334,7 @@ def _path_down(
     if base == flange:
         raise RobotError(
             f"base and flange are the same link, '{base}'",
-            remedy="choose a flange with revolute joints between the base and it",
+            remedy="choose a flange with moving joints between the base and it",
             where="flange",
         )
     path, link = [], flange

@@ -217,7 +217,7 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
     directions = [before @ axis.direction for before, axis in zip(motion.before[:-1], axes, strict=True)]
     point, origin, direction = (np.stack(part, axis=1) for part in (points, origins, directions))
     rotation = np.stack(motion.before[1:], axis=1) @ frames
-    levers = unit_levers(direction, point, rotation, origin)  # (B, n, n, 4, 3)
+    levers = unit_levers(robot.prismatic, direction, point, rotation, origin)  # (B, n, n, 4, 3)
 
     by_gravity, hangs = np.zeros(point.shape), readings.carried.T[:, :, None, None]
     for number, body in enumerate(burden.bodies):

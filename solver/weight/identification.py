@@ -317,27 +317,30 @@ def joints_of(
     intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
     joints, shares = [], np.full(robot.n, np.nan)
-    for name, torque in zip(robot.joint_names, fit.rows.torques.known.T, strict=True):
+    named = zip(robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True)
+    for name, kind, torque in named:
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
             f"N·m), so its sag looks like an offset of {name}'s angle: hang a known payload off its axis, or "
             "pull across it with a known force; a vertical axis carries no weight at all"
         )
-        joints.append(JointCompliance(name, "not_observable", reason=reason))
+        joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
+        kind = robot.joint_kinds[j]
         if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
                 "which its weight torque differs, as a plan for own weight lists them, or hang on a payload"
             )
-            joints[j] = JointCompliance(name, "not_observable", reason=reason)
+            joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
         c = float(fit.compliance[j])
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
         wide = f"the interval reaches from rigid to {high / max(c / unit, 1e-300):.2g} times the estimate"
         joints[j] = JointCompliance(
             name,
+            kind,
             "at_bound" if c == 0.0 else "identified" if low > 0.0 else "uncertain",
             c,
             float(0.5 * (high - low) * unit * sigma / np.sqrt(rise)),

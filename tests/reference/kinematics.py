@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +19,15 @@ def product_of_exponentials(chain, q):
         if not each.is_moving:
             continue
         axis = pose[:3, :3] @ each.axis
-        columns.append(np.concatenate([np.cross(pose[:3, 3], axis), axis]))
+        slides = each.kind == "prismatic"
+        columns.append(np.concatenate([axis, 0 * axis] if slides else [np.cross(pose[:3, 3], axis), axis]))
         angle, (x, y, z) = next(angles), each.axis.astype(np.longdouble)
         K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         turn = np.eye(4, dtype=np.longdouble)
-        turn[:3, :3] += np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+        if slides:
+            turn[:3, 3] = angle * each.axis
+        else:
+            turn[:3, :3] += np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
         pose = pose @ turn
         frames.append(pose)
     return pose, np.array(frames), np.stack(columns, axis=1)
@@ -61,8 +66,11 @@ TEXTBOOK = {"standard": standard, "modified": modified}
 
 def flange_by_textbook(rows, convention, q):
     pose = np.eye(4)
-    for row, angle in zip(rows, q, strict=True):
-        pose = pose @ TEXTBOOK[convention](row, angle)
+    for row, value in zip(rows, q, strict=True):
+        if row.kind == "prismatic":
+            pose = pose @ TEXTBOOK[convention](replace(row, d=row.d + value), 0.0)
+        else:
+            pose = pose @ TEXTBOOK[convention](row, value)
     return pose
 
 

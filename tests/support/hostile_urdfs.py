@@ -111,7 +111,7 @@ HOSTILE = {
     ),
     **{
         kind: (changed("revolute", kind), "joint 'j1'", f"a {kind} joint between")
-        for kind in ("prismatic", "floating", "planar")
+        for kind in ("floating", "planar")
     },
     "unknown type": (changed("revolute", "Revolute"), "joint 'j1'", "unknown joint type 'Revolute'"),
     "no type": (changed(' type="revolute"', ""), "joint 'j1'", "unknown joint type ''"),

@@ -55,9 +55,11 @@ class SpringCampaign:
     loaded: npt.NDArray[np.float64]
 
     @classmethod
-    def of(cls, arm: SpringArm, *, configurations: int = 19, seed: int = 0) -> SpringCampaign:
+    def of(
+        cls, arm: SpringArm, *, configurations: int = 19, seed: int = 0, force: float = 1500.0
+    ) -> SpringCampaign:
         """Pull in all directions."""
-        plan = plan_experiment(arm, configurations=configurations, load="pull", force=1500.0, seed=seed)
+        plan = plan_experiment(arm, configurations=configurations, load="pull", force=force, seed=seed)
         points = np.array(list(TARGETS.values()))
         return cls(arm, plan, *deflections(arm, plan.joints, *plan.wrenches, points))
 

@@ -17,7 +17,7 @@ export type ComparisonSummary = Schemas["ComparisonSummary"];
 export type DeflectionResult = Schemas["DeflectionResult"];
 export type DhModel = Schemas["DhModel-Output"];
 /** Columns of a DH table that every row has. */
-export type DhColumn = Exclude<keyof DhRow, "lower" | "upper">;
+export type DhColumn = Exclude<keyof DhRow, "lower" | "upper" | "kind">;
 type DhRow = Schemas["DhRow-Output"];
 export type Geometry = Schemas["Geometry"];
 export type GeometryResult = Schemas["GeometryResult"];
@@ -25,6 +25,7 @@ export type GeometrySummary = Schemas["GeometrySummary"];
 export type Health = Schemas["Health"];
 export type ImportAnswer = Schemas["ImportAnswer"];
 export type ImportOptions = Partial<Schemas["ImportRequest"]>;
+export type JointKind = Schemas["Joint"]["kind"];
 export type JointMap = Schemas["JointMap"];
 export type JointResult = Schemas["JointResult"];
 export type Kinematics = Schemas["Kinematics"];

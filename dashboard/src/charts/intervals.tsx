@@ -1,7 +1,7 @@
 /** Values with intervals on a logarithmic axis, a row each; an end that is open is an arrow. */
 import type { JointResult } from "../api/types";
 import { axisStiffness, shownStiffness } from "../lib/stiffness";
-import { STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
+import { STIFFNESS_UNITS, type StiffnessUnit, unitOf } from "../lib/units";
 import { verdictOf } from "../lib/verdict";
 import { text } from "../i18n";
 import { clip } from "../lib/format";
@@ -203,15 +203,24 @@ function bounds(rows: IntervalRow[], reference: number | undefined): [number, nu
 export function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): IntervalMark {
   const shown = shownStiffness(joint, unit);
   const negative = joint.stiffness !== null && joint.stiffness < 0;
-  const interval = joint.stiffness_interval;
+  // where it stands on the axis: its number in its own unit is that of the axis
+  const scale = unitOf(unit, joint.kind).factor / unitOf(unit).factor;
+  const [value, interval] = [onAxis(joint.stiffness, scale, unit), joint.stiffness_interval];
   const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[verdictOf(joint)];
   const range = shown.interval ? ` (${shown.interval.low} … ${shown.interval.high ?? "∞"})` : "";
   return {
     mark,
-    value: negative ? null : joint.stiffness,
-    low: interval?.[0] ?? (negative ? null : joint.stiffness),
-    high: interval ? interval[1] : joint.stiffness,
+    value: negative ? null : value,
+    low: onAxis(interval?.[0], scale, unit) ?? (negative ? null : value),
+    high: interval ? onAxis(interval[1], scale, unit) : value,
     instead,
-    label: `${joint.name}: ${shown.value ?? instead}${range} ${STIFFNESS_UNITS[unit].label}`,
+    label: `${joint.name}: ${shown.value ?? instead}${range} ${unitOf(unit, joint.kind).label}`,
   };
 }
+
+const onAxis = (stiffness: number | null | undefined, scale: number, unit: StiffnessUnit): number | null =>
+  stiffness === null || stiffness === undefined
+    ? null
+    : STIFFNESS_UNITS[unit].inverse
+      ? stiffness / scale
+      : stiffness * scale;

@@ -1,8 +1,8 @@
 /** The arm with a slider for each joint: mistakes in the kinematics show at once. */
 import { useEffect, useMemo, useState } from "preact/hooks";
-import type { RobotSource } from "../api/types";
+import type { JointKind, RobotSource } from "../api/types";
 import { fixed } from "../lib/format";
-import { degrees, radians } from "../lib/units";
+import { position, positionIn, positionUnit } from "../lib/units";
 import { ArmView, roomOf } from "../scene/view";
 import { ARM_ALONE } from "../scene/show";
 import { useKinematics } from "../state/posture";
@@ -11,7 +11,7 @@ import { Busy, Button, ProblemNote } from "./basics";
 
 const TURNED: number[] = [-0.9, 0.8];
 
-/** `start`: angles of the first look, rad. */
+/** `start`: joints of the first look, rad or m. */
 export function Arm({
   source,
   start,
@@ -46,6 +46,7 @@ export function Arm({
           {names.map((name, i) => (
             <Slider
               name={name}
+              kind={posture?.joint_kinds[i] ?? "revolute"}
               value={current[i] ?? 0}
               change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
             />
@@ -57,23 +58,36 @@ export function Arm({
   );
 }
 
-function Slider({ name, value, change }: { name: string; value: number; change: (value: number) => void }) {
-  const shown = fixed(degrees(value), 0);
+/** Most that a slider moves a joint: half a turn, or 2 m [mm]. */
+const MOST = { revolute: 180, prismatic: 2000 } as const;
+
+function Slider({
+  name,
+  kind,
+  value,
+  change,
+}: {
+  name: string;
+  kind: JointKind;
+  value: number;
+  change: (value: number) => void;
+}) {
+  const shown = position(value, kind);
   return (
     <label class="slider">
       <bdi>{name}</bdi>
       <input
         type="range"
-        min={-180}
-        max={180}
+        min={-MOST[kind]}
+        max={MOST[kind]}
         step={1}
-        value={Math.round(degrees(value))}
+        value={Math.round(shown)}
         aria-label={text.robots.angle(name)}
-        onInput={(event) => change(radians(Number(event.currentTarget.value)))}
+        onInput={(event) => change(positionIn(Number(event.currentTarget.value), kind))}
       />
       <output>
-        {shown}
-        {text.units.deg}
+        {fixed(shown, 0)}
+        {positionUnit(kind)}
       </output>
     </label>
   );

@@ -10,7 +10,7 @@ export interface MapPlace {
   status: PlaceStatus;
   /** In R0 [m]. */
   position: Vector;
-  /** Controller's angles [rad]; empty where no posture is within limits. */
+  /** Joints as the controller shows them [rad, m]; empty where no posture is within limits. */
   joints: number[];
   /** [m]; NaN where there is no number, as in all that follows. */
   displacement: Vector;
@@ -24,17 +24,19 @@ export interface MapPlace {
 
 export type Quantity = "deflection" | "upper" | "along" | "across";
 
-/** The places of a map's table; angles of joints are its columns in radians. */
+/** The places of a map's table; joints are its columns in radians, prismatic ones `joint …` in metres. */
 export function placesOf(table: Columns): MapPlace[] {
   const { column, numbers } = readerOf(table);
-  const angles = table.columns.filter(({ unit }) => unit === "rad");
+  const angles = table.columns.filter(
+    ({ name, unit }) => unit === "rad" || (unit === "m" && name.startsWith("joint ")),
+  );
   return column("status").map((status, i) => {
     const at = (head: string): number => numbers(head, i);
-    const joints = angles.map(({ values }) => numeric(values[i]));
+    const posture = angles.map(({ values }) => numeric(values[i]));
     return {
       status: status as PlaceStatus,
       position: [at("x [m]"), at("y [m]"), at("z [m]")],
-      joints: joints.some(Number.isNaN) ? [] : joints,
+      joints: posture.some(Number.isNaN) ? [] : posture,
       displacement: [at("dx [m]"), at("dy [m]"), at("dz [m]")],
       deflection: at("deflection [m]"),
       readingsOnly: [at("readings only low [m]"), at("readings only high [m]")],

@@ -1,11 +1,11 @@
 /** Stiffness in the unit that was chosen, with the digits that its uncertainty allows. */
 import type { JointResult } from "../api/types";
 import { decimalsFor, fixed, significant } from "./format";
-import { changeIn, inUnit, intervalIn, STIFFNESS_UNITS, type StiffnessUnit } from "./units";
+import { changeIn, inUnit, intervalIn, STIFFNESS_UNITS, type StiffnessUnit, unitOf } from "./units";
 import { lowerLimit, stiffnessUncertainty } from "./verdict";
 
 interface ShownStiffness {
-  /** The value, or null where there is none. */
+  /** The value, of a prismatic joint with its unit, or null where there is none. */
   value: string | null;
   /** Standard uncertainty, with two significant digits. */
   uncertainty: string | null;
@@ -18,17 +18,21 @@ interface ShownStiffness {
 export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownStiffness {
   const open = joint.stiffness_interval?.[1] === null;
   const u = joint.stiffness === null ? null : stiffnessUncertainty(joint);
-  const change = u === null || joint.stiffness === null ? null : changeIn(u, joint.stiffness, unit);
+  const { kind } = joint;
+  const change = u === null || joint.stiffness === null ? null : changeIn(u, joint.stiffness, unit, kind);
+  const beside = kind === "prismatic" ? `\u00a0${unitOf(unit, kind).label}` : "";
   const decimals = change === null || open ? null : decimalsFor(change);
   const show = (value: number) => (decimals === null ? significant(value, open ? 2 : 3) : fixed(value, decimals));
-  const [low, high] = intervalIn(joint.stiffness_interval, unit);
+  const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
   const limit = lowerLimit(joint);
   return {
-    value: joint.stiffness === null ? null : show(inUnit(joint.stiffness, unit)),
+    value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
     uncertainty: change === null || open ? null : show(change),
     interval: low === null ? null : { low: show(low), high: high === null ? null : show(high) },
     limit:
-      limit === null ? null : `${STIFFNESS_UNITS[unit].inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit), 2)}`,
+      limit === null
+        ? null
+        : `${STIFFNESS_UNITS[unit].inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit, kind), 2)}${beside}`,
   };
 }
 

@@ -31,16 +31,16 @@ export function pointsOf(
 ): TrendPoint[] {
   return trend.campaigns.map((campaign, i) => {
     const point = joint.points[i];
-    const value = maybeInUnit(point?.stiffness, unit);
-    const [low, high] = intervalIn(point?.interval, unit);
-    const limits = [point?.lower_limit, point?.upper_limit].map((one) => maybeInUnit(one, unit));
+    const value = maybeInUnit(point?.stiffness, unit, joint.kind);
+    const [low, high] = intervalIn(point?.interval, unit, joint.kind);
+    const limits = [point?.lower_limit, point?.upper_limit].map((one) => maybeInUnit(one, unit, joint.kind));
     const [lower, upper] = limits;
     return {
       time: Date.parse(campaign.at),
       value,
       low,
       high: point?.interval ? high : value,
-      smoothed: maybeInUnit(point?.smoothed, unit),
+      smoothed: maybeInUnit(point?.smoothed, unit, joint.kind),
       limits: typeof lower === "number" && typeof upper === "number" ? [lower, upper] : null,
       alarm: point?.exceeded ?? false,
       mark: point?.role === "monitored" ? "method-1" : "free",
@@ -54,7 +54,7 @@ export function pointsOf(
 /** The baselines of a joint ± two standard uncertainties, in a unit. */
 export function bandsOf(joint: TrendJoint, unit: StiffnessUnit): TrendBand[] {
   return joint.charts.map(({ baseline, stiffness, relative_uncertainty: u }) => {
-    const ends = [Math.exp(-2 * u), Math.exp(2 * u)].map((factor) => inUnit(stiffness * factor, unit));
+    const ends = [Math.exp(-2 * u), Math.exp(2 * u)].map((factor) => inUnit(stiffness * factor, unit, joint.kind));
     return { part: baseline, low: Math.min(...ends), high: Math.max(...ends) };
   });
 }

@@ -87,7 +87,7 @@ export function ArmFacts({ arm }: { arm: NominalArm }) {
           },
         ]}
       />
-      {arm.joint_map && <JointMapTable map={arm.joint_map} />}
+      {arm.joint_map && <JointMapTable map={arm.joint_map} kinds={arm.model.rows.map(({ kind }) => kind)} />}
     </>
   );
 }

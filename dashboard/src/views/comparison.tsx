@@ -12,7 +12,7 @@ import { JobTables } from "../components/job_tables";
 import { alike, type Table } from "../components/table";
 import { pValue, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
-import { STIFFNESS_UNITS, type StiffnessUnit, intervalIn, maybeInUnit } from "../lib/units";
+import { type StiffnessUnit, intervalIn, maybeInUnit, labelOf } from "../lib/units";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { storedSet } from "../state/stored";
@@ -180,7 +180,7 @@ const verdict = (p: number | null, reason: string | null): string =>
 /** The runs by which two sides are compared. */
 function Both({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
   const { unit } = useSettings();
-  const u = { unit: STIFFNESS_UNITS[unit].column };
+  const u = { unit: labelOf(unit, kindsOf(result.entries), "column") };
   const runs = result.sides.map(({ run_id }) => result.entries.find((fit) => fit.run_id === run_id)?.joints ?? []);
   const marks = ["method-1", "method-0"] as const;
   return (
@@ -200,8 +200,8 @@ function Both({ result, sides, level }: { result: Result; sides: Sides; level: s
         rows: result.joints.map(({ name }, j) => [
           name,
           ...runs.flatMap((joints) => [
-            maybeInUnit(joints[j]?.stiffness ?? null, unit),
-            ...intervalIn(joints[j]?.stiffness_interval ?? null, unit),
+            maybeInUnit(joints[j]?.stiffness ?? null, unit, joints[j]?.kind),
+            ...intervalIn(joints[j]?.stiffness_interval ?? null, unit, joints[j]?.kind),
           ]),
         ]),
       }}
@@ -271,13 +271,15 @@ function Methods({ entries, level, side }: { entries: ComparedRun[]; level: stri
   );
 }
 
+const kindsOf = (entries: ComparedRun[]) => entries.flatMap(({ joints }) => joints.map(({ kind }) => kind));
+
 function stiffnesses(entries: ComparedRun[], unit: StiffnessUnit): Table {
   return {
     columns: [
       text.run.method,
       text.options.constrained,
       text.run.joint,
-      ...alike([text.run.value, text.run.low, text.run.high], STIFFNESS_UNITS[unit].column),
+      ...alike([text.run.value, text.run.low, text.run.high], labelOf(unit, kindsOf(entries), "column")),
       words.compensation,
       { title: words.rms, unit: text.units.mm },
     ],
@@ -286,8 +288,8 @@ function stiffnesses(entries: ComparedRun[], unit: StiffnessUnit): Table {
         entryName(fit),
         fit.positive ? text.options.constrained : text.options.unconstrained,
         joint.name,
-        maybeInUnit(joint.stiffness, unit),
-        ...intervalIn(joint.stiffness_interval, unit),
+        maybeInUnit(joint.stiffness, unit, joint.kind),
+        ...intervalIn(joint.stiffness_interval, unit, joint.kind),
         fit.compensation,
         fit.rms_residual === null ? null : fit.rms_residual * 1e3,
       ]),

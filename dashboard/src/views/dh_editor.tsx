@@ -1,5 +1,5 @@
 /** A Denavit-Hartenberg table to fill in, and the joint map for coupled axes. */
-import type { DhModel, JointMap as Map, RobotDocument } from "../api/types";
+import type { DhModel, JointKind, JointMap as Map, RobotDocument } from "../api/types";
 import { Button, Choice } from "../components/basics";
 import { NumberBox, Select } from "../components/fields";
 import { Scroll } from "../components/table";
@@ -10,7 +10,7 @@ import { useCatalogue } from "./catalogue";
 
 const CELLS = ["a", "alpha", "d", "theta", "lower", "upper"] as const;
 type Column = (typeof CELLS)[number];
-type Row = Record<Column, string>;
+type Row = Record<Column, string> & { kind: JointKind };
 
 /** The table as it is typed: text, so that "-" and "1." can stand while one types. */
 export interface DhTable {
@@ -23,7 +23,7 @@ export interface DhTable {
   offset: string[];
 }
 
-const EMPTY: Row = { a: "", alpha: "", d: "", theta: "", lower: "", upper: "" };
+const EMPTY: Row = { a: "", alpha: "", d: "", theta: "", lower: "", upper: "", kind: "revolute" };
 const AXES = 6;
 
 /** An empty table of a six-axis arm. */
@@ -45,19 +45,22 @@ export function tableOf(model: DhModel, map: Map | null): DhTable {
   const length = (value: number) => typed(value * 1e3);
   const angle = (value: number | null | undefined) =>
     value === null || value === undefined ? "" : typed(degrees(value));
+  const limit = (value: number | null | undefined, kind: JointKind = "revolute") =>
+    kind === "prismatic" && typeof value === "number" ? length(value) : angle(value);
   return resized({
     ...newDh(),
     convention: model.convention,
     mapped: map !== null,
     matrix: map?.matrix.map((row) => row.map(typed)) ?? [],
-    offset: map?.offset.map(angle) ?? [],
+    offset: map?.offset.map((value, i) => limit(value, model.rows[i]?.kind)) ?? [],
     rows: model.rows.map((row) => ({
       a: length(row.a),
       alpha: angle(row.alpha),
       d: length(row.d),
       theta: angle(row.theta),
-      lower: angle(row.lower),
-      upper: angle(row.upper),
+      lower: limit(row.lower, row.kind),
+      upper: limit(row.upper, row.kind),
+      kind: row.kind,
     })),
   });
 }
@@ -71,19 +74,21 @@ export function documentOf(name: string, table: DhTable): RobotDocument | null {
     const value = numberIn(typed) ?? 0;
     return unit[column] === "mm" ? value / 1e3 : unit[column] === "deg" ? radians(value) : value;
   };
-  const limit = (typed: string) => (typed.trim() === "" ? null : si("theta", typed));
+  const byKind = (typed: string, kind: JointKind = "revolute") => si(kind === "prismatic" ? "d" : "theta", typed);
+  const limit = (typed: string, kind: JointKind) => (typed.trim() === "" ? null : byKind(typed, kind));
   const rows = table.rows.map((row) => ({
     a: si("a", row.a),
     alpha: si("alpha", row.alpha),
     d: si("d", row.d),
     theta: si("theta", row.theta),
-    lower: limit(row.lower),
-    upper: limit(row.upper),
+    lower: limit(row.lower, row.kind),
+    upper: limit(row.upper, row.kind),
+    kind: row.kind,
   }));
   const matrix = table.matrix.map((line) => line.map((typed) => numberIn(typed) ?? NaN));
-  const offset = table.offset.map((typed) => (typed.trim() === "" ? NaN : si("theta", typed)));
+  const offset = table.offset.map((typed, i) => (typed.trim() === "" ? NaN : byKind(typed, table.rows[i]?.kind)));
   const numbers = [
-    ...rows.flatMap((row) => Object.values(row)),
+    ...rows.flatMap(({ kind: _, ...row }) => Object.values(row)),
     ...(table.mapped ? [...matrix.flat(), ...offset] : []),
   ];
   if (numbers.some(Number.isNaN) || rows.every((row) => row.a === 0 && row.d === 0)) return null;
@@ -111,6 +116,15 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
   const set = (part: Partial<DhTable>) => change({ ...table, ...part });
   const put = (i: number, column: Column, typed: string) =>
     set({ rows: table.rows.map((row, k) => (k === i ? { ...row, [column]: typed } : row)) });
+  const putKind = (i: number, kind: JointKind) =>
+    set({ rows: table.rows.map((row, k) => (k === i ? { ...row, kind } : row)) });
+  const slides = table.rows.some(({ kind }) => kind === "prismatic");
+  const unitOf = (column: Column) =>
+    column === "a" || column === "d"
+      ? table.length
+      : slides && (column === "lower" || column === "upper")
+        ? `${angleUnit}, ${table.length}`
+        : angleUnit;
   return (
     <>
       <div class="row">
@@ -142,9 +156,10 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
           <thead>
             <tr>
               <th scope="col" aria-label={text.run.joint} />
+              <th scope="col">{words.kind}</th>
               {CELLS.map((column) => (
                 <th scope="col">
-                  {named[column]} <small>{column === "a" || column === "d" ? table.length : angleUnit}</small>
+                  {named[column]} <small>{unitOf(column)}</small>
                 </th>
               ))}
             </tr>
@@ -153,6 +168,17 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
             {table.rows.map((row, i) => (
               <tr>
                 <th scope="row">{i + 1}</th>
+                <td>
+                  <select
+                    aria-label={words.cell(words.kind, i + 1)}
+                    value={row.kind}
+                    onChange={(event) => putKind(i, event.currentTarget.value as JointKind)}
+                  >
+                    {(["revolute", "prismatic"] as const).map((kind) => (
+                      <option value={kind}>{words.kinds[kind]}</option>
+                    ))}
+                  </select>
+                </td>
                 {CELLS.map((column) => (
                   <td>
                     <NumberBox

@@ -7,7 +7,7 @@ import { Name, Prose } from "../components/basics";
 import { Term } from "../components/term";
 import { fixed, percent } from "../lib/format";
 import { axisStiffness, shownStiffness } from "../lib/stiffness";
-import { STIFFNESS_UNITS, type StiffnessUnit, changeIn, inUnit, intervalIn } from "../lib/units";
+import { STIFFNESS_UNITS, type StiffnessUnit, changeIn, inUnit, intervalIn, labelOf, unitOf } from "../lib/units";
 import { capOf, stiffnessUncertainty, verdictOf } from "../lib/verdict";
 import { useWidth } from "../state/size";
 import { useSettings } from "../state/settings";
@@ -239,7 +239,8 @@ export function stiffnessTable(
   unit: StiffnessUnit,
   parts: Map<string, Contribution> = new Map(),
 ) {
-  const u = { unit: STIFFNESS_UNITS[unit].column };
+  const kinds = sets.flatMap(([, joints]) => joints.map(({ kind }) => kind));
+  const u = { unit: labelOf(unit, kinds, "column") };
   return {
     columns: [
       words.joint,
@@ -257,12 +258,12 @@ export function stiffnessTable(
         const change = stiffnessUncertainty(joint);
         const part = parts.get(joint.name);
         return [
-          joint.name,
+          kinds.includes("prismatic") ? `${joint.name} [${unitOf(unit, joint.kind).column}]` : joint.name,
           text.verdicts[verdictOf(joint)],
           name,
-          k === null ? null : inUnit(k, unit),
-          k === null || change === null ? null : changeIn(change, k, unit),
-          ...intervalIn(joint.stiffness_interval, unit),
+          k === null ? null : inUnit(k, unit, joint.kind),
+          k === null || change === null ? null : changeIn(change, k, unit, joint.kind),
+          ...intervalIn(joint.stiffness_interval, unit, joint.kind),
           ...(part ? [part.share, part.mean * 1e3] : []),
         ];
       }),

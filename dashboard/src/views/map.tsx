@@ -21,7 +21,7 @@ import {
   valueOfPlace,
 } from "../lib/map";
 import { extent } from "../lib/scale";
-import { degrees } from "../lib/units";
+import { postureText } from "../lib/units";
 import { norm } from "../lib/vector";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
@@ -263,11 +263,11 @@ function Sliced({
 function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
   const level = percent(map.request.confidence);
   const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
-  const { mm, micrometre, micrometrePerNewton: perNewton, deg } = text.units;
+  const { mm, micrometre, micrometrePerNewton: perNewton } = text.units;
   const position = { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` };
   const angles = {
     label: words.angles,
-    value: `${place.joints.map((angle) => fixed(degrees(angle), 1)).join(", ")} ${deg}`,
+    value: postureText(place.joints, Object.values(map.result?.joint_kinds ?? {}), 1),
   };
   const posed = place.joints.length > 0 ? [angles] : [];
   if (place.status !== "reached")

@@ -182,7 +182,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         <Numbers label={programWords.tool} path="tools" value={tool} change={setTool} help={programWords.frameHint} />
         <Numbers label={programWords.base} path="bases" value={base} change={setBase} help={programWords.frameHint} />
         <Numbers
-          label={`${programWords.start} [${text.units.deg}]`}
+          label={`${programWords.start} [${text.units.deg}, ${text.units.mm}]`}
           path="start"
           value={start}
           change={setStart}

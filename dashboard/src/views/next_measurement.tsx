@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { Advice, JointResult, MeasurementSet, Posture, Robot, Run } from "../api/types";
 import { PostureSketch } from "../components/posture";
 import { fixed, percent, significant } from "../lib/format";
-import { degrees } from "../lib/units";
+import { position, positionUnit } from "../lib/units";
 import { norm, type Vector } from "../lib/vector";
 import { useCached } from "../state/cache";
 import { valueOf } from "../state/load";
@@ -74,7 +74,8 @@ function One({
   run: Run;
   set: MeasurementSet;
 }) {
-  const angles = advice.joints.map((angle) => fixed(degrees(angle), 1));
+  const kinds = run.result?.joints.map(({ kind }) => kind) ?? [];
+  const angles = advice.joints.map((value, i) => fixed(position(value, kinds[i]), 1));
   const copy = () => {
     const plain = angles.map((angle, i) => `A${i + 1} ${angle.replace("\u2212", "-")}`).join(", ");
     if (!navigator.clipboard) return void prompt(words.copy, plain); // plain http has no clipboard
@@ -92,7 +93,8 @@ function One({
         <p class="angles">
           {angles.map((angle, i) => (
             <span>
-              <small>A{i + 1}</small> {angle}°
+              <small>A{i + 1}</small> {angle}
+              {positionUnit(kinds[i])}
             </span>
           ))}
           <Button look="quiet" onClick={copy}>
@@ -128,11 +130,12 @@ function before({ compliance, standard_uncertainty: u }: JointResult): string {
   return compliance === null || compliance <= 0 || u === null ? words.unknown : percent(u / compliance);
 }
 
-function afterwards(advice: Advice, { compliance, standard_uncertainty: u }: JointResult): string {
+function afterwards(advice: Advice, { kind, compliance, standard_uncertainty: u }: JointResult): string {
   const { standard_uncertainty: after, uncertainty_ratio: ratio } = advice;
   if (compliance !== null && compliance > 0) {
     if (ratio !== null && u !== null) return percent((ratio * u) / compliance);
     if (after !== null) return percent(after / compliance);
   }
-  return after === null ? words.determined : `±\u00a0${significant(after * 1e9, 2)}\u00a0nrad/(N·m)`;
+  const unit = kind === "prismatic" ? "nm/N" : "nrad/(N·m)";
+  return after === null ? words.determined : `±\u00a0${significant(after * 1e9, 2)}\u00a0${unit}`;
 }

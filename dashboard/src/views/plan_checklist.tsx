@@ -1,7 +1,7 @@
 /** A plan carried out on the tablet: postures ticked off and drawn, readings taken as they grow, how sure the joints are. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Plan, PlanResult, Posture, Robot, Run } from "../api/types";
+import type { JointKind, Plan, PlanResult, Posture, Robot, Run } from "../api/types";
 import { Badge } from "../components/badge";
 import { Busy, Button, ProblemNote } from "../components/basics";
 import { DropZone } from "../components/drop";
@@ -10,7 +10,7 @@ import { understand } from "../lib/campaign";
 import { type Planned, readSoFar, surenessOf } from "../lib/checklist";
 import { fixed, percent } from "../lib/format";
 import { contentKey } from "../lib/hash";
-import { degrees } from "../lib/units";
+import { position, positionUnit } from "../lib/units";
 import { type Vector, norm } from "../lib/vector";
 import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
@@ -69,7 +69,7 @@ export function Checklist({ plan, result, robot }: { plan: Plan; result: PlanRes
               </label>
               <Button look="quiet" onClick={() => choose(each.label)}>
                 <span class="hidden">{words.show(each.label)}: </span>
-                {angles(each)}
+                {angles(each, robot)}
               </Button>
             </li>
           ))}
@@ -83,7 +83,11 @@ export function Checklist({ plan, result, robot }: { plan: Plan; result: PlanRes
   );
 }
 
-const angles = ({ joints }: Planned): string => joints.map((angle) => `${fixed(degrees(angle), 0)}°`).join("  ");
+const shownJoint = (value: number, kind: JointKind | undefined, decimals: number): string =>
+  `${fixed(position(value, kind), decimals)}${positionUnit(kind)}`;
+
+const angles = ({ joints }: Planned, robot: Robot): string =>
+  joints.map((value, i) => shownJoint(value, robot.joints[i]?.kind, 0)).join("  ");
 
 function loadOf({ force, anchor }: Planned): string {
   const size = norm(force as Vector) || 1;
@@ -125,7 +129,7 @@ function Current({
       <p class="angles">
         {reading.joints.map((angle, i) => (
           <span>
-            <small class="soft">{robot.joints[i]?.name}</small> <b>{fixed(degrees(angle), 1)}°</b>
+            <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
           </span>
         ))}
       </p>

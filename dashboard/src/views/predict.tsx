@@ -11,7 +11,7 @@ import { loadOf } from "../lib/places";
 import { numbersIn } from "../lib/program";
 import { sentence } from "../lib/said";
 import { roundStep } from "../lib/scale";
-import { degrees, factors, radians } from "../lib/units";
+import { factors, position, positionIn, positionUnit } from "../lib/units";
 import { type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
@@ -42,8 +42,14 @@ interface Predicted {
 
 function Form({ context: { run, set, robot }, result, postures }: PredictProps & { postures: Posture[] }) {
   const unit = factors(set.units);
+  const kinds = robot.joints.map(({ kind }) => kind);
   const anglesAt = (i: number) =>
-    typedOf(set.observations[i]?.joints.map((value) => degrees(value * unit.angle)) ?? [], 3);
+    typedOf(
+      set.observations[i]?.joints.map((value, j) =>
+        position(value * (kinds[j] === "prismatic" ? unit.length : unit.angle), kinds[j]),
+      ) ?? [],
+      3,
+    );
   const forceAt = (i: number) => {
     const [observation, posture] = [set.observations[i], postures[i]];
     return observation && posture ? typedOf(loadOf(set, observation, posture).force, 1) : "";
@@ -64,7 +70,9 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
       load_point: point,
       cases: [{ joints: angles, force: load }],
     });
-    const [posture] = (await api.kinematics({ robot_id: robot.id }, [angles.map(radians)])).postures;
+    const [posture] = (
+      await api.kinematics({ robot_id: robot.id }, [angles.map((shown, j) => positionIn(shown, kinds[j]))])
+    ).postures;
     if (!posture) return;
     const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(point, 1e-3));
     setFound({ posture, point: inBase, force: load, answer });
@@ -91,7 +99,7 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
         />
         <TextField
           label={text.map.angles}
-          unit={deg}
+          unit={kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg}
           value={joints}
           change={(typed) => {
             setChosen(TYPED);

@@ -1,5 +1,5 @@
 /** One robot: drawn, as it was understood, with its sets, runs and trend. */
-import type { Robot } from "../api/types";
+import type { JointKind, Robot } from "../api/types";
 import { api } from "../api/client";
 import { AlarmNote } from "../components/alarm";
 import { Arm } from "../components/arm";
@@ -8,7 +8,7 @@ import { Empty, Facts, LinkButton, Name, Show, Title } from "../components/basic
 import { chosen, FilterBar, Rows, useFilter } from "../components/list";
 import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
-import { degrees } from "../lib/units";
+import { position, positionUnit } from "../lib/units";
 import { useLoad, valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { storedRobot } from "../state/stored";
@@ -80,7 +80,9 @@ function Kinematics({ robot }: { robot: Robot }) {
   const { wrist } = robot;
   const miss = wrist.miss_distance;
   const words = text.robots;
-  const limit = (value: number | null) => (value === null ? words.unlimited : fixed(degrees(value), 0));
+  const limit = (value: number | null, kind: JointKind) =>
+    value === null ? words.unlimited : `${fixed(position(value, kind), 0)}${slides ? positionUnit(kind) : ""}`;
+  const slides = robot.joints.some(({ kind }) => kind === "prismatic");
   return (
     <>
       {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
@@ -107,15 +109,18 @@ function Kinematics({ robot }: { robot: Robot }) {
       {robot.joint_map && (
         <>
           <h3>{words.map}</h3>
-          <JointMapTable map={robot.joint_map} />
+          <JointMapTable map={robot.joint_map} kinds={robot.joints.map(({ kind }) => kind)} />
         </>
       )}
       {robot.model.format === "urdf" && (
         <DataTable
           caption={words.limits}
           table={{
-            columns: [text.run.joint, ...alike([words.lower, words.upper], text.units.deg)],
-            rows: robot.joints.map((joint) => [joint.name, limit(joint.lower), limit(joint.upper)]),
+            columns: [
+              text.run.joint,
+              ...(slides ? [words.lower, words.upper] : alike([words.lower, words.upper], text.units.deg)),
+            ],
+            rows: robot.joints.map(({ name, kind, lower, upper }) => [name, limit(lower, kind), limit(upper, kind)]),
           }}
         />
       )}

@@ -11,7 +11,7 @@ import { Select } from "../components/fields";
 import { Rows } from "../components/list";
 import { pValue } from "../lib/format";
 import { bandsOf, changeText, pointsOf, worstFirst } from "../lib/trend";
-import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
+import { intervalIn, maybeInUnit, unitOf } from "../lib/units";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
@@ -146,7 +146,7 @@ function Campaigns({ trend: { campaigns } }: { trend: Found }) {
 
 function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
   const { unit } = useSettings();
-  const { label, column } = STIFFNESS_UNITS[unit];
+  const { label, column } = unitOf(unit, joint.kind);
   const points = pointsOf(trend, joint, unit, sayer(joint, trend), (run) => link(["runs", run]));
   return (
     <Figure
@@ -167,9 +167,9 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
             name,
             at,
             point ? words.roles[point.role] : "",
-            maybeInUnit(point?.stiffness, unit),
-            ...intervalIn(point?.interval, unit),
-            maybeInUnit(point?.smoothed, unit),
+            maybeInUnit(point?.stiffness, unit, joint.kind),
+            ...intervalIn(point?.interval, unit, joint.kind),
+            maybeInUnit(point?.smoothed, unit, joint.kind),
             ...(points[i]?.limits ?? [null, null]),
             point?.change ? changeText(point.change) : (point?.reason ?? ""),
             text.usability[assessment.verdict],

@@ -8,7 +8,7 @@ import { newestOf } from "../../src/views/robot_twins";
 import { SetMetadata } from "../../src/views/set";
 import { drawn, press, settled } from "./drawn";
 
-const row = { a: 0.35, alpha: -Math.PI / 2, d: 0, theta: 0, lower: -Math.PI, upper: null };
+const row = { a: 0.35, alpha: -Math.PI / 2, d: 0, theta: 0, lower: -Math.PI, upper: null, kind: "revolute" } as const;
 const arm = (name: string): NominalArm => ({
   name,
   maker: name.split(" ")[0] ?? "",

@@ -27,6 +27,7 @@ const facts = async (changes: Partial<typeof predicted>) => {
   const result = {
     assessment: { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, notes: [] },
     confidence: 0.95,
+    joint_kinds: {},
     model_error_postures: 19,
     postures_needed: 19,
     remarks: [],

@@ -22,7 +22,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
 
 ARM = default_arm()
-NAMES = [f"joint_{j}" for j in range(1, 7)]
+KINDS = dict.fromkeys((f"joint_{j}" for j in range(1, 7)), "revolute")
 JOINTS = [10.0, -20.0, 30.0, 5.0, 45.0, 0.0]
 FORCE = [200.0, 300.0, -800.0]
 POINT = [0.0, 0.0, 0.12]
@@ -198,7 +198,7 @@ class TestTables:
         german = (
             TABLE.replace(",", ";").replace("10.0", "10,0").replace("[N]", "[kN]").replace("-800.0", "-0,8")
         )
-        found = read_load_cases(german, NAMES)
+        found = read_load_cases(german, KINDS)
         np.testing.assert_allclose(found.cases[0].joints, np.radians(JOINTS))
         assert found.cases[0].force == (200e3, 300e3, -800.0)
         assert found.cases[0].label == "drill"
@@ -228,17 +228,17 @@ class TestTables:
         )
         for case, other in zip(stated.cases, si.cases, strict=True):
             np.testing.assert_allclose(case.displacement, other.displacement, rtol=1e-12)
-        short = read_load_cases(cells, NAMES, load_point=(0, 0, 120), units={"length": "mm"})
+        short = read_load_cases(cells, KINDS, load_point=(0, 0, 120), units={"length": "mm"})
         assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
         assert short.cases[0].place == (0.0, 0.0, 200.0)
-        assert read_load_cases(cells, NAMES, units=short.units).units == short.units
+        assert read_load_cases(cells, KINDS, units=short.units).units == short.units
 
     @pytest.mark.parametrize(
         ("units", "where"), [({"length": "inch"}, "units.length"), ("mm", "units"), (None, "units")]
     )
     def test_units_that_are_none_are_refused(self, units, where):
         with pytest.raises(RequestError) as caught:
-            read_load_cases(TABLE, NAMES, units=units)
+            read_load_cases(TABLE, KINDS, units=units)
         assert caught.value.where == where
 
     @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ class TestTables:
     )
     def test_what_cannot_be_read_is_refused_with_its_place(self, change, where, words):
         with pytest.raises(RequestError, match=words) as caught:
-            read_load_cases(TABLE.replace(*change), NAMES)
+            read_load_cases(TABLE.replace(*change), KINDS)
         assert caught.value.where == where
 
     def test_the_command(self, tmp_path):

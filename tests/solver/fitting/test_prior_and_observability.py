@@ -314,7 +314,8 @@ def test_noise_that_hides_a_joint_is_told_with_the_torques():
 
 def visibility_of(excitation):
     n = len(excitation)
-    return Observability(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, excitation, np.ones(n))
+    kinds = ("revolute",) * n
+    return Observability(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, excitation, np.ones(n), kinds)
 
 
 def test_the_inverse_of_a_spectrum_is_the_pseudo_inverse():

@@ -75,7 +75,7 @@ def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix):
     read = base.transform_tracker_to_base.apply(cell.readings(ANGLES))
     assert np.abs(predicted - read).max() < 1e-7
     assert model.chain.joint_names == nominal().joint_names
-    assert model.chain.revolute[2].limits == nominal().revolute[2].limits
+    assert model.chain.moving[2].limits == nominal().moving[2].limits
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])

@@ -19,7 +19,7 @@ from jointstiff.solver.robot.model import (
     MAX_CHAIN_JOINTS,
     MAX_MOVING_JOINTS,
     MAX_NAME_LENGTH,
-    UNLIMITED_ANGLE,
+    UNLIMITED,
     ChainJoint,
     DhRow,
     JointMap,
@@ -65,7 +65,7 @@ def test_arrays_are_copied_and_read_only():
 
 
 def test_the_largest_chains_are_accepted():
-    assert len(chain_of(MAX_MOVING_JOINTS).revolute) == 32
+    assert len(chain_of(MAX_MOVING_JOINTS).moving) == 32
     KinematicChain("robot", "base", "l", (*fixed_joints(MAX_CHAIN_JOINTS - 1), joint("j", "l")))
 
 
@@ -169,7 +169,7 @@ def test_urdf_reads_back_the_same(chain):
 def test_a_joint_without_limits_is_written_as_revolute():
     chain = KinematicChain("r", "b", "l", (joint("a", "l", limits=None),))
     assert 'type="revolute"' in write_urdf(chain)
-    assert f'lower="{-UNLIMITED_ANGLE!r}" upper="{UNLIMITED_ANGLE!r}"' in write_urdf(chain)
+    assert f'lower="{-UNLIMITED!r}" upper="{UNLIMITED!r}"' in write_urdf(chain)
 
 
 def test_model_follows_the_chain():
@@ -225,7 +225,7 @@ def random_chain(rng, count):
             joint(
                 f"j{i}",
                 f"l{i}",
-                kind="fixed" if i % 4 == 1 else "revolute",
+                kind=("revolute", "fixed", "revolute", "prismatic")[i % 4],
                 rotation=rotation * np.linalg.det(rotation),
                 translation=rng.uniform(-0.3, 0.3, 3),
                 axis=axis / np.linalg.norm(axis),
@@ -240,7 +240,7 @@ def test_kinematics_are_a_product_of_exponentials(joints, count):
     rng = np.random.default_rng([joints, count])
     chain = random_chain(rng, joints)
     robot = Robot(chain)
-    angles = rng.uniform(-7.0, 7.0, (count, robot.n))
+    angles = np.where(robot.prismatic, 0.1, 1.0) * rng.uniform(-7.0, 7.0, (count, robot.n))
     found, (rotation, origin) = Configurations(robot, angles), joint_frames(robot, angles)
     for i, q in enumerate(angles):
         pose, frames, jacobian = product_of_exponentials(chain, q)
@@ -286,7 +286,10 @@ def test_joint_maps_that_are_refused(matrix, offset, where, reason):
 
 LENGTHS = st.floats(-2.0, 2.0)
 TURNS = st.floats(-6.0, 6.0) | st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0]).map(lambda half: half * math.pi)
-ROWS = st.lists(st.builds(DhRow, a=LENGTHS, alpha=TURNS, d=LENGTHS, theta=TURNS), min_size=1, max_size=8)
+KINDS = st.sampled_from(["revolute", "revolute", "prismatic"])
+ROWS = st.lists(
+    st.builds(DhRow, a=LENGTHS, alpha=TURNS, d=LENGTHS, theta=TURNS, kind=KINDS), min_size=1, max_size=8
+)
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
@@ -307,8 +310,8 @@ def test_links_and_limits():
 
     assert (chain.base, chain.flange) == ("base", "flange")
     assert [joint.child for joint in chain.joints] == ["link_1", "link_2", "link_3", "flange"]
-    limits = [joint.limits for joint in chain.revolute]
-    assert limits == [None, (-1.0, 2.0), (-UNLIMITED_ANGLE, 3.0)]
+    limits = [joint.limits for joint in chain.moving]
+    assert limits == [None, (-1.0, 2.0), (-UNLIMITED, 3.0)]
 
 
 def row(**changes):

@@ -1,0 +1,86 @@
+"""Kinds of joints and the units and words of each kind, stated here and nowhere else.
+
+A revolute joint turns about its axis: its position is an angle, a load is a torque about its axis, its
+compliance c an angle per torque. A prismatic joint slides along its axis: a length, a force along it, and a
+length per force. Arrays over the joints of a robot hold each joint's numbers in its own SI units: where a
+comment says [rad], [N·m], [N·m/rad] or [rad/(N·m)] of all joints, it is [m], [N], [N/m] or [m/N] of the
+prismatic ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
+
+JointKind = Literal["revolute", "prismatic"]
+StatedKind = Annotated[
+    JointKind,
+    Field(
+        description="Kind of the joint, by which its numbers have their units. `prismatic`: it slides along "
+        "its axis; positions are lengths in m, stiffnesses in N/m, compliances in m/N."
+    ),
+]
+"""Kind of a joint as messages state it."""
+
+
+@dataclass(frozen=True)
+class JointUnits:
+    """Units and words of one kind of joint."""
+
+    dimension: Literal["angle", "length"]  #: quantity of its position, whose unit a document states
+    position: str  #: SI unit of its position
+    effort: str  #: SI unit of a load on it
+    stiffness: str  #: SI unit of its stiffness
+    compliance: str  #: SI unit of its compliance
+    million_stiffness: str  #: 10⁶ times its unit of stiffness, as people read it
+    micro_compliance: str  #: 10⁻⁶ times its unit of compliance, as people read it
+    load: str  #: a load on it, before its axis
+    load_verb: str  #: loads that … it
+    loads: str  #: the load … it
+    moves: str  #: the joint …
+    beside: str  #: motion of its link that readings do not tell from its own: … its axis
+
+
+JOINT_UNITS: Final[Mapping[JointKind, JointUnits]] = MappingProxyType(
+    {
+        "revolute": JointUnits(
+            dimension="angle",
+            position="rad",
+            effort="N.m",
+            stiffness="N.m/rad",
+            compliance="rad/(N.m)",
+            million_stiffness="10⁶ N·m/rad",
+            micro_compliance="µrad/(N·m)",
+            load="torque about the axis of",
+            load_verb="twist",
+            loads="twists",
+            moves="turns",
+            beside="rotation about",
+        ),
+        "prismatic": JointUnits(
+            dimension="length",
+            position="m",
+            effort="N",
+            stiffness="N/m",
+            compliance="m/N",
+            million_stiffness="N/µm",
+            micro_compliance="µm/N",
+            load="force along the axis of",
+            load_verb="push",
+            loads="pushes",
+            moves="slides",
+            beside="motion along",
+        ),
+    }
+)
+"""Units of each kind of joint."""
+
+
+def stated_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
+    """Return the kinds of joints by name, as results state them: none where all turn."""
+    by_name = dict(zip(names, kinds, strict=True))
+    return by_name if "prismatic" in by_name.values() else {}
