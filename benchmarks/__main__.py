@@ -50,6 +50,7 @@ BENCHMARKS = {
     "workers": Benchmark("performance.workers", "two beside one, answers meanwhile, cancelling; 4 minutes"),
     "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
+    "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
     "efficiency": Benchmark("studies.efficiency", "beside the Cramér-Rao bound"),
     "robustness": Benchmark("studies.robustness", "gross errors"),
     "budget": Benchmark("studies.budget", "uncertainty budgets beside Monte Carlo; 5 minutes"),
