@@ -60,7 +60,7 @@ def run(*, quick: bool) -> list[Section]:
             notes=(
                 f"{CONFIGURATIONS} configurations over half of each joint's range, pulls in all directions, "
                 f"three targets, K_c included; intervals: {draws:,} campaigns of {1e6 * SIGMA:g} µm a robot",
-                "error: greatest relative one of a compliance by exact readings; it falls with the load squared",
+                "error: greatest relative one of a compliance, exact readings; falls with the load squared",
                 f"prediction: greatest difference of {CASES} displacements under pulls that bend it by mm",
             ),
         )
