@@ -184,6 +184,9 @@ FindingCode = Literal[
     "loss_not_compared",
     # in a compensated program
     "moves_left",
+    "corrections_capped",
+    "beyond_campaign",
+    "near_singularity",
     # in two results side by side
     "no_common_configuration",
     "configurations_differ",

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Assessment, Finding, combined
+from jointstiff.schemas.finding import Assessment, Finding, FindingCode, combined
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,
@@ -59,6 +59,8 @@ STEP_POINTS: Final = 2_000
 """Points of a step of a longer one."""
 _MAX_REMARKS: Final = 50
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
+_TURNED: Final = 0.05
+"""Turn of a joint by a correction [rad] that shows a singularity: usual ones are a few milliradians."""
 _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
 _POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
@@ -402,27 +404,58 @@ class ProgramWork(Work):
         del parts  # as large again
         quantile = self._used.model.quantile(self._request.confidence)
         contents, points = rewritten(self._path, corrections, self._used.model, self._inverse, quantile)
-        program, verdict, left = self._program, self._assessment().verdict, len(self._program.left)
-        if (self._request.mark or verdict == "do_not_use" or left) and points.changed.any():
+        program, left, assessment = self._program, len(self._program.left), self._assessment(corrections)
+        if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
             counts = datetime.now(UTC).date(), len(program.moves) + left, left
-            contents[0] = marked(program.format, contents[0], self._used.run.id, verdict, *counts)
+            contents[0] = marked(program.format, contents[0], self._used.run.id, assessment.verdict, *counts)
         files = [packed(source.name, contents.pop(0)) for source in program.sources]
-        return self._result(points, files)
+        return self._result(points, files, assessment)
 
-    def _assessment(self) -> Assessment:
-        """Return the run's assessment; a program of which moves are left is to be used with care."""
-        assessment, left = self._used.result.assessment, self._program.left
-        if not left:
-            return assessment
-        moves = len(self._program.moves) + len(left)
-        reason = Finding(
-            code="moves_left",
-            weight="use_with_care",
-            message=f"{moves - len(left)} of {moves} moves corrected, {len(left)} left",
-            remedy="check that the moves that are left do not need a correction",
+    def _assessment(self, corrections: Corrections) -> Assessment:
+        """Return the run's assessment, with what of this program is to be used with care."""
+        left, points = len(self._program.left), len(corrections.points)
+        moves = len(self._program.moves) + left
+        turned = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
+            axis=1, initial=0.0
         )
-        own = Assessment(verdict="use_with_care", reasons=[reason])
-        return combined([assessment, own])
+        counts: tuple[tuple[FindingCode, int, str, str], ...] = (
+            (
+                "moves_left",
+                left,
+                f"{moves - left} of {moves} moves corrected, {left} left",
+                "check that the moves that are left do not need a correction",
+            ),
+            (
+                "corrections_capped",
+                int(corrections.capped.sum()),
+                "the limits reduce the corrections of {count} of {points} points",
+                "check the load, then raise `limits`",
+            ),
+            (
+                "beyond_campaign",
+                int((corrections.extrapolation > 1.0).sum()),
+                "{count} of {points} points have loads or postures beyond those of the campaign",
+                "measure with such loads and postures",
+            ),
+            (
+                "near_singularity",
+                int((turned > _TURNED).sum()),
+                f"{{count}} of {{points}} points are near a singularity: joints turn by over {_TURNED:g} rad",
+                "move the part away from the singularity",
+            ),
+        )
+        reasons = [
+            Finding(
+                code=code,
+                weight="use_with_care",
+                message=message.format(count=count, points=points),
+                remedy=remedy,
+            )
+            for code, count, message, remedy in counts
+            if count
+        ]
+        own = Assessment(verdict="use_with_care" if reasons else "use", reasons=reasons)
+        return combined([self._used.result.assessment, own]) if reasons else self._used.result.assessment
 
     def _limits(self) -> CorrectionLimits:
         limits, units = self._request.limits, self._request.units
@@ -432,7 +465,9 @@ class ProgramWork(Work):
             usual.rotation if limits.rotation is None else ANGLE[units.angle] * limits.rotation,
         )
 
-    def _result(self, points: WrittenPoints, files: list[ProgramFile]) -> ProgramResult:
+    def _result(
+        self, points: WrittenPoints, files: list[ProgramFile], assessment: Assessment
+    ) -> ProgramResult:
         corrections, program = points.corrections, self._program
         left: dict[LeftAlone, int] = {
             "no_load": len(points.path.targets) - len(corrections.points),
@@ -445,8 +480,8 @@ class ProgramWork(Work):
             for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
-            assessment=self._assessment(),
             joint_kinds=kinds_of(self._used.model.robot),
+            assessment=assessment,
             format=kind,
             points=len(program.targets),
             moves=len(program.moves) + len(program.left),
@@ -460,12 +495,12 @@ class ProgramWork(Work):
             rounding=points.spread(points.rounding),
             confidence=self._request.confidence,
             worst=points.worst(),
-            remarks=self._remarks(corrections),
+            remarks=self._remarks(),
             files=files,
             table=packed("points", points.table()),
         )
 
-    def _remarks(self, found: Corrections) -> list[str]:
+    def _remarks(self) -> list[str]:
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
@@ -474,11 +509,6 @@ class ProgramWork(Work):
         left = [f"{_shown(numbers)}: {reason}" for reason, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
         remarks = self._used.remarks(self._request.confidence)
-        beyond = int((found.extrapolation > 1.0).sum())
-        if beyond:
-            remarks.append(
-                f"{beyond} points are extrapolated: their loads or postures are beyond those of the campaign"
-            )
         return [*remarks, *left[:_MAX_REMARKS], *more]
 
 

@@ -15,6 +15,7 @@ from jointstiff.service.programs import fanuc, krl, rapid, table, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.interpreter import Dialect, Machine
 from jointstiff.service.programs.notation import Notation
+from jointstiff.service.programs.numerals import has_decimal_commas
 from jointstiff.service.programs.program import NUMBERS, Program, Source
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
@@ -22,6 +23,7 @@ MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
+_NOT_READ: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
 MARK: Final = "Jointstiff run "
 """Text by which a mark is known: a comment that keeps a compensated program from a second correction."""
 
@@ -77,6 +79,9 @@ def read_program(
         _refuse("program", None, "no file was sent", "send a program")
     suffix = PurePath(files[0][0].lower()).suffix
     chosen = name or next((each for each, known in FORMATS.items() if suffix in known.suffixes.split()), "")
+    if suffix in _NOT_READ and name is None:
+        remedy = "write it in the controller's own language, or as a table of targets (CSV)"
+        _refuse(files[0][0], None, "programs of CNC, APT and CLS are not read", remedy)
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
@@ -87,7 +92,10 @@ def read_program(
         _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
     sources = tuple(_source(name, content) for name, content in ordered)
-    machine = Machine(chosen, sources, FORMATS[chosen].dialect, leave_alone)
+    commas = chosen == "csv" and has_decimal_commas(sources[0].text)
+    machine = Machine(
+        chosen, sources, table.DECIMAL_COMMAS if commas else FORMATS[chosen].dialect, leave_alone
+    )
     FORMATS[chosen].read(machine, sources)
     program = machine.program()
     if program.faults and not leave_others:

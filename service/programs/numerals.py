@@ -67,9 +67,25 @@ class Numerals:
 def _values(numbers: Sequence[str]) -> FloatArray:
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
-    except ValueError:  # KUKA's 'B010'
-        plain = [float(int(each[2:-1], 2)) if each[0] == "'" else float(each) for each in numbers]
+    except ValueError:  # KUKA's 'B010', and decimal commas of tables
+        commas = [each.replace(",", ".") for each in numbers]
+        plain = [float(int(each[2:-1], 2)) if each[0] == "'" else float(each) for each in commas]
         return np.array(plain, dtype=np.float64)
+
+
+_CELL: Final = r"(?:^|[;\t])[ \"]*+{}[ \"]*+(?=[;\t\r\n]|\Z)"
+_POINT: Final = re.compile(_CELL.format(r"[+-]?\d*+\.\d++"), re.MULTILINE)
+_COMMA: Final = re.compile(
+    _CELL.format(r"[+-]?(?:0,\d++|\d{4,15},\d++|\d{1,3},(?:\d\d?|\d{4,15}))"), re.MULTILINE
+)
+"""A comma with other than three digits behind it, or more than three before it, separates no thousands."""
+
+
+def has_decimal_commas(table: str) -> bool:
+    """Return whether numbers of a table have commas in place of points, and cannot mean anything else."""
+    if ";" not in table and "\t" not in table:
+        return False
+    return _COMMA.search(table) is not None and _POINT.search(table) is None
 
 
 def written(
@@ -112,7 +128,8 @@ def _formatted(numbers: FloatArray, digits: int) -> list[str]:
 def _decimals(signs: Characters, spans: Places) -> IndexArray:
     """Return how many digits stand behind the points of numbers (m,) at spans of a text."""
     starts, ends = spans.T
-    powers, points = np.flatnonzero((signs | 32) == ord("e")), np.flatnonzero(signs == ord("."))
+    powers = np.flatnonzero((signs | 32) == ord("e"))
+    points = np.flatnonzero((signs == ord(".")) | (signs == ord(",")))
     for places in (powers, points):
         first = np.append(places, len(signs))[np.searchsorted(places, starts)]
         ends, before = np.minimum(first, ends), ends

@@ -13,7 +13,7 @@ import numpy as np
 
 from jointstiff.service.programs.errors import Fault, Left
 from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.numerals import Edit, Places, padded, spliced, written
+from jointstiff.service.programs.numerals import Edit, Places, has_decimal_commas, padded, spliced, written
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 NUMBERS: Final = 7
@@ -198,6 +198,7 @@ class Rewriting:
     def __init__(self, program: Program) -> None:
         """Begin with the text as it is."""
         self._targets, self._aligned = program.targets, program.format == "fanuc"
+        self._commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
         self._signs = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
         self._done = [0] * len(self._signs)  # characters that are written
         self._pieces: list[list[bytes]] = [[] for _ in self._signs]
@@ -235,6 +236,7 @@ class Rewriting:
         texts, differ = written(signs, spans, values[row, column], read[row, column], least)
         texts, spans = list(compress(texts, differ)), spans[differ]
         read[row[differ], column[differ]] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+        texts = [text.replace(".", ",") for text in texts] if self._commas else texts
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
         if self._aligned:
             edits += [padded(signs, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]

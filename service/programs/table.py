@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.service.programs.columns import Cause, Given
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.interpreter import Dialect, Machine
-from jointstiff.service.programs.language import Lexicon, Move
+from jointstiff.service.programs.language import NUMBER, Lexicon, Move
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
 from jointstiff.service.programs.program import FrameName, Literal, Motion, Source
 
@@ -128,3 +128,6 @@ def _numbers(
 
 
 DIALECT: Final = Dialect(Lexicon(comment=r"(?!)"), lambda _: ())
+DECIMAL_COMMAS: Final = Dialect(
+    Lexicon(comment=r"(?!)", number=NUMBER.replace(r"\.", ",").replace("-.", "-,")), lambda _: ()
+)

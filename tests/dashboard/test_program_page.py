@@ -50,3 +50,26 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     visited.go(f"#/runs/{stored.run}/program")
     listed = page.locator("section", has_text="Compensated programs of this robot")
     expect(listed.get_by_role("link", name="pocket.src").first).to_have_attribute("href", re.compile(made))
+
+
+def test_moves_that_are_not_certain_are_left_after_a_confirmation(visit, stored):
+    visited = visit("tablet")
+    page = visited.page
+    visited.go(f"#/runs/{stored.run}/program")
+    head, _, tail = program_text("krl", tool_poses(path(6)), 4).rpartition("END")
+    content = f"{head}LIN_REL {{X 5}}\nEND{tail}".encode()
+    file = {"name": "pocket.src", "mimeType": "text/plain", "buffer": content}
+    page.locator("input[type=file]").set_input_files(file)
+    page.get_by_label("Accuracy option of the controller").select_option("off")
+    page.get_by_label("Tool, if the program only names it").fill("10, -20, 215.5, 0, 0, 0")
+    page.get_by_label("Base, if the program only names it").fill("0 0 0 0 0 0")
+    degrees = " ".join(f"{angle * 57.29577951:.3f}" for angle in START)
+    page.get_by_label("Controller's angles near the first target").fill(degrees)
+    leave = page.get_by_label("Leave the moves that are not certain as they are")
+    expect(leave).to_have_count(0)
+    page.get_by_role("button", name="Compensate").click()
+    expect(page.get_by_role("alert")).to_contain_text("relative move")
+    leave.check()
+    page.get_by_role("button", name="Compensate").click()
+    expect(page).to_have_url(re.compile("#/programs/"))
+    expect(page.get_by_text("1 of 7")).to_be_visible()

@@ -1,7 +1,7 @@
 /** What a map is asked: a box around what was measured, a process force, the tool, and which posture to take. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import { ActionButton, Busy, Button, Choice } from "../components/basics";
+import { ActionButton, Busy, Button, Choice, Toggle } from "../components/basics";
 import { DropZone } from "../components/drop";
 import { Fields, Select, TextField, VectorField } from "../components/fields";
 import { freshKey } from "../lib/hash";
@@ -115,6 +115,7 @@ const metres = (typed: string): Vector | null => {
 };
 
 const programWords = text.program;
+const NOT_UNDERSTOOD = "urn:jointstiff:problem:invalid-file";
 const ACCURACY = ["", "off", "same_as_measured", "compensates_load"] as const;
 
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
@@ -126,6 +127,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [tool, setTool] = useState("");
   const [base, setBase] = useState("");
   const [start, setStart] = useState("");
+  const [leave, setLeave] = useState(false);
   const make = useAction(async () => {
     const frame = (value: string) => (value.trim() ? [{ values: numbersIn(value) ?? [] }] : []);
     const stated = {
@@ -137,11 +139,15 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       tools: frame(tool),
       bases: frame(base),
       ...(start.trim() ? { start: numbersIn(start) ?? [] } : {}),
+      ...(leave ? { leave_others: true } : {}),
     };
     const made = await asking((accepted) => api.addProgram(files, { ...stated, ...accepted }, freshKey("program")));
     go(link(["programs", made.id]));
   });
-  const take = (file: File) => setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
+  const take = (file: File) => {
+    setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
+    setLeave(false); // confirmed for the lines of another program
+  };
   return (
     <Fields action={make} look="card form">
       <h2>{programWords.form}</h2>
@@ -189,6 +195,9 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           help={programWords.startHint}
         />
       </div>
+      {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
+        <Toggle label={programWords.leave} checked={leave} change={setLeave} />
+      )}
       <ActionButton look="primary" action={make} disabled={files.length === 0 || accuracy === ""}>
         {programWords.make}
       </ActionButton>

@@ -84,6 +84,9 @@ function Counts({ result }: { result: ProgramResult }) {
     <Facts
       facts={[
         { label: words.corrected, value: words.of(result.corrected, result.points) },
+        ...(result.moves_left > 0
+          ? [{ label: words.movesLeft, value: words.of(result.moves_left, result.moves) }]
+          : []),
         { label: words.before, value: micrometres(result.deflection?.greatest) },
         { label: words.after, value: micrometres(result.residual?.greatest) },
         { label: words.rounding, value: micrometres(result.rounding?.greatest) },

@@ -165,6 +165,10 @@ def test_the_table_has_a_row_a_point():
     rows = list(csv.DictReader(io.StringIO(csv_text(points_sheet(unpacked(result.table))))))
     assert [row["remark"] for row in rows] == ["capped"] * 3 + ["no load"] * 3
     assert result.capped == 3
+    assert (result.assessment.verdict, "corrections_capped") == (
+        "use_with_care",
+        next(each.code for each in result.assessment.reasons if "limits" in each.message),
+    )
     assert all(float(row["correction [mm]"]) < 1.02 for row in rows[:3])
     assert {row["deflection [mm]"] for row in rows[3:]} == {""}
     assert float(rows[0]["residual [mm]"]) > 1.0

@@ -374,3 +374,28 @@ def test_a_small_file_cannot_ask_for_endless_work(monkeypatch, most, line):
     monkeypatch.setattr(columns, most, 2)
     text = f"DEF a()\n{POINT}\n" + 3 * "LIN P1\n" + 3 * "s()\n" + "END"
     assert refusal("a.src", text, leave_alone=["s"]).faults[0].line == line
+
+
+COMMAS = "x [mm];y [mm];z [mm];qw;qx;qy;qz\n1803,25;-290,5;1505,4;1;0;0;0\n+1800;0,0;1505,4;1;0;0;0\n"
+
+
+def test_decimal_commas_of_a_table_are_read_and_written():
+    program = read_program([("a.csv", COMMAS.encode())])
+    assert program.targets.values[:, :3].tolist() == [[1803.25, -290.5, 1505.4], [1800.0, 0.0, 1505.4]]
+    values = program.targets.values[:, :7].copy()
+    values[:, 0] += 0.125
+    (text,), _ = rewritten(program, np.arange(2), values)
+    assert text.decode().splitlines()[1:] == [
+        "1803,375000;-290,5;1505,4;1;0;0;0",
+        "+1800,125000;0,0;1505,4;1;0;0;0",
+    ]
+
+
+@pytest.mark.parametrize("row", ["1,803;2,904;1,505", "1.5;2,5;3,5"])
+def test_commas_of_a_table_that_may_be_thousands_are_refused(row):
+    assert "no number" in refusal("a.csv", f"x [mm];y [mm];z [mm]\n{row}\n").faults[0].reason
+
+
+@pytest.mark.parametrize("name", ["a.nc", "a.APT", "a.cls"])
+def test_other_languages_are_not_read(name):
+    assert "are not read" in str(refusal(name, "GOTO/1,2,3"))
