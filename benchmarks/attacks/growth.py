@@ -126,8 +126,8 @@ def _seconds(read: Callable[[str], None], text: str) -> float:
 
 def _parse(module: ModuleType, text: str) -> None:
     with suppress(Misread):
-        list(module.DIALECT.translate(module.DIALECT.lexicon.line(module._LEXICON.numbers.sub("\0", text))))
-    Numerals.of(text, module._LEXICON.number)
+        module.LANGUAGE.translate(module.LANGUAGE.line(module.LANGUAGE.numbers.sub("\0", text)))
+    Numerals.of(text, module.LANGUAGE.number)
 
 
 def _read_loads(text: str) -> None:

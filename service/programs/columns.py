@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import Fault, Left, ProgramError, shown
+from jointstiff.service.programs.errors import CONSTANT, Fault, Left, ProgramError, shown
 from jointstiff.service.programs.language import Move
 from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import (
@@ -33,7 +33,6 @@ MAX_REMARKS: Final = 400_000
 """Lines that are left as they are."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
-CONSTANT: Final = "write its numbers, or omit it"
 OF: Final = " of routine "
 """Text between a name and the routine that it belongs to."""
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"

@@ -10,6 +10,7 @@ from jointstiff.service.problems.errors import FilesError
 
 MAX_FAULTS = 20
 """Faults that one refusal lists."""
+CONSTANT = "write its numbers, or omit it"
 _MAX_SHOWN = 60
 
 

@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.errors import shown
-from jointstiff.service.programs.interpreter import Dialect, Machine
-from jointstiff.service.programs.language import (
-    Assign,
-    Call,
-    Copy,
-    Flow,
-    Havoc,
-    Lexicon,
-    Line,
-    Misread,
-    Move,
-    Name,
-    Named,
-    Op,
-    complete,
-    unknown,
-)
+from jointstiff.service.programs.interpreter import Machine
+from jointstiff.service.programs.language import Line, Misread, Op
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import IndexArray
@@ -43,7 +28,7 @@ _FIELDS: Final = (
 # B-83284EN-1. A position states its UF and UT; if others are active, the controller stops (INTP-252, 253). F
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
-_QUIET: Final = re.compile(
+_QUIET: Final = (
     r"(?:R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
@@ -63,145 +48,92 @@ _OFFSETS: Final = (
 )
 _OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?: |$)")
 _ALL_OFFSETS: Final = re.compile(rf" ?{_OFFSETS}(?: {_OFFSETS})*")
-_LEXICON: Final = Lexicon(
-    comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",  # what stands behind a number in brackets
-    text=r"'[^'\r\n]*+'",
-    word=r"[$]?[^\W\d]\w*+",
-    folded=False,
-    operators="AND|OR|NOT|DIV|MOD",
-    reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
-    r"|P(?=\[)",
-    functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
-)
 _REMEDY: Final = (
     "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames by numbers, on lines of their own"
 )
 _AGAIN: Final = "record the position again"
-_STANDS: Final = 2e-3
-"""Difference of another group [mm, °] that is rounding."""
-_MOTION: Final = re.compile(r"(?<![\w$.\[])[JLCAS] PR?\[")
-_MOVE: Final = re.compile(r"([JLCAS]) P\[\0\] ?(P\[\0\] ?)?(.*)")
 _ACTION: Final = r"(JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
-_STATEMENTS: Final = tuple(
-    (kind, re.compile(pattern))
-    for kind, pattern in (
-        ("frame", r"(UFRAME_NUM|UTOOL_NUM)=(\0)|\$(MNUFRAMENUM|MNUTOOLNUM)\[\0\]=(\0)"),
-        ("if", r"IF ?(.+?) ?THEN"),
-        ("loop", r"FOR R\[(\0)\]=(.+?)(?: TO| DOWNTO) ?(.+)"),
-        ("turn", "ELSE"),
-        ("close", "ENDIF|ENDFOR"),
-        ("label", r"LBL ?\[(\0)\]"),
-        ("jump", r"JMP LBL ?\[(.*)\]"),
-        ("waits", r"WAIT ?(.+?) ?TIMEOUT,LBL ?\[(.*)\]"),
-        ("leads", rf"(?:IF ?(.+?)|SELECT ?(.+?)|=(.+?)|ELSE),{_ACTION}"),
-        ("call", r"(?:CALL|RUN|MONITOR) (\w++)(?:\((.*)\))?"),
-    )
-)
 
 
-def _translate(line: Line) -> list[tuple[int, Op]]:
-    """Return what a line of /MN does, behind its number and colon."""
-    text = re.sub(r" ?;?:", " ", line.text).strip(" ;")
-    line = Line(text, line.ordinals, line.places, line.breaks)
-    try:
-        return complete(line, _MOTION, [(0, op) for op in (_ops(line, text) if text else ())], _REMEDY)
-    except Misread as fault:
-        return unknown(line, _MOTION, fault, _REMEDY)
+def _frame(line: Line, match: re.Match[str]) -> list[Op]:
+    kind = "UFRAME" if "UFRAME" in match[0] else "UTOOL"
+    number = line.ordinal(match.start(1 if match[1] else 2))
+    return [ir.Assign(f"{kind}_NUM", ir.Named(("UF %s" if kind == "UFRAME" else "UT %s", number)))]
 
 
-def _ops(line: Line, text: str) -> list[Op]:
-    if match := _MOVE.fullmatch(text):
-        if bool(match[2]) != (match[1] == "C"):
-            raise Misread(
-                "an arc has two positions, another move has one; its second one is on the next line"
-            )
-        return _move(line, match[1], 1 + bool(match[2]), match[3])
-    for kind, pattern in _STATEMENTS:
-        if match := pattern.fullmatch(text):
-            return _statement(line, kind, match)
-    if match := _QUIET.fullmatch(text):
-        return [op for each in match.groups() if each for op in _value(each)]
-    frame = re.search(r"UFRAME|UTOOL", text)
-    if re.match(r"P\[\0(?:,\0)?\]=", text):
-        return [
-            Havoc(
-                frozenset({("P[%s]", line.ordinals[0])}),
-                "the position changes while the program runs",
-                _REMEDY,
-            )
-        ]
-    if (place := re.search(r"(?<!\w)P\[", text)) and "=" in text[place.end() :]:
-        return [Call("P[...]", attached=True)]
-    raise Misread(
-        "a frame is computed, or chosen in a branch"
-        if frame
-        else "the statement is unknown: it may move the robot; no position of /POS is a target of it"
-    )
+def _call(line: Line, match: re.Match[str]) -> list[Op]:
+    return [*line.expression(match[2] or "", empty=True), ir.Call(match[1])]
 
 
-def _value(text: str) -> list[Op]:
-    """Return what a value uses: `PULSE,0.2sec`, `ON` and `(…)` are values, too."""
-    pulse = re.fullmatch(r"PULSE,\0 ?(?:sec)?", text)
-    return [] if pulse else _LEXICON.expression(text.replace("!", ""))
+def _label(line: Line, match: re.Match[str]) -> list[Op]:
+    return [ir.Flow("label", ("%s", line.ordinal(match.start(1))))]
 
 
-def _statement(line: Line, kind: str, match: re.Match[str]) -> list[Op]:
-    if kind == "frame":
-        name = "UFRAME_NUM" if "UFRAME" in match[0] else "UTOOL_NUM"
-        number = line.ordinal(match.start(2) if match[2] else match.start(4))
-        return [Assign(name, Named(("UF %s" if name == "UFRAME_NUM" else "UT %s", number)))]
-    if kind == "call":
-        return [*_LEXICON.expression(match[2] or "", empty=True), Call(match[1])]
-    if kind == "label":
-        return [Flow(kind, ("%s", line.ordinal(match.start(1))))]
-    if kind in {"jump", "waits"}:
-        label = match[match.re.groups]
-        start = match.start(match.re.groups)
-        place: Name = ("%s", line.ordinal(start)) if label == "\0" else "\0"
-        found = [] if kind == "jump" else _LEXICON.expression(match[1])
-        return [*found, *([] if label == "\0" else _LEXICON.expression(label)), Flow("jump", place)]
-    if kind == "leads":
-        conditions = [
-            op for each in match.groups()[:3] if each for op in _LEXICON.expression(each.replace("=", "+", 1))
-        ]
-        start, action = match.start(4), match[4]
-        inner = Line(action, line.ordinals[line.text.count("\0", 0, start) :], (), ())
-        ops = _ops(inner, action)
-        skips = Flow("if"), Flow("close")
-        return [*conditions, skips[0], *ops, skips[1]]
-    given = [each for k, each in enumerate(match.groups()) if each and not (kind == "loop" and not k)]
-    found = [op for each in given for op in _LEXICON.expression(each)]
-    return [*found, Flow(kind)]
+def _jump(line: Line, match: re.Match[str]) -> list[Op]:
+    """Return a jump, behind the condition of one that waits; the label may be computed."""
+    group = match.re.groups
+    found = line.expression(match[1]) if group > 1 else []
+    if match[group] == "\0":
+        return [*found, ir.Flow("jump", ("%s", line.ordinal(match.start(group))))]
+    return [*found, *line.expression(match[group]), ir.Flow("jump", "\0")]
 
 
-def _move(line: Line, letter: str, count: int, tail: str) -> list[Op]:
+def _loop(line: Line, match: re.Match[str]) -> list[Op]:
+    return [*line.expression(match[1]), *line.expression(match[2]), ir.Flow("loop")]
+
+
+def _leads(line: Line, match: re.Match[str]) -> list[Op]:
+    """Return an action that may be passed over."""
+    given = [each.replace("=", "+", 1) for each in match.groups()[:3] if each]
+    action = Line(line.language, match[4], line.ordinals[line.text.count("\0", 0, match.start(4)) :], (), ())
+    found = [op for each in given for op in line.expression(each)]
+    return [*found, ir.Flow("if"), *line.language.rule(action), ir.Flow("close")]
+
+
+def _quiet(line: Line, match: re.Match[str]) -> list[Op]:
+    """Return what an instruction uses: `PULSE,0.2sec`, `ON` and `(…)` are values, too."""
+    given = [each for each in match.groups() if each and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", each)]
+    return [op for each in given for op in line.expression(each.replace("!", ""))]
+
+
+def _changed(line: Line, _match: re.Match[str]) -> list[Op]:
+    name = "P[%s]", line.ordinals[0]
+    return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
+
+
+def _move(line: Line, match: re.Match[str]) -> list[Op]:
     """Return a move to one position, or through one to another."""
-    ordinals = line.ordinals[:count]
+    letter, tail = match[1], match[3]
+    if bool(match[2]) != (letter == "C"):
+        reason = "an arc has two positions, another move has one; its second one is on the next line"
+        raise Misread(reason)
     offset = _OFFSET.search(tail)
     shifts = tail[offset.start() :].rstrip() if offset else ""
-    if not _TAIL.fullmatch(tail.removesuffix(shifts).rstrip()) or (
-        shifts and not _ALL_OFFSETS.fullmatch(shifts)
-    ):
-        raise Misread(
+    rest = tail.removesuffix(shifts).rstrip()
+    if not _TAIL.fullmatch(rest) or (shifts and not _ALL_OFFSETS.fullmatch(shifts)):
+        reason = (
             "the text after the target moves it, or is unknown; its position in /POS is not all that counts"
         )
-    called: list[Op] = [Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)]
-    reason = f"{offset[0].strip()} moves the target" if offset else ""
+        raise Misread(reason)
+    ordinals = line.ordinals[: 1 + bool(match[2])]
     names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
-    bases = tuple(Copy(("P[%s].UF", ordinal), through=True) for ordinal in ordinals)
-    tools = tuple(Copy(("P[%s].UT", ordinal), through=True) for ordinal in ordinals)
-    return [
-        *called,
-        Move(
-            _MOTIONS[letter],
-            names,
-            bases,
-            tools,
-            agree=("UFRAME_NUM", "UTOOL_NUM"),
-            reason=reason,
-            remedy=_REMEDY,
-        ),
-    ]
+    bases, tools = (
+        tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
+        for kind in ("UF", "UT")
+    )
+    reason = f"{offset[0].strip()} moves the target" if offset else ""
+    move = ir.Move(
+        _MOTIONS[letter], names, bases, tools, ("UFRAME_NUM", "UTOOL_NUM"), reason=reason, remedy=_REMEDY
+    )
+    return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
+
+
+def _anywhere(_line: Line, _match: re.Match[str]) -> list[Op]:
+    return [ir.Call("P[...]", attached=True)]
+
+
+def _computed(_line: Line, _match: re.Match[str]) -> list[Op]:
+    raise Misread("a frame is computed, or chosen in a branch")
 
 
 # /POS
@@ -222,18 +154,19 @@ class _Group(NamedTuple):
     end: int
 
 
-def _position(line: Line) -> Iterator[tuple[int, Op]]:
-    """Yield what P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … }; declares."""
+def _position(line: Line, _match: re.Match[str]) -> list[Op]:
+    """Return what P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … }; declares."""
     number = line.ordinals[0]
     name = "P[%s]", number
     try:
         own, others = _groups(line)
-        yield 0, Assign(name, _whole(own, others), "variable")
+        ops: list[Op] = [ir.Assign(name, _whole(own, others), "variable")]
         for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
             frame = active if own.texts.get(kind) == "F" else (f"{kind} %s", own.numbers[kind][0])
-            yield 0, Assign((f"P[%s].{kind}", number), Named(frame), "constant")
+            ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
     except Misread as fault:
-        yield 0, Havoc(frozenset({name}), fault.reason, fault.remedy)
+        return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
+    return ops
 
 
 def _groups(line: Line) -> tuple[_Group, tuple[int, ...]]:
@@ -293,14 +226,42 @@ def _whole(group: _Group, others: tuple[int, ...]) -> Literal:
     raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _AGAIN)
 
 
-_POINTS: Final = Lexicon(comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", word=r"[^\W\d]\w*+", folded=False)
-DIALECT: Final = Dialect(
-    _LEXICON,
-    _translate,
+_POINTS: Final = ir.Language(
+    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s).*", _position),)
+)
+LANGUAGE: Final = ir.Language(
+    # what stands behind a number in brackets
+    comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
+    blank=r" ?;?:|^[ ;]+|[ ;]+$",
+    text=r"'[^'\r\n]*+'",
+    word=r"[$]?[^\W\d]\w*+",
+    folded=False,
+    operators="AND|OR|NOT|DIV|MOD",
+    reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
+    r"|P(?=\[)",
+    functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
+    motion=r"(?<![\w$.\[])[JLCAS] PR?\[",
+    remedy=_REMEDY,
     active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
     constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
-    remedy=_REMEDY,
+    rules=(
+        (r"([JLCAS]) P\[\0\] ?(P\[\0\] ?)?(.*)", _move),
+        (r"(?:UFRAME_NUM|UTOOL_NUM)=(\0)|\$(?:MNUFRAMENUM|MNUTOOLNUM)\[\0\]=(\0)", _frame),
+        (r"IF ?(.+?) ?THEN", "if"),
+        (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", _loop),
+        (r"ELSE", "turn"),
+        (r"ENDIF|ENDFOR", "close"),
+        (r"LBL ?\[(\0)\]", _label),
+        (r"JMP LBL ?\[(.*)\]", _jump),
+        (r"WAIT ?(.+?) ?TIMEOUT,LBL ?\[(.*)\]", _jump),
+        (rf"(?:IF ?(.+?)|SELECT ?(.+?)|=(.+?)|ELSE),{_ACTION}", _leads),
+        (r"(?:CALL|RUN|MONITOR) (\w++)(?:\((.*)\))?", _call),
+        (_QUIET, _quiet),
+        (r".*(?:UFRAME|UTOOL).*", _computed),
+        (r"P\[\0(?:,\0)?\]=.*", _changed),
+        (r".*(?<!\w)P\[.*=.*", _anywhere),
+    ),
 )
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
@@ -328,7 +289,7 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.refuse(None, "the file has no /MN and /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
     positions = _positions(machine, source, sections["POS"], end)
-    machine.add(0, *_columns(positions), lexicon=_POINTS, translate=_position)
+    machine.add(0, *_columns(positions), language=_POINTS)
     machine.add(0, *_columns(spans))
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
-from jointstiff.service.programs.interpreter import Dialect, Machine
+from jointstiff.service.programs.interpreter import Machine
+from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.numerals import has_decimal_commas
 from jointstiff.service.programs.program import NUMBERS, Program, Source
@@ -30,7 +31,7 @@ MARK: Final = "Jointstiff run "
 
 class _Format(NamedTuple):
     read: Callable[[Machine, tuple[Source, ...]], None]
-    dialect: Dialect
+    language: Language
     suffixes: str
     pose: Notation | None  # in which its users write frames; None for that of the program
     comment: str = "#"
@@ -39,20 +40,20 @@ class _Format(NamedTuple):
 
 FORMATS: Final[Mapping[str, _Format]] = MappingProxyType(
     {
-        "csv": _Format(table.read_table, table.DIALECT, ".csv", None),
+        "csv": _Format(table.read_table, table.LANGUAGE, ".csv", None),
         "krl": _Format(
             krl.read_krl,
-            krl.DIALECT,
+            krl.LANGUAGE,
             ".src .dat",
             krl.POSE,
             ";",
             r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)",
         ),
-        "fanuc": _Format(fanuc.read_fanuc, fanuc.DIALECT, ".ls", fanuc.POSE, "    :  !", "/MN"),
+        "fanuc": _Format(fanuc.read_fanuc, fanuc.LANGUAGE, ".ls", fanuc.POSE, "    :  !", "/MN"),
         "rapid": _Format(
-            rapid.read_rapid, rapid.DIALECT, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"
+            rapid.read_rapid, rapid.LANGUAGE, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"
         ),
-        "ur": _Format(ur.read_ur, ur.DIALECT, ".script .urscript", ur.POSE),
+        "ur": _Format(ur.read_ur, ur.LANGUAGE, ".script .urscript", ur.POSE),
     }
 )
 
@@ -94,7 +95,7 @@ def read_program(
     sources = tuple(_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     machine = Machine(
-        chosen, sources, table.DECIMAL_COMMAS if commas else FORMATS[chosen].dialect, leave_alone
+        chosen, sources, table.DECIMAL_COMMAS if commas else FORMATS[chosen].language, leave_alone
     )
     FORMATS[chosen].read(machine, sources)
     program = machine.program()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict, deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import itemgetter
@@ -16,8 +16,8 @@ from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.columns import CONSTANT, MAX_VALUE, OF, Cause, Columns, Frames, Given
-from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, Given
+from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
 from jointstiff.service.programs.language import (
     Assign,
     Call,
@@ -25,8 +25,7 @@ from jointstiff.service.programs.language import (
     Flow,
     Havoc,
     Keep,
-    Lexicon,
-    Line,
+    Language,
     Local,
     Misread,
     Move,
@@ -93,19 +92,6 @@ class Place:
         return name[0] % (f"{value:g}" if value.is_integer() else "\0")
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """Facts of a controller that the interpreter needs."""
-
-    lexicon: Lexicon
-    translate: Callable[[Line], Iterable[tuple[int, Op]]]  # what is done, and how many lines below the begin
-    active: Mapping[str, str] = field(default_factory=dict)  # frames that are active, and their names
-    constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
-    is_frame: Callable[[str], bool] = lambda _: False  # names of frames that have numbers elsewhere
-    callers: bool = False  # whether other programs may call each of the routines
-    remedy: str = CONSTANT  # what to do where a target is not understood
-
-
 _Block: TypeAlias = Block[State]
 _Verdict: TypeAlias = tuple[int, int, Move, list[Given], list[Frames], Cause | None]
 
@@ -114,12 +100,12 @@ class Machine:
     """A program in the intermediate language, and its interpretation."""
 
     def __init__(
-        self, kind: str, sources: tuple[Source, ...], dialect: Dialect, allowed: Collection[str] = ()
+        self, kind: str, sources: tuple[Source, ...], language: Language, allowed: Collection[str] = ()
     ) -> None:
         """Begin with nothing; the user says that no `allowed` routine moves the robot or changes frames."""
-        self.sources, self._dialect = sources, dialect
+        self.sources, self._language = sources, language
         self._allowed = frozenset(each.upper() for each in allowed)
-        self.numerals = [Numerals.of(source.text, dialect.lexicon.number) for source in sources]
+        self.numerals = [Numerals.of(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals)
         # source, line, first number and scope of each op
         self._places: list[tuple[int, int, int, Scope]] = []
@@ -135,7 +121,7 @@ class Machine:
         self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
         self._callers: dict[str, list[_Block]] = defaultdict(list)
         self._changes: dict[str, dict[str, Cause]] = defaultdict(dict)  # what a routine may change
-        self._poses: dict[tuple[int, int], FloatArray | None] = {}
+        self._poses: dict[tuple[int, int, int], FloatArray | None] = {}
         self._earlier: Cause | None = (
             None  # what may have changed the data of the controller in an earlier run
         )
@@ -157,12 +143,11 @@ class Machine:
         ends: IndexArray,
         *,
         declares: str = "",
-        lexicon: Lexicon | None = None,
-        translate: Callable[[Line], Iterable[tuple[int, Op]]] | None = None,
+        language: Language | None = None,
     ) -> None:
         """Translate parts of a file; what a file of declarations assigns, names have from the beginning."""
         self._scopes = [Scope("")]
-        lexicon, translate = lexicon or self._dialect.lexicon, translate or self._dialect.translate
+        language = language or self._language
         numerals = self.numerals[source]
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         shapes, first = numerals.shapes(starts, ends)
@@ -174,7 +159,7 @@ class Machine:
             ops = known.get(shape)
             if ops is None:
                 try:
-                    ops = list(translate(lexicon.line(shape)))
+                    ops = language.translate(language.line(shape))
                 except Misread as fault:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(known) < _MAX_SHAPES:
@@ -320,11 +305,11 @@ class Machine:
     def _entered(self) -> Iterator[_Block]:
         """Yield where the program, or a routine of it that others call, begins."""
         main = next((name for name in self._ways.entry if name and name not in self._ways.aside), "")
-        if main and (self._dialect.callers or not self._callers[main]):
+        if main and (self._language.callers or not self._callers[main]):
             self._anytime.update(self._changes[""])
         for name, entry in self._ways.entry.items():
-            outside = self._dialect.callers or name in {"", main}
-            if outside and (not self._callers[name] or self._dialect.callers):
+            outside = self._language.callers or name in {"", main}
+            if outside and (not self._callers[name] or self._language.callers):
                 entry.state = {}
             elif not self._callers[name] or name in self._ways.aside | self._ways.shared:
                 reason = f"{shown(name)} may be called from elsewhere, with the frames of its caller"
@@ -418,7 +403,7 @@ class Machine:
 
     def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
         if isinstance(value, Literal):
-            label = name if self._dialect.is_frame(name) else f"{name} of line {place.line}"
+            label = name if self._language.is_frame(name) else f"{name} of line {place.line}"
             return Given(label, place.source, place.line, place.first, value)
         if isinstance(value, Part):
             return self._joined(place, name, value, state)
@@ -446,7 +431,7 @@ class Machine:
 
     def _look(self, state: State, name: str) -> tuple[Held, int]:
         """Return what a name has in a state, and the line that gave it."""
-        if name in self._dialect.constants:
+        if name in self._language.constants:
             return name, 0
         steady = self._is_steady(name)
         held: Held | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
@@ -456,7 +441,7 @@ class Machine:
             held = state[UNKNOWN][0]
         if isinstance(held, Cause):
             return (
-                held._replace(shows=self.written.get(name, name)) if self._dialect.is_frame(name) else held
+                held._replace(shows=self.written.get(name, name)) if self._language.is_frame(name) else held
             ), held.line
         if name == UNKNOWN:
             return "", 0
@@ -471,12 +456,12 @@ class Machine:
         ):
             earlier = None if self._is_steady(name) else self._earlier
             return earlier or held
-        if (active := self._dialect.active.get(name)) is not None:
+        if (active := self._language.active.get(name)) is not None:
             return active
         if name in self._givers or name in self._changed:
             line = self._givers[name][0] if name in self._givers else self._changed[name].line
             return Cause(line, f"{name} changes while the program runs", "give it once, in numbers")
-        if self._dialect.is_frame(name):
+        if self._language.is_frame(name):
             return name
         return Cause(0, f"{shown(name)} is not given by constant numbers")
 
@@ -554,7 +539,7 @@ class Machine:
             held = self._look(state, name)[0]
             if isinstance(held, Cause):
                 cause = cause or held
-            elif held != self._dialect.active[name] and not (
+            elif held != self._language.active[name] and not (
                 isinstance(frame, FrameName) and held == frame.name
             ):
                 reason = f"the target is recorded with another {name} than the active one"
@@ -582,14 +567,14 @@ class Machine:
         )
         if isinstance(held, Given) and name in self._shared:
             reason = "the target is declared where other programs use it, too"
-            return Cause(place.line, reason, self._dialect.remedy, place.source)
+            return Cause(place.line, reason, self._language.remedy, place.source)
         if isinstance(held, Given):
             return held._replace(label=name)
         reason = f": {reason}" if reason else ""
         return Cause(
             place.line,
             f"the target {shown(name)} is not given by constant numbers{reason}",
-            self._dialect.remedy,
+            self._language.remedy,
             place.source,
         )
 
@@ -600,7 +585,7 @@ class Machine:
         if isinstance(held, Cause):
             return held
         if isinstance(held, str):
-            return FrameName(self.written.get(held, held), self._dialect.constants.get(held))
+            return FrameName(self.written.get(held, held), self._language.constants.get(held))
         pose = self._pose(held)
         if pose is None:
             return Cause(
@@ -617,7 +602,8 @@ class Machine:
         notation = held.literal.notation
         if notation is None or not notation.has_pose:
             return None
-        key = held.source, held.first + held.literal.numbers[0]
+        numbers = held.literal.numbers
+        key = held.source, held.first + numbers[0], held.first + numbers[-1]
         if key not in self._poses:
             self._poses[key] = self._product(held, notation)
         return self._poses[key]

@@ -3,36 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
 
-from jointstiff.service.programs.interpreter import Dialect, Machine
-from jointstiff.service.programs.language import (
-    NUMBER,
-    Assign,
-    Call,
-    Copy,
-    Flow,
-    Havoc,
-    Keep,
-    Lexicon,
-    Line,
-    Local,
-    Misread,
-    Move,
-    Name,
-    Named,
-    Op,
-    Use,
-    Value,
-    attached,
-    calls,
-    complete,
-    parts,
-    unknown,
-)
+from jointstiff.service.programs import language as ir
+from jointstiff.service.programs.interpreter import Machine
+from jointstiff.service.programs.language import Line, Misread, Op, parts
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
 
@@ -44,13 +21,13 @@ _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIR
 # controller's bas.src (BAS).
 _BAS: Final[dict[str, tuple[Op, ...]]] = {
     # BAS: INITMOV sets the null base and tool 1
-    "INITMOV": (Assign("$BASE", Copy("BASE_DATA[0]")), Assign("$TOOL", Copy("TOOL_DATA[1]"))),
+    "INITMOV": (ir.Assign("$BASE", ir.Copy("BASE_DATA[0]")), ir.Assign("$TOOL", ir.Copy("TOOL_DATA[1]"))),
     # BAS: FRAMES, PTP_PARAMS and CP_PARAMS make the frames of FDAT_ACT the active ones
     **dict.fromkeys(
         ("FRAMES", "PTP_PARAMS", "CP_PARAMS"),
         (
-            Assign("$BASE", Copy("FDAT_ACT.BASE", through=True)),
-            Assign("$TOOL", Copy("FDAT_ACT.TOOL", through=True)),
+            ir.Assign("$BASE", ir.Copy("FDAT_ACT.BASE", through=True)),
+            ir.Assign("$TOOL", ir.Copy("FDAT_ACT.TOOL", through=True)),
         ),
     ),
     # BAS: these set speeds and accelerations only
@@ -62,173 +39,76 @@ _MOVING: Final = re.compile(
 )
 # KSS: places that a controller keeps, for all of its programs
 _KEPT: Final = re.compile(r"\$AXIS_ACT|\$POS_ACT|\$H_POS|X?HOME\d?")
-_CONSTANTS: Final = {name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")}
-_LEXICON: Final = Lexicon(
-    comment=r";[^\r\n]*+|(?<![^\r\n])&[^\r\n]*+",
-    text=r"\"[^\"\r\n]*+\"|#\w++|'[HD][0-9A-F]++'",
-    word=r"\$?[^\W\d]\w*+",
-    number=rf"{NUMBER}|'B[01]{{1,16}}+'",
-    operators="AND|OR|EXOR|NOT|B_AND|B_OR|B_EXOR|B_NOT",
-    reserved=r"S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?|ASYPTP|ASYCONT|DEF|DEFFCT|DEFDAT|END\w*|IF|THEN|ELSE|FOR|TO|STEP|WHILE"
+_RESERVED: Final = (
+    r"S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?|ASYPTP|ASYCONT|DEF|DEFFCT|DEFDAT|END\w*|IF|THEN|ELSE|FOR|TO|STEP|WHILE"
     r"|LOOP|REPEAT|UNTIL|SWITCH|CASE|DEFAULT|GOTO|WAIT|HALT|EXIT|RETURN|CONTINUE|TRIGGER|INTERRUPT|(?:PTP_)?SPLINE"
-    r"|DECL|GLOBAL|SIGNAL|EXT|BRAKE|RESUME|WITH|DO|ANOUT|ANIN|BAS|C_(?:PTP|DIS|VEL|ORI|SPL)|\$BASE|\$TOOL",
-    # KSS: arithmetic, strings, the state of variables, pulses, and what inline forms set speeds by
-    functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
-    r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN|TOINT|TOREAL)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
-    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES",
+    r"|DECL|GLOBAL|SIGNAL|EXT|BRAKE|RESUME|WITH|DO|ANOUT|ANIN|BAS|C_(?:PTP|DIS|VEL|ORI|SPL)|\$BASE|\$TOOL"
 )
 _REMEDY: Final = (
     "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers, and send the .dat that declares them"
 )
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
-_MAX_DEPTH: Final = 16
-"""Braces within one another; a controller's own structures have three."""
 _NAME: Final = r"\$?[^\W\d]\w*+"
 _TARGET: Final = rf"\{{[^{{}}]*+\}}|{_NAME}"
 _BLEND: Final = r"((?: ?C_(?:PTP|DIS|VEL|ORI|SPL))*)"
-_MOVE: Final = re.compile(
-    rf"S?(PTP|LIN|CIRC|SPL)(?: |(?=\{{))({_TARGET})(?:,({_TARGET}))?{_BLEND}(?: ?WITH (.*))?"
-)
-_STATEMENTS: Final = tuple(
-    (kind, re.compile(pattern))
-    for kind, pattern in (
-        ("routine", rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? ({_NAME})(?:\((.*)\))?(?: ?PUBLIC)?"),
-        (
-            "none",
-            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
-        ),
-        (
-            "none",
-            r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*",
-        ),
-        ("end", r"END|ENDFCT"),
-        ("if", r"IF ?(.*?) ?THEN|SWITCH ?(.+)"),
-        ("turn", r"ELSE|CASE ?(.+)"),
-        ("default", r"DEFAULT"),
-        ("close", r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)"),
-        ("loop", rf"WHILE ?(.+)|FOR ({_NAME})=(.+)"),
-        ("repeat", r"LOOP|REPEAT"),
-        ("leave", r"EXIT"),
-        ("jump", rf"GOTO ({_NAME})"),
-        ("label", rf"({_NAME}):"),
-        ("return", r"RETURN ?(.*)"),
-        ("uses", r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))"),
-        ("interrupt", rf"(?:GLOBAL )?INTERRUPT DECL \0 WHEN (.+?) DO ({_NAME})\((.*)\)"),
-        ("interruptible", r"INTERRUPT ON (\0)"),
-        (
-            "trigger",
-            rf"TRIGGER WHEN (.+?) DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)",
-        ),
-        ("bas", r"BAS\(#(\w+)(?:,(.+))?\)"),
-        ("spline", rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (.*))?{_BLEND}"),
-        (
-            "declared",
-            rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"
-            rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) ({_NAME}.*)",
-        ),
-        ("called", rf"({_NAME})\((.*)\)"),
-        ("assigned", rf"({_NAME})((?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(.*)"),
-    )
-)
-
-
-def _translate(line: Line) -> list[tuple[int, Op]]:
-    """Return what a line does."""
-    text = line.text.upper()
-    depth = 0
-    for sign in text if text.count("{") > _MAX_DEPTH else "":
-        depth += (sign == "{") - (sign == "}")
-        if depth > _MAX_DEPTH:
-            remedy = "declare inner structures on their own"
-            raise Misread(f"more than {_MAX_DEPTH} braces within one another", remedy)
-    line = Line(text, line.ordinals, line.places, line.breaks)
-    try:
-        return complete(line, _MOTION, [(0, op) for op in (_ops(line) if text else ())], _REMEDY)
-    except Misread as fault:
-        return unknown(line, _MOTION, fault, _REMEDY)
-
-
-_MOTION: Final = re.compile(r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)")
-
-
-def _ops(line: Line) -> list[Op]:
-    text = line.text
-    if match := _MOVE.fullmatch(text):
-        return _move(line, match)
-    for kind, pattern in _STATEMENTS:
-        if match := pattern.fullmatch(text):
-            return _statement(line, kind, match)
-    if match := _COMPUTED.fullmatch(text):
-        return _computed(match[2], "a relative move" if match[1] else _NOT_WHOLE)
-    raise Misread("the statement is unknown: it may move the robot, targets or frames")
-
-
-_COMPUTED: Final = re.compile(rf"S?(?:PTP|LIN|CIRC|SPL)(_REL)?(?: |(?=\{{))(.+?){_BLEND}")
 _NOT_WHOLE: Final = (
     "the target is not a whole pose or set of angles in numbers, or the text after it is unknown"
 )
 
 
-def _computed(target: str, reason: str) -> list[Op]:
+def _computed_move(line: Line, target: str, reason: str) -> list[Op]:
     """Return a move to what is not given by numbers: it is left, and what it computes with is used."""
-    uses = _LEXICON.expression(_SEPARATED.sub(",", target))
-    return [*uses, Move(Motion.LINEAR, (), reason=reason, remedy=_REMEDY)]
+    uses = line.expression(_SEPARATED.sub(",", target))
+    return [*uses, ir.Move(Motion.LINEAR, (), reason=reason, remedy=_REMEDY)]
 
 
-def _statement(line: Line, kind: str, match: re.Match[str]) -> list[Op]:
-    if kind in _RULES:
-        return _RULES[kind](line, match)
-    found = [op for each in match.groups() if each for op in _LEXICON.expression(each)]
-    if kind in {"none", "uses"}:
-        return [] if kind == "none" else found
-    if kind == "turn":
-        return [Flow(kind), *attached(found)]
-    return [*found, Flow(kind)]
+def _computed(line: Line, match: re.Match[str]) -> list[Op]:
+    return _computed_move(line, match[2], "a relative move" if match[1] else _NOT_WHOLE)
 
 
 def _routine(_line: Line, match: re.Match[str]) -> list[Op]:
     names = frozenset(re.findall(rf"({_NAME})(?::\w+)?", match[2] or ""))
-    shared = match[0].startswith("GLOBAL")
-    return [
-        Flow("routine", match[1], shared),
-        Local(names),
-        *([Havoc(names, "a parameter of the routine", _REMEDY)] if names else []),
-    ]
+    own: list[Op] = [ir.Local(names), ir.Havoc(names, "a parameter of the routine", _REMEDY)] if names else []
+    return [ir.Flow("routine", match[1], shared=match[0].startswith("GLOBAL")), *own]
 
 
-def _loop(_line: Line, match: re.Match[str]) -> list[Op]:
+def _loop(line: Line, match: re.Match[str]) -> list[Op]:
     if match[1]:
-        return [*attached(_LEXICON.expression(match[1])), Flow("loop")]
-    bounds = [op for each in re.split(" ?TO | ?STEP ", match[3]) for op in _LEXICON.expression(each)]
-    return [*bounds, Flow("loop"), Havoc(frozenset({match[2]}), f"{match[2]} counts a loop", _REMEDY)]
+        return [*ir.attached(line.expression(match[1])), ir.Flow("loop")]
+    bounds = [op for each in re.split(" ?TO | ?STEP ", match[3]) for op in line.expression(each)]
+    return [*bounds, ir.Flow("loop"), ir.Havoc(frozenset({match[2]}), f"{match[2]} counts a loop", _REMEDY)]
 
 
-def _called(_line: Line, match: re.Match[str]) -> list[Op]:
-    if re.fullmatch(_LEXICON.reserved, match[1]):
+def _called(line: Line, match: re.Match[str]) -> list[Op]:
+    if re.fullmatch(_RESERVED, match[1]):
         raise Misread(f"{match[1]} is not a routine")
-    return _LEXICON.expression(match[0])
+    return line.expression(match[0])
 
 
 def _interrupt(line: Line, match: re.Match[str]) -> list[Op]:
-    handler = [] if match[2] == "IR_STOPM" else [Call(match[2], attached=True)]  # BAS: IR_STOPM waits
-    uses = attached([*_LEXICON.expression(match[1]), *_LEXICON.expression(match[3], empty=True)])
+    handler = [] if match[2] == "IR_STOPM" else [ir.Call(match[2], attached=True)]  # BAS: IR_STOPM waits
+    uses = ir.attached([*line.expression(match[1]), *line.expression(match[3], empty=True)])
     name = "INTERRUPT %s", line.ordinal(match[0].index("\0"))
-    return [Assign(name, Named(name)), *handler, *uses]
+    return [ir.Assign(name, ir.Named(name)), *handler, *uses]
 
 
-def _trigger(_line: Line, match: re.Match[str]) -> list[Op]:
+def _trigger(line: Line, match: re.Match[str]) -> list[Op]:
     condition = match[1].replace(" DELAY=", "+DELAY=").replace("DISTANCE=", "").replace("PATH=", "")
-    found = _LEXICON.expression(condition.replace("DELAY=", ""))
+    found = line.expression(condition.replace("DELAY=", ""))
     for each in filter(None, (match[2], match[3], match[5], match[6])):
-        found += attached(_LEXICON.expression(each.replace("=", "+", 1), empty=True))
-    return [*found, *([Call(match[4], attached=True)] if match[4] else [])]
+        found += ir.attached(line.expression(each.replace("=", "+", 1), empty=True))
+    return [*found, *([ir.Call(match[4], attached=True)] if match[4] else [])]
+
+
+def _interruptible(line: Line, match: re.Match[str]) -> list[Op]:
+    return [ir.Call(("INTERRUPT %s", line.ordinal(match.start(1))), attached=True)]
 
 
 def _bas(line: Line, match: re.Match[str]) -> list[Op]:
     which, argument = match[1], match[2]
-    found = [] if argument is None else _LEXICON.expression(argument)
+    found = [] if argument is None else line.expression(argument)
     if which in {"TOOL", "BASE"} and argument == "\0":
-        return [Assign(f"${which}", Copy((f"{which}_DATA[%s]", line.ordinal(match.start(2)))))]
+        return [ir.Assign(f"${which}", ir.Copy((f"{which}_DATA[%s]", line.ordinal(match.start(2)))))]
     if which not in _BAS:
         raise Misread(f"BAS(#{which}) with what is no number, or is not known")
     return [*found, *_BAS[which]]
@@ -261,21 +141,21 @@ def _literal(line: Line, start: int, end: int) -> Literal | None:
     return Literal(None, fields=numbers, texts=texts)
 
 
-def _given(line: Line, name: Name, start: int, end: int) -> list[Op]:
+def _given(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
     """Return what a name gets by numbers or names: a pose, or the frames of FDAT; else nothing."""
     text = line.text[start:end]
     literal = _literal(line, start, end)
     if literal is not None and literal.notation is not None:
-        return [Assign(name, literal)]
+        return [ir.Assign(name, literal)]
     if literal is not None and {"TOOL_NO", "BASE_NO"} <= literal.fields.keys() and isinstance(name, str):
         if literal.texts.get("IPO_FRAME", "#BASE") != "#BASE":  # KSS: #TCP is a tool that stands in the cell
             return []
         return [
-            Assign(f"{name}.{which}", Named((f"{which}_DATA[%s]", literal.fields[f"{which}_NO"])))
+            ir.Assign(f"{name}.{which}", ir.Named((f"{which}_DATA[%s]", literal.fields[f"{which}_NO"])))
             for which in ("BASE", "TOOL")
         ]
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
-        return [Assign(f"{name}.{which}", Copy(f"{text}.{which}")) for which in ("BASE", "TOOL")]
+        return [ir.Assign(f"{name}.{which}", ir.Copy(f"{text}.{which}")) for which in ("BASE", "TOOL")]
     return []
 
 
@@ -285,26 +165,28 @@ def _declared(line: Line, match: re.Match[str]) -> list[Op]:
     for start, end in parts(line.text, match.start(1)):
         name, equals, value = line.text[start:end].partition("=")
         name, bracket, index = name.partition("[")
-        if not re.fullmatch(_NAME, name) or re.fullmatch(_LEXICON.reserved, name):
+        if not re.fullmatch(_NAME, name) or re.fullmatch(_RESERVED, name):
             raise Misread("the declaration is unknown")
-        ops += [Local(frozenset({name}))]
-        ops += _LEXICON.expression(f"[{index}") if bracket and index != "]" else []
+        ops += [ir.Local(frozenset({name}))]
+        ops += line.expression(f"[{index}") if bracket and index != "]" else []
         if equals:
             given = [] if bracket else _given(line, name, end - len(value), end)
-            ops += [op._replace(shared=shared) for op in given if isinstance(op, Assign)] or _set(name, value)
+            ops += [op._replace(shared=shared) for op in given if isinstance(op, ir.Assign)] or _set(
+                line, name, value
+            )
     return ops
 
 
-def _set(name: Name, value: str, frames: tuple[Name, ...] = ()) -> list[Op]:
+def _set(line: Line, name: ir.Name, value: str, frames: tuple[ir.Name, ...] = ()) -> list[Op]:
     """Return that a name gets what is not known."""
     shown = name if isinstance(name, str) else name[0] % "i"
-    found = [] if value.startswith("{") else _LEXICON.expression(value)
+    found = [] if value.startswith("{") else line.expression(value)
     if value.startswith("{"):
-        found = [op for op in _LEXICON.expression(_SEPARATED.sub(",", value)) if not isinstance(op, Use)]
+        found = [op for op in line.expression(_SEPARATED.sub(",", value)) if not isinstance(op, ir.Use)]
     remedy = _FRAME_REMEDY if frames or "_DATA" in shown else _REMEDY
     return [
         *found,
-        Havoc(
+        ir.Havoc(
             frozenset(frames or {name}),
             f"{shown} changes while the program runs: it is computed, or set in part",
             remedy,
@@ -324,34 +206,34 @@ def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
     if _MOVING.match(match[0]):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
     inner = index.strip("[]").replace("][", ",").replace("].", "+")
-    uses = _LEXICON.expression(inner, empty=True) if "[" in index else []
+    uses = line.expression(inner, empty=True) if "[" in index else []
     if name.startswith("$"):
-        return [*uses, *(op for op in _set(name, value) if not isinstance(op, Havoc))]
-    return [*uses, *(([] if index else _given(line, name, *match.span(3))) or _set(name, value))]
+        return [*uses, *(op for op in _set(line, name, value) if not isinstance(op, ir.Havoc))]
+    return [*uses, *(([] if index else _given(line, name, *match.span(3))) or _set(line, name, value))]
 
 
 def _frame(line: Line, match: re.Match[str]) -> list[Op]:
     """Take an assignment to the active frames, to those that wait, or to the data of one."""
     name, index, value = match[1], match[2], match[3]
-    target: Name = name
+    target: ir.Name = name
     if name.endswith("_DATA"):
         if not index.startswith("[\0]"):
             raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
         target, index = (f"{name}[%s]", line.ordinal(match.start(2) + 1)), index.removeprefix("[\0]")
     elif not index and re.fullmatch(rf"{re.escape(name[1:])}_DATA\[\0\]", value):
-        return [Assign(name, Copy((f"{name[1:]}_DATA[%s]", line.ordinal(match.end(3) - 2))))]
+        return [ir.Assign(name, ir.Copy((f"{name[1:]}_DATA[%s]", line.ordinal(match.end(3) - 2))))]
     elif not index and name != "FDAT_ACT" and re.fullmatch(_NAME, value):
-        return [Use(frozenset({value})), Assign(name, Copy(value))]
+        return [ir.Use(frozenset({value})), ir.Assign(name, ir.Copy(value))]
     given = [] if index else _given(line, target, *match.span(3))
     waiting = ("FDAT_ACT.BASE", "FDAT_ACT.TOOL") if name == "FDAT_ACT" else ()
-    return given if len(given) == 1 + bool(waiting) else _set(target, value, waiting)
+    return given if len(given) == 1 + bool(waiting) else _set(line, target, value, waiting)
 
 
 def _move(line: Line, match: re.Match[str]) -> list[Op]:
     motion = _MOTIONS[match[1]]
     spans = [match.span(k) for k in (2, 3) if match[k]]
     names = [line.text[slice(*span)] for span in spans]
-    found, own = _settings(match[5] or "")
+    found, own = _settings(line, match[5] or "")
     if len(spans) != 1 + (motion is Motion.CIRCULAR):
         raise Misread(
             "the target is not given by numbers: an arc has two, other moves one, and nothing follows them"
@@ -359,25 +241,25 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
     if any(map(_KEPT.fullmatch, names)):
         if len(names) > 1:
             raise Misread("an arc through a position stored in the controller")
-        return [*found, Keep(f"a move to {names[0]}, a position stored in the controller")]
-    targets: list[Literal | Name] = []
+        return [*found, ir.Keep(f"a move to {names[0]}, a position stored in the controller")]
+    targets: list[Literal | ir.Name] = []
     for name, span in zip(names, spans, strict=True):
         literal = _literal(line, *span) if name.startswith("{") else None
         if name.startswith("{") and (literal is None or literal.notation is None):
-            return [*found, *_computed(",".join(names), _NOT_WHOLE)]
-        if re.fullmatch(_LEXICON.reserved, name):
+            return [*found, *_computed_move(line, ",".join(names), _NOT_WHOLE)]
+        if re.fullmatch(_RESERVED, name):
             raise Misread("the target is not given by numbers")
         targets.append(name if literal is None else literal)
-    frames: tuple[Value, Value] = Copy("$BASE"), Copy("$TOOL")
+    frames: tuple[ir.Value, ir.Value] = ir.Copy("$BASE"), ir.Copy("$TOOL")
     if own:
-        frames = Copy(f"{own}.BASE", through=True), Copy(f"{own}.TOOL", through=True)
+        frames = ir.Copy(f"{own}.BASE", through=True), ir.Copy(f"{own}.TOOL", through=True)
     plain = all(isinstance(each, Literal) for each in targets)
     count = len(targets)
-    move = Move(motion, tuple(targets), frames[:1] * count, frames[1:] * count, repeats=plain)
+    move = ir.Move(motion, tuple(targets), frames[:1] * count, frames[1:] * count, repeats=plain)
     return [*found, move]
 
 
-def _settings(text: str) -> tuple[list[Op], str]:
+def _settings(line: Line, text: str) -> tuple[list[Op], str]:
     """Return what settings behind WITH use, and the name of the declaration of the move's own frames."""
     found: list[Op] = []
     frames: dict[str, str] = {}
@@ -389,45 +271,76 @@ def _settings(text: str) -> tuple[list[Op], str]:
             if declared is None:
                 raise Misread("the move or the block has frames of its own", "set $TOOL and $BASE before it")
             frames[name] = declared[1]
-        elif not name.startswith("$") or (_MOVING.match(name) and name != "$IPO_MODE"):
+        elif mode := re.fullmatch(rf"\$IPO_MODE=SIPO_MODE\(({_NAME})\.\w+\)", text[start:end]):
+            frames[name] = mode[1]
+        elif not name.startswith("$") or _MOVING.match(text[start:end]):
             raise Misread("the settings of the move are unknown", "set them before it")
         else:
-            found += [op for op in _set(name, value) if not isinstance(op, Havoc)]
-    if calls(found) or (frames and (len(frames) < 2 or len(set(frames.values())) > 1)):
+            found += [op for op in _set(line, name, value) if not isinstance(op, ir.Havoc)]
+    if ir.calls(found) or (
+        frames and (not {"$BASE", "$TOOL"} <= frames.keys() or len(set(frames.values())) > 1)
+    ):
         raise Misread("the settings of the move call a routine, or set one frame only", "set them before it")
     return found, frames.get("$TOOL", "")
 
 
-def _spline(_line: Line, match: re.Match[str]) -> list[Op]:
+def _spline(line: Line, match: re.Match[str]) -> list[Op]:
     """Take the beginning of a block of splines; the frames of a block are not known in it."""
-    found, own = _settings(match[2] or "")
+    found, own = _settings(line, match[2] or "")
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
-    return [*found, *([Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
+    return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
 
 
-_RULES: Final[Mapping[str, Callable[[Line, re.Match[str]], list[Op]]]] = {
-    "routine": _routine,
-    "label": lambda _, match: [Flow("label", match[1])],
-    "jump": lambda _, match: [Flow("jump", match[1])],
-    "loop": _loop,
-    "bas": _bas,
-    "declared": _declared,
-    "assigned": _assigned,
-    "called": _called,
-    "spline": _spline,
-    "interrupt": _interrupt,
-    "interruptible": lambda line, match: [
-        Call(("INTERRUPT %s", line.ordinal(match.start(1))), attached=True)
-    ],
-    "trigger": _trigger,
-}
-DIALECT: Final = Dialect(
-    _LEXICON,
-    _translate,
-    active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
-    constants=_CONSTANTS,
-    is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
+LANGUAGE: Final = ir.Language(
+    comment=r";[^\r\n]*+|(?<![^\r\n])&[^\r\n]*+",
+    text=r"\"[^\"\r\n]*+\"|#\w++|'[HD][0-9A-F]++'",
+    word=r"\$?[^\W\d]\w*+",
+    number=rf"{ir.NUMBER}|'B[01]{{1,16}}+'",
+    operators="AND|OR|EXOR|NOT|B_AND|B_OR|B_EXOR|B_NOT",
+    reserved=_RESERVED,
+    # KSS: arithmetic, strings, the state of variables, pulses, and what inline forms set speeds by
+    functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
+    r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN|TOINT|TOREAL)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
+    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES",
+    motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
+    active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
+    constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
+    is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
+    rules=(
+        (rf"S?(PTP|LIN|CIRC|SPL)(?: |(?=\{{))({_TARGET})(?:,({_TARGET}))?{_BLEND}(?: ?WITH (.*))?", _move),
+        (rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? ({_NAME})(?:\((.*)\))?(?: ?PUBLIC)?", _routine),
+        (
+            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
+            "",
+        ),
+        (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),
+        (r"END|ENDFCT", "end"),
+        (r"IF ?(.*?) ?THEN|SWITCH ?(.+)", "if"),
+        (r"ELSE|CASE ?(.+)", "turn"),
+        (r"DEFAULT", "default"),
+        (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
+        (rf"WHILE ?(.+)|FOR ({_NAME})=(.+)", _loop),
+        (r"LOOP|REPEAT", "repeat"),
+        (r"EXIT", "leave"),
+        (rf"GOTO ({_NAME})", lambda _, match: [ir.Flow("jump", match[1])]),
+        (rf"({_NAME}):", lambda _, match: [ir.Flow("label", match[1])]),
+        (r"RETURN ?(.*)", "return"),
+        (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
+        (rf"(?:GLOBAL )?INTERRUPT DECL \0 WHEN (.+?) DO ({_NAME})\((.*)\)", _interrupt),
+        (r"INTERRUPT ON (\0)", _interruptible),
+        (rf"TRIGGER WHEN (.+?) DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)", _trigger),
+        (r"BAS\(#(\w+)(?:,(.+))?\)", _bas),
+        (rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (.*))?{_BLEND}", _spline),
+        (
+            rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"
+            rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) ({_NAME}.*)",
+            _declared,
+        ),
+        (rf"({_NAME})\((.*)\)", _called),
+        (rf"({_NAME})((?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(.*)", _assigned),
+        (rf"S?(?:PTP|LIN|CIRC|SPL)(_REL)?(?: |(?=\{{))(.+?){_BLEND}", _computed),
+    ),
 )
 
 
@@ -438,14 +351,12 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     )
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
-        data = re.search(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})", source.text)
-        if index and main and data and not is_config and data[1].upper() != main[1].upper():
+        head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
+        data = re.search(head, source.text) if index else None
+        if main and data and not is_config and data[1].upper() != main[1].upper():
             reason, remedy = f"it declares data of {data[1]}, not of {main[1]}", "send the .dat of the .src"
             machine.refuse(source.line(data.start()), reason, remedy, index)
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
-        own = not re.search(
-            r"(?im)^[ \t]*+DEFDAT[ \t]++\w++[ \t]++PUBLIC\b|config\.dat$", f"{source.text}\n{source.name}"
-        )
         # no other program changes a .dat that is not public
-        kind = "shared" if is_config else "constant" if own else "variable"
+        kind = "shared" if is_config else "variable" if data and data[2] else "constant"
         machine.add(index, source.starts, source.ends, declares=kind if declares else "")

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, NamedTuple, TypeAlias
 
-from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.errors import CONSTANT, shown
 from jointstiff.service.programs.program import Literal, Motion
+from jointstiff.solver.arrays import FloatArray
 
 _FRACTION: Final = r"(?:\.\d{0,20}+)?"
 # Its first character stands before all else, so that the search passes over what begins no number.
@@ -141,6 +142,7 @@ def words(text: str) -> frozenset[str]:
 class Line:
     """A statement in normal form."""
 
+    language: Language
     text: str
     ordinals: tuple[int, ...]  # places of its numbers among those of the statement as it is written
     places: tuple[int, ...]  # first character of each token
@@ -150,23 +152,44 @@ class Line:
         """Return the ordinal of the number at a place of the text."""
         return self.ordinals[self.text.count("\0", 0, place)]
 
+    def numbers(self, start: int, end: int) -> tuple[int, ...]:
+        """Return the ordinals of the numbers in a part of the text."""
+        first = self.text.count("\0", 0, start)
+        return self.ordinals[first : first + self.text.count("\0", start, end)]
+
+    def expression(self, text: str, *, empty: bool = False) -> list[Op]:
+        """Return what an expression of the line uses and calls."""
+        return self.language.expression(text, empty=empty)
+
     def below(self, place: int) -> int:
         """Return how many lines a place is below the begin of the statement."""
         return self.breaks[bisect_right(self.places, place) - 1] if self.places else 0
 
 
+Rule: TypeAlias = "str | Callable[[Line, re.Match[str]], list[Op]]"
+"""What a statement does: a function of its line; or a kind of `Flow` behind the expressions of its groups."""
+
+
 @dataclass(frozen=True)
-class Lexicon:
-    """Tokens of a language, and what its expressions are made of."""
+class Language:
+    """Tokens of a language, its statements by their forms, and facts of its controller."""
 
     comment: str  # pattern of a comment
+    rules: tuple[tuple[str, Rule], ...] = ()  # forms of statements in normal form
+    motion: str = r"(?!)"  # pattern of the words of moves
+    remedy: str = CONSTANT  # what to do where a target is not understood
     text: str = r'"[^"\r\n]*+"'  # pattern of texts and of constants that are no number
     word: str = r"[^\W\d]\w*+"
     number: str = NUMBER
-    folded: bool = True  # whether capitals and small letters are the same
+    blank: str = ""  # pattern of what ends a line that is continued, as a blank does
+    folded: bool = True  # whether capitals and small letters are the same: the normal form has capitals
     operators: str = ""  # pattern of words between or before operands
     reserved: str = ""  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which tell a value and change nothing
+    active: Mapping[str, str] = field(default_factory=dict)  # frames that are active, and their names
+    constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
+    is_frame: Callable[[str], bool] = lambda _: False  # names of frames that have numbers elsewhere
+    callers: bool = False  # whether other programs may call each of the routines
 
     @cached_property
     def numbers(self) -> re.Pattern[str]:
@@ -179,6 +202,14 @@ class Lexicon:
             rf"(?P<blank>\s++)|(?P<comment>{self.comment}|\xef\xbb\xbf)|(?P<text>{self.text})|(?P<word>\0|{self.word})|(?P<sign>.)",
             re.DOTALL,
         )
+
+    @cached_property
+    def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
+        return tuple((re.compile(pattern), rule) for pattern, rule in self.rules)
+
+    @cached_property
+    def _motion(self) -> re.Pattern[str]:
+        return re.compile(self.motion)
 
     @cached_property
     def _words(self) -> tuple[re.Pattern[str], ...]:
@@ -194,7 +225,7 @@ class Lexicon:
         pieces, places, breaks, ordinals = list[str](), list[int](), list[int](), list[int]()
         number, length, behind, line = 0, 0, False, 0
         for match in self._token.finditer(shape):
-            kind, piece = match.lastgroup, match[0]
+            kind, piece = match.lastgroup, match[0].upper() if self.folded else match[0]
             if kind in {"text", "word"}:
                 if piece == "\0":
                     ordinals.append(number)
@@ -213,7 +244,57 @@ class Lexicon:
             breaks.append(line)
             pieces.append(piece)
             length += len(piece)
-        return Line("".join(pieces), tuple(ordinals), tuple(places), tuple(breaks))
+        text = "".join(pieces)
+        text = re.sub(self.blank, " ", text).strip() if self.blank else text
+        return Line(self, text, tuple(ordinals), tuple(places), tuple(breaks))
+
+    def translate(self, line: Line) -> list[tuple[int, Op]]:
+        """Return what a statement does, and how many lines below its begin.
+
+        Raises:
+            Misread: it is no text of people.
+        """
+        if _is_deep(line.text):
+            reason = f"more than {_MAX_DEPTH} braces within one another"
+            raise Misread(reason, "declare inner structures on their own")
+        try:
+            ops = self.rule(line) if line.text else []
+        except Misread as fault:
+            return self._unknown(line, fault)
+        moves = sum(isinstance(op, Move | Keep) for op in ops)
+        if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
+            return self._unknown(line, Misread("a move stands where none is expected"))
+        return [(line.below(0), op) for op in ops]
+
+    def rule(self, line: Line) -> list[Op]:
+        """Return what a statement does by the rules.
+
+        Raises:
+            Misread: there is no rule for it, or not for all of it.
+        """
+        for pattern, rule in self._rules:
+            if match := pattern.fullmatch(line.text):
+                if not isinstance(rule, str):
+                    return rule(line, match)
+                found = [op for each in match.groups() if each for op in self.expression(each)]
+                return [
+                    *(attached(found) if rule in {"turn", "loop"} else found),
+                    *([Flow(rule)] if rule else []),
+                ]
+        raise Misread("the statement is unknown: it may move the robot, targets or frames")
+
+    def _unknown(self, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return what a statement may do that is not understood: all, and each word of a motion is a move."""
+        ordinals, text = iter(line.ordinals), line.text
+        quoted = re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", shown(text.replace("\0", "@#@")))
+        reason, remedy = f"{quoted}: {fault.reason}", fault.remedy or self.remedy
+        hidden = _QUOTED.sub(lambda match: "_" * len(match[0]), text)
+        left = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
+        return [
+            (line.below(0), Havoc(frozenset(), reason, remedy)),
+            (line.below(0), Havoc(frozenset([*_NAME.findall(hidden), "_"]), reason, remedy)),
+            *((line.below(match.start()), left) for match in self._motion.finditer(hidden)),
+        ]
 
     def expression(self, text: str, *, empty: bool = False) -> list[Op]:
         """Return what an expression uses and calls; operands and operators alternate: nothing hides in it.
@@ -248,36 +329,6 @@ def attached(ops: list[Op]) -> list[Op]:
     return [op._replace(attached=True) if isinstance(op, Call) else op for op in ops]
 
 
-def unknown(
-    line: Line, motion: re.Pattern[str], fault: Misread, remedy: str, place: int = 0
-) -> list[tuple[int, Op]]:
-    """Return what a statement may do that is not understood: all, and each word of a motion is a move."""
-    first, text = line.text.count("\0", 0, place), line.text
-    ordinals = iter(line.ordinals[first:])
-    quoted = re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", shown(text[place:].replace("\0", "@#@")))
-    reason, remedy = f"{quoted}: {fault.reason}", fault.remedy or remedy
-    hidden = _QUOTED.sub(lambda match: "_" * len(match[0]), text)
-    moves = (line.below(match.start()) for match in motion.finditer(hidden, place))
-    words_of = _NAME.findall(hidden[place:])
-    named = frozenset([*words_of, *(word.upper() for word in words_of), "_"])
-    left = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-    return [
-        (line.below(place), Havoc(frozenset(), reason, remedy)),
-        (line.below(place), Havoc(named, reason, remedy)),
-        *((below, left) for below in moves),
-    ]
-
-
-def complete(
-    line: Line, motion: re.Pattern[str], ops: list[tuple[int, Op]], remedy: str
-) -> list[tuple[int, Op]]:
-    """Return what a statement does; all, where a word of a motion in it is none of its moves."""
-    moves = sum(isinstance(op, Move | Keep) for _, op in ops)
-    if len(motion.findall(_QUOTED.sub("", line.text))) <= moves:
-        return ops
-    return unknown(line, motion, Misread("a move stands where none is expected"), remedy)
-
-
 # A sign before a number belongs to it, so that an operand may stand before it.
 _FAULT: Final = re.compile(
     r"[\w\0\"'] [\w\"'$#]|[)\]}] ?[\w\"$#]|[^\w\0\s$#\"'.+\-*/<>=:,()\[\]{}\\!%?&|;]|[=*/.<>,+-]$"
@@ -297,6 +348,19 @@ def _balanced(text: str) -> bool:
         elif not opened or opened.pop() != _PAIRS[sign]:
             return False
     return not opened
+
+
+_MAX_DEPTH: Final = 16
+"""Braces within one another; a controller's own structures have three."""
+
+
+def _is_deep(text: str) -> bool:
+    depth = 0
+    for sign in text if text.count("{") > _MAX_DEPTH else "":
+        depth += (sign == "{") - (sign == "}")
+        if depth > _MAX_DEPTH:
+            return True
+    return False
 
 
 _QUOTED: Final = re.compile(r'"[^"]*+"')

@@ -9,8 +9,8 @@ import numpy as np
 
 from jointstiff.service.programs.columns import Cause, Given
 from jointstiff.service.programs.errors import shown
-from jointstiff.service.programs.interpreter import Dialect, Machine
-from jointstiff.service.programs.language import NUMBER, Lexicon, Move
+from jointstiff.service.programs.interpreter import Machine
+from jointstiff.service.programs.language import NUMBER, Language, Move
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
 from jointstiff.service.programs.program import FrameName, Literal, Motion, Source
 
@@ -127,7 +127,5 @@ def _numbers(
     return tuple(numbers), None
 
 
-DIALECT: Final = Dialect(Lexicon(comment=r"(?!)"), lambda _: ())
-DECIMAL_COMMAS: Final = Dialect(
-    Lexicon(comment=r"(?!)", number=NUMBER.replace(r"\.", ",").replace("-.", "-,")), lambda _: ()
-)
+LANGUAGE: Final = Language(comment=r"(?!)")
+DECIMAL_COMMAS: Final = Language(comment=r"(?!)", number=NUMBER.replace(r"\.", ",").replace("-.", "-,"))

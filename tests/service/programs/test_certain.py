@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import explained
+from jointstiff.service.programs.formats import explained, read_program
 
 P = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
@@ -77,6 +77,14 @@ def test_rapid_frames_of_one_routine_are_others_elsewhere():
     assert corrected("a.mod", text) == ([5, 8], [])
     bases = [row.base for row in explained([("a.mod", text.encode())])]
     assert bases == ["w1", "w1"]
+
+
+def test_rapid_parts_of_frames_one_after_the_other():
+    head = f"MODULE M\n{TOOL}\nLOCAL PERS wobjdata w1:={WOBJ};\nPROC a()\n"
+    parts = [f"w1.oframe:=[[{x},0,0],[1,0,0,0]];\nMoveL {ROB},v1,z1,t1\\WObj:=w1;\n" for x in (10, 20)]
+    program = read_program([("a.mod", (head + "".join(parts) + "ENDPROC\nENDMODULE").encode())])
+    bases = [program.targets.frames[i].pose[0, 3] for i in program.targets.base.tolist()]
+    assert bases == pytest.approx([0.015, 0.025])
 
 
 def test_rapid_of_two_modules_is_refused():

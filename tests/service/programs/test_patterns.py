@@ -135,7 +135,7 @@ NUMBERS = texts(*"0179.+-eE' B_a\n", "7E", "1e5", "+E+", "'B01'", "1" * 14, "²"
 
 @pytest.mark.parametrize(
     ("lexicon", "rules"),
-    [(krl._LEXICON, (number, binary)), *((each._LEXICON, (number,)) for each in (rapid, fanuc, ur))],
+    [(krl.LANGUAGE, (number, binary)), *((each.LANGUAGE, (number,)) for each in (rapid, fanuc, ur))],
     ids=["krl", "rapid", "fanuc", "ur"],
 )
 @examples(1000)
@@ -152,7 +152,7 @@ def test_numbers(lexicon, rules, text):
 @pytest.mark.parametrize(
     ("pattern", "rules", "strategy"),
     [
-        (re.compile(rapid._LEXICON.comment), (header, remark),
+        (re.compile(rapid.LANGUAGE.comment), (header, remark),
          texts("%%%", "\n", "% ", "VERSION", "LANGUAGE", ":", "1", "E_1", "!", "\r\n", "\n%%%\nVERSION:1")),
         (rapid._ENDS, (quoted, remark, semicolon), texts(*'";!\n\r a', '"a"', '";"', "!;", "x := 1;")),
         (fanuc._POSITION, (position, other), texts(*"P{}; \na", "};", "P[1]{", "GP1: }")),
