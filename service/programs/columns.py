@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import CONSTANT, Fault, Left, ProgramError, shown
+from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, shown
 from jointstiff.service.programs.language import Move
 from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import (
@@ -79,7 +79,7 @@ class Columns:
         """Begin with nothing."""
         self._format, self._sources, self._numerals = kind, sources, numerals
         self._remarks: list[Remark] = []
-        self._left: list[tuple[Left, Cause]] = []
+        self._left: list[tuple[ReadMove, Cause]] = []
         self._named: dict[tuple[int, int, int], int] = {}  # targets by the place of their numbers
         self._literals: dict[Literal, int] = {}
         self._frames: dict[
@@ -91,11 +91,11 @@ class Columns:
         self._visits = array("q")
         self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
-    def remark(self, line: int, text: str) -> None:
+    def remark(self, line: int, text: str, target: str = "") -> None:
         """Note what is left as it is, and needs no decision."""
         if len(self._remarks) >= MAX_REMARKS:
             self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
-        self._remarks.append(Remark(line, text))
+        self._remarks.append(Remark(line, text, target))
 
     def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
         raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
@@ -126,7 +126,7 @@ class Columns:
             base, tool = ([_name(pair[k]) for pair in frames[-1:]] for k in (0, 1))
             for line in lines.tolist():
                 own = cause._replace(line=line) if cause.line == lines[0] else cause
-                left = Left(
+                left = ReadMove(
                     line, names, base[0] if base else "", tool[0] if tool else "", cause.reason, cause.remedy
                 )
                 self._left.append((left, own))
@@ -253,7 +253,7 @@ class Columns:
             remedy = known.remedy if known else "use a separate target"
             base, tool = (targets.frames[axis[own[-1]]].name for axis in (targets.base, targets.tool))
             cause = known if known and known.line else Cause(line, reason, remedy)
-            self._left.append((Left(line, targets.names[own[-1]], base, tool, reason, remedy), cause))
+            self._left.append((ReadMove(line, targets.names[own[-1]], base, tool, reason, remedy), cause))
         return ~left
 
     def _filled(self, rows: IndexArray) -> Targets:

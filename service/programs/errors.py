@@ -38,15 +38,16 @@ class Fault:
         return f"{self.place}: {self.reason}; {self.remedy}"
 
 
-class Left(NamedTuple):
-    """A move that is left as it is, because something of it is not certain."""
+class ReadMove(NamedTuple):
+    """A move as it was understood."""
 
     line: int
-    target: str  # names of its targets, as far as they have some
-    base: str  # name of its frame; empty if it is not known
+    target: str  # names of its targets, or their numbers
+    base: str  # name of the base; empty if it is not known
     tool: str
-    reason: str
-    remedy: str
+    reason: str = ""  # why it is left as it is
+    remedy: str = ""
+    corrected: bool = False
 
 
 class ProgramError(FilesError):
@@ -58,7 +59,9 @@ class ProgramError(FilesError):
         left: moves that are not certain.
     """
 
-    def __init__(self, faults: Sequence[Fault], count: int | None = None, left: Sequence[Left] = ()) -> None:
+    def __init__(
+        self, faults: Sequence[Fault], count: int | None = None, left: Sequence[ReadMove] = ()
+    ) -> None:
         first, self.left = faults[0], tuple(left)
         self.faults = tuple(faults[:MAX_FAULTS])
         self.count = len(faults) if count is None else count

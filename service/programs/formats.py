@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
-from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, shown
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.notation import Notation
@@ -104,21 +104,9 @@ def read_program(
     return program
 
 
-class Explained(NamedTuple):
-    """A move as it was understood."""
-
-    line: int
-    target: str  # name of its last target, or its numbers
-    base: str  # name of the base; empty if it is not known
-    tool: str
-    corrected: bool
-    reason: str = ""  # why it is not corrected
-    remedy: str = ""
-
-
 def explained(
     files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = ()
-) -> list[Explained]:
+) -> list[ReadMove]:
     """Return each move of a program by line: target, base and tool, and whether it can be corrected.
 
     Raises:
@@ -129,15 +117,18 @@ def explained(
     except ProgramError as error:
         if not error.left:
             raise
-        return [Explained(*each[:4], False, *each[4:]) for each in error.left]
+        return list(error.left)
     targets, moves = program.targets, program.moves
     last = moves.visits[moves.ends - 1]
-    rows = [Explained(*each[:4], False, *each[4:]) for each in program.left]
+    kept = [
+        ReadMove(each.line, each.target, "", "", each.text, "") for each in program.left_alone if each.target
+    ]
+    rows = [*program.left, *kept]
     for line, target in zip(moves.line.tolist(), last.tolist(), strict=True):
         numbers = targets.values[target, :NUMBERS]
         shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())
         base, tool = (targets.frames[chosen[target]].name for chosen in (targets.base, targets.tool))
-        rows.append(Explained(line, targets.names[target] or shown_numbers, base, tool, True))
+        rows.append(ReadMove(line, targets.names[target] or shown_numbers, base, tool, corrected=True))
     return sorted(rows, key=lambda each: each.line)
 
 

@@ -16,26 +16,10 @@ from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
 
+from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, Given
 from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
-from jointstiff.service.programs.language import (
-    Assign,
-    Call,
-    Copy,
-    Flow,
-    Havoc,
-    Keep,
-    Language,
-    Local,
-    Misread,
-    Move,
-    Name,
-    Named,
-    Op,
-    Part,
-    Use,
-    Value,
-)
+from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.numerals import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Program, Source
@@ -93,7 +77,7 @@ class Place:
 
 
 _Block: TypeAlias = Block[State]
-_Verdict: TypeAlias = tuple[int, int, Move, list[Given], list[Frames], Cause | None]
+_Verdict: TypeAlias = tuple[int, int, ir.Move, list[Given], list[Frames], Cause | None]
 
 
 class Machine:
@@ -171,11 +155,11 @@ class Machine:
     ) -> None:
         for below, op in ops:
             scope = self._scopes[-1]
-            if isinstance(op, Use):
+            if isinstance(op, ir.Use):
                 self._used.update((scope.name(name), line + below) for name in op.names)
-            elif isinstance(op, Local):
+            elif isinstance(op, ir.Local):
                 scope.names.update(op.names if scope.routine else ())
-            elif isinstance(op, Assign) and (declares or op.declares):
+            elif isinstance(op, ir.Assign) and (declares or op.declares):
                 place = Place(source, line + below, number, self.numerals[source].values, scope)
                 self._declare(place, op, op.declares or declares)
             elif not declares:
@@ -185,7 +169,7 @@ class Machine:
 
     def _enter(self, op: Op) -> None:
         """Enter the scope of a routine, or leave it."""
-        if not isinstance(op, Flow):
+        if not isinstance(op, ir.Flow):
             return
         if op.kind in {"routine", "aside"}:  # a handler has no name: it knows those of its routine
             self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
@@ -194,7 +178,7 @@ class Machine:
         elif op.kind in {"close", "end", "any"} and len(self._scopes) > 1:
             self._closed = self._scopes.pop()
 
-    def _declare(self, place: Place, op: Assign, kind: str) -> None:
+    def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
         name = place.name(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._own |= {name} if op.own else set()
@@ -211,27 +195,27 @@ class Machine:
     # what holds for all of the program
 
     def _collect(self) -> None:
-        places = ((self._place(i), op) for i, op in enumerate(self._ops) if isinstance(op, Assign))
-        declared = {place.name(op.name) for place, op in places if isinstance(op.value, Named)}
+        places = ((self._place(i), op) for i, op in enumerate(self._ops) if isinstance(op, ir.Assign))
+        declared = {place.name(op.name) for place, op in places if isinstance(op.value, ir.Named)}
         for i, op in enumerate(self._ops):
-            if isinstance(op, Assign):
+            if isinstance(op, ir.Assign):
                 place = self._place(i)
                 self._givers[place.name(op.name)].append(place.line)
-                begin = op.value.begin if isinstance(op.value, Part) else 0
-                end = begin + 7 if isinstance(op.value, Part) else 14
+                begin = op.value.begin if isinstance(op.value, ir.Part) else 0
+                end = begin + 7 if isinstance(op.value, ir.Part) else 14
                 self._written[place.name(op.name)].update(range(begin, end))
-            elif isinstance(op, Havoc):
+            elif isinstance(op, ir.Havoc):
                 place = self._place(i)
                 self._causes.append(place.cause(op.reason, op.remedy))
                 self._earlier = self._earlier or (None if op.names else self._causes[-1])
                 self._changed.update({place.name(name): self._causes[-1] for name in op.names})
-            elif isinstance(op, Call) and (not op.quiet or op.name in self._ways.entry):
+            elif isinstance(op, ir.Call) and (not op.quiet or op.name in self._ways.entry):
                 self._collect_call(i, op, declared)
         self._summarise()
         for name in self._ways.aside:
             self._anytime.update(self._changes[name])
 
-    def _collect_call(self, i: int, op: Call, declared: Collection[str]) -> None:
+    def _collect_call(self, i: int, op: ir.Call, declared: Collection[str]) -> None:
         source, line, _, scope = self._places[i]
         cause = Cause(line, f"{shown(str(op.name))} is given it, and may change it", CONSTANT, source)
         passed = list(map(scope.name, op.passed))
@@ -378,16 +362,16 @@ class Machine:
     def _step(self, state: State, i: int) -> None:
         """Carry out an assignment, or what is not known."""
         op, place = self._ops[i], self._place(i)
-        if isinstance(op, Assign):
+        if isinstance(op, ir.Assign):
             name = place.name(op.name)
             state[name] = self._value(place, name, op.value, state), place.line
-        elif isinstance(op, Havoc):
+        elif isinstance(op, ir.Havoc):
             cause = place.cause(op.reason, op.remedy)
             if not op.names:
                 self._forget(state, cause)
             for each in op.names:
                 state[place.name(each)] = cause, place.line
-        elif isinstance(op, Call) and not op.attached and (unknown := self._unknown(i, op.name)):
+        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._unknown(i, op.name)):
             self._forget(state, unknown)
 
     def _forget(self, state: State, cause: Cause) -> None:
@@ -405,17 +389,17 @@ class Machine:
         if isinstance(value, Literal):
             label = name if self._language.is_frame(name) else f"{name} of line {place.line}"
             return Given(label, place.source, place.line, place.first, value)
-        if isinstance(value, Part):
+        if isinstance(value, ir.Part):
             return self._joined(place, name, value, state)
         held: Held = place.name(value.name)
         if "\0" in held:
             return Cause(place.line, "the number of a frame is not a whole number", CONSTANT, place.source)
-        for _ in range(isinstance(value, Copy) + (isinstance(value, Copy) and value.through)):
+        for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
             if isinstance(held, str):
                 held = self._look(state, held)[0]
         return held
 
-    def _joined(self, place: Place, name: str, part: Part, state: State) -> Held:
+    def _joined(self, place: Place, name: str, part: ir.Part, state: State) -> Held:
         """Return the numbers of a declaration with others in place of some; no other part may change."""
         held, old = self.initial.get(name), self._look(state, name)[0]
         rest = (set(range(14)) - set(range(part.begin, part.begin + 7))) & self._written[name]
@@ -475,7 +459,7 @@ class Machine:
         """
         try:
             kinds = enumerate(self._ops)
-            names = [self._place(i).name(op.name) if isinstance(op, Flow) else "" for i, op in kinds]
+            names = [self._place(i).name(op.name) if isinstance(op, ir.Flow) else "" for i, op in kinds]
             self._ways = Ways[State](self._ops, names)
         except Stray as fault:
             source, line, *_ = self._places[fault.place]
@@ -503,9 +487,10 @@ class Machine:
             begin, i = place, block.ops[place]
             op = self._ops[i]
             place += 1
-            if isinstance(op, Keep):
-                self.columns.remark(self._places[i][1], op.text)
-            elif not isinstance(op, Move):
+            if isinstance(op, ir.Keep):
+                text = f"a move to {op.name}, a position stored in the controller"
+                self.columns.remark(self._places[i][1], text, op.name)
+            elif not isinstance(op, ir.Move):
                 self._step(state, i)
             else:
                 while op.repeats and place < len(block.ops) and self._ops[block.ops[place]] is op:
@@ -520,7 +505,7 @@ class Machine:
             return {UNKNOWN: (Cause(0, reason, "omit the move"), 0)}
         return dict(block.state) if block.effects else block.state
 
-    def _judged(self, op: Move, i: int, state: State) -> tuple[list[Given], list[Frames], Cause | None]:
+    def _judged(self, op: ir.Move, i: int, state: State) -> tuple[list[Given], list[Frames], Cause | None]:
         """Return targets and frames of a move, and why it is left."""
         place = self._place(i)
         cause = place.cause(op.reason, op.remedy) if op.reason else None

@@ -104,6 +104,11 @@ def _interruptible(line: Line, match: re.Match[str]) -> list[Op]:
     return [ir.Call(("INTERRUPT %s", line.ordinal(match.start(1))), attached=True)]
 
 
+def _later(_line: Line, match: re.Match[str]) -> list[Op]:
+    """Take an action that is not understood: it may be carried out at any time."""
+    return [ir.Call(match[0].replace("\0", "n"), attached=True)]
+
+
 def _bas(line: Line, match: re.Match[str]) -> list[Op]:
     which, argument = match[1], match[2]
     found = [] if argument is None else line.expression(argument)
@@ -241,7 +246,7 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
     if any(map(_KEPT.fullmatch, names)):
         if len(names) > 1:
             raise Misread("an arc through a position stored in the controller")
-        return [*found, ir.Keep(f"a move to {names[0]}, a position stored in the controller")]
+        return [*found, ir.Keep(names[0])]
     targets: list[Literal | ir.Name] = []
     for name, span in zip(names, spans, strict=True):
         literal = _literal(line, *span) if name.startswith("{") else None
@@ -327,9 +332,13 @@ LANGUAGE: Final = ir.Language(
         (rf"({_NAME}):", lambda _, match: [ir.Flow("label", match[1])]),
         (r"RETURN ?(.*)", "return"),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
-        (rf"(?:GLOBAL )?INTERRUPT DECL \0 WHEN (.+?) DO ({_NAME})\((.*)\)", _interrupt),
+        (rf"(?:GLOBAL )?INTERRUPT DECL \0 WHEN (.+?) ?DO ({_NAME})\((.*)\)", _interrupt),
         (r"INTERRUPT ON (\0)", _interruptible),
-        (rf"TRIGGER WHEN (.+?) DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)", _trigger),
+        (
+            rf"TRIGGER WHEN (.+?) ?DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)",
+            _trigger,
+        ),
+        (r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*", _later),
         (r"BAS\(#(\w+)(?:,(.+))?\)", _bas),
         (rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (.*))?{_BLEND}", _spline),
         (

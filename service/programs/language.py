@@ -107,7 +107,7 @@ class Move(NamedTuple):
 class Keep(NamedTuple):
     """A move to a place that the controller keeps: nothing of it stands in the program."""
 
-    text: str
+    name: str
 
 
 class Flow(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.service.programs.errors import Fault, Left
+from jointstiff.service.programs.errors import Fault, ReadMove
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.numerals import Edit, Places, has_decimal_commas, padded, spliced, written
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -70,12 +70,6 @@ class FrameName:
     name: str  # as the program calls it, `BASE_DATA[2]` or `wobj1`
     # (4, 4) [m] where the program states it: base in R0, tool in the flange; else None
     pose: FloatArray | None = None
-
-    def same(self, other: FrameName) -> bool:
-        """Compare name and pose."""
-        if self.pose is None or other.pose is None:
-            return self.name == other.name and self.pose is other.pose
-        return self.name == other.name and bool(np.array_equal(self.pose, other.pose))
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +162,7 @@ class Remark:
 
     line: int
     text: str
+    target: str = ""  # place of the controller that it is a move to
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +174,7 @@ class Program:
     targets: Targets
     moves: Moves
     left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in, and nobody has to confirm it
-    left: tuple[Left, ...] = ()  # moves that are not certain
+    left: tuple[ReadMove, ...] = ()  # moves that are not certain
     faults: tuple[Fault, ...] = ()  # why they are not
 
     @property

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
-from jointstiff.service.programs.language import Call, Flow, Keep, Misread, Move, Op
+from jointstiff.service.programs import language as ir
+from jointstiff.service.programs.language import Misread, Op
 
 State = TypeVar("State")
 _MAX_DEPTH: Final = 100
@@ -69,7 +70,7 @@ class Ways(Generic[State]):
         self._labels: dict[tuple[str, str], Block[State]] = {}
         self._jumps: list[tuple[int, Block[State]]] = []
         for i, op in enumerate(ops):
-            if isinstance(op, Flow) and op.kind in {"routine", "aside"}:
+            if isinstance(op, ir.Flow) and op.kind in {"routine", "aside"}:
                 self._routine(i, aside=op.kind == "aside")
                 self.shared |= {self._name(i)} if op.shared else set()
         self._block = self._added(self.entry, "")
@@ -80,7 +81,7 @@ class Ways(Generic[State]):
             "label": self._label, "jump": self._jump, "return": self._leave, "leave": self._leave,
         }  # fmt: skip
         for i, op in enumerate(ops):
-            if isinstance(op, Flow):
+            if isinstance(op, ir.Flow):
                 acts.get(op.kind, self._end)(i, op.kind)
             else:
                 self._plain(i, op)
@@ -113,12 +114,12 @@ class Ways(Generic[State]):
         return new
 
     def _plain(self, i: int, op: Op) -> None:
-        if isinstance(op, Call) and op.name in self.entry and not op.attached:
+        if isinstance(op, ir.Call) and op.name in self.entry and not op.attached:
             self._block.called = str(op.name)
             self._block = self._after(self._block)
-        elif not (isinstance(op, Call) and op.quiet):
+        elif not (isinstance(op, ir.Call) and op.quiet):
             self._block.ops.append(i)
-            if not isinstance(op, Move | Keep):
+            if not isinstance(op, ir.Move | ir.Keep):
                 self._block.effects.append(i)
 
     def _begin(self, i: int, _kind: str) -> None:

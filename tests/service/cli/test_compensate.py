@@ -94,3 +94,22 @@ def test_a_dat_is_written_beside_its_src(folder, order):
     assert (folder / "out.src").read_text() == (folder / "path.src").read_text()
     assert (folder / "out.dat").read_text().startswith("DEFDAT")
     assert (folder / "out.dat").read_text() != (folder / "path.dat").read_text()
+
+
+def test_moves_are_explained_and_left_where_asked(folder):
+    program = folder / "path.src"
+    head, _, tail = program.read_text().rpartition("END")
+    program.write_text(f"{head}LIN_REL {{X 5}}\nEND{tail}", newline="")
+    explain = ["compensate", "campaign.json", "path.src", "--explain"]
+    shown = CliRunner().invoke(app, explain)
+    assert shown.exit_code == 0, shown.output
+    assert "6 of 7 moves can be corrected, 1 left" in shown.output
+    rows = json.loads(CliRunner().invoke(app, [*explain, "--json"]).stdout)
+    assert [row["corrected"] for row in rows] == [True] * 6 + [False]
+    assert (rows[0]["base"], rows[0]["tool"]) == ("BASE_DATA[1]", "TOOL_DATA[1]")
+    assert "relative move" in rows[-1]["reason"]
+    assert "relative move" in compensate("--options", "options.json").output
+    done = compensate("--options", "options.json", "--leave-others")
+    assert done.exit_code == 0, done.output
+    assert "6 of 7 moves corrected, 1 left" in (folder / "out.src").read_text()
+    assert "use with care" in done.output.lower()

@@ -39,6 +39,11 @@ KRL = [
     # functions in an expression: which of them is carried out, and in which order, is not certain
     *((f"DEF a()\n{FRAMES}\nX={what}\nLIN {P}\nEND\nDEFFCT INT f()\n$BASE=BASE_DATA[2]\nRETURN 1\nENDFCT\nDEFFCT INT g()\n$BASE=BASE_DATA[3]\nRETURN 1\nENDFCT", [], *lines)
       for what, lines in (("f()+g()", ([], [5])), ("Y AND f()", ([], [5])), ("f()", ([5], [])))),
+    # what an interrupt does may happen at any time
+    *((f"DEF a()\n{FRAMES}\nINTERRUPT DECL 4 WHEN $IN[1] DO b()\nP1={P}\nINTERRUPT ON 4\nLIN P1\nLIN {P}\nEND\nDEF b()\n{what}\nEND", [], *lines)
+      for what, lines in (("P1.X=9", ([8], [7])), ("$BASE=BASE_DATA[2]", ([], [7, 8])), ("X=1", ([7, 8], [])))),
+    (f"DEF a()\n{FRAMES}\nTRIGGER WHEN DISTANCE=1 DELAY=20 DO $BASE=BASE_DATA[2]\nLIN {P}\n$BASE=BASE_DATA[1]\nLIN {P}\nEND", [], [], [5, 7]),
+    (f"DEF a()\n{FRAMES}\nSLIN {P} WITH $IPO_MODE=#TCP\nLIN {P}\nEND", [], [], [4, 5]),
     # blocks of splines with frames of their own
     (f"DEF a()\n{FRAMES}\nSPLINE WITH $BASE=SBASE(FP1.BASE_NO),$TOOL=STOOL2(FP1)\nSPL P1\nENDSPLINE\nEND",
      [dat(f"DECL E6POS P1={P}\nDECL FDAT FP1={{TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE}}")], [], [5]),
@@ -113,3 +118,13 @@ def test_ur(text, done, left):
         done,
         left,
     )
+
+
+def test_every_move_is_explained():
+    text = f"DEF a()\n{FRAMES}\nPTP HOME\nLIN {P}\nLIN_REL {{X 5}}\nother()\nLIN {P}\nEND"
+    assert [row[:4] + row[6:] for row in explained([("a.src", text.encode())])] == [
+        (4, "HOME", "", "", False),
+        (5, "1, 2, 3, 0, 0, 0", "BASE_DATA[1]", "TOOL_DATA[1]", True),
+        (6, "", "", "", False),
+        (8, "in numbers", "", "", False),
+    ]
