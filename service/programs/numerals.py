@@ -81,11 +81,14 @@ _COMMA: Final = re.compile(
 """A comma with other than three digits behind it, or more than three before it, separates no thousands."""
 
 
+_SHOWING: Final = 1 << 16
+"""Characters of a table that show how it writes numbers."""
+
+
 def has_decimal_commas(table: str) -> bool:
     """Return whether numbers of a table have commas in place of points, and cannot mean anything else."""
-    if ";" not in table and "\t" not in table:
-        return False
-    return _COMMA.search(table) is not None and _POINT.search(table) is None
+    begin = table[:_SHOWING]
+    return _COMMA.search(begin) is not None and _POINT.search(begin) is None
 
 
 def written(
