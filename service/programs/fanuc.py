@@ -260,7 +260,7 @@ LANGUAGE: Final = ir.Language(
         (_QUIET, _quiet),
         (r".*(?:UFRAME|UTOOL).*", _computed),
         (r"P\[\0(?:,\0)?\]=.*", _changed),
-        (r".*(?<!\w)P\[.*=.*", _anywhere),
+        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _anywhere),
     ),
 )
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")

@@ -226,7 +226,7 @@ LANGUAGE: Final = ir.Language(
         (r"IF ?(.*?) ?THEN", "if"),
         (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "turn"),
         (r"DEFAULT ?:", "default"),
-        (r"TEST ?(.+?) ?(?:CASE ?(.*):|DEFAULT ?:|ENDTEST)", _test),
+        (r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?(?:CASE ?([^:]*):|DEFAULT ?:|ENDTEST)", _test),
         (rf"FOR ({_WORD}) FROM ?(.+?) ?DO", _for),
         (r"WHILE ?(.+?) ?DO", "loop"),
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
