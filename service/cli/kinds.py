@@ -60,6 +60,7 @@ _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.
 
 Forms = Mapping[str, Terminal]
 _PLAIN: Final[Forms] = MappingProxyType({})
+_ARM: Final = 6  # joints of an arm whose programs are compensated; others in a posture are linear axes
 
 
 class Parsed:
@@ -144,7 +145,12 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
 
 
 def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str, Any]) -> dict[str, Any]:
-    """Return options of the command, in m, deg and N, in the units that a file of options states."""
+    """Return options of the command, in m, deg and N, in the units that a file of options states.
+
+    Raises:
+        typer.BadParameter: a posture has more joints than an arm, so linear axes, and the file's unit of
+            angles is another.
+    """
     from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 
     units = file.get("units")
@@ -155,6 +161,12 @@ def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str,
     for name, value in stated.items():
         quantity, size = sizes.get(_terminal(message.model_fields[name]).unit, ("", {}))
         unit = units.get(quantity)
+        if quantity == "angle" and unit != "deg" and unit in size and len(value) > _ARM:
+            raise typer.BadParameter(
+                f"linear axes are not in deg, and the file of options has angles in {unit}; remedy: state "
+                f"`{name}` in that file, in its units",
+                param_hint=flag_of(message, name),
+            )
         if unit in size:
             scaled[name] = times(size[_terminal(message.model_fields[name]).unit] / size[unit], value)
     return scaled

@@ -59,6 +59,9 @@ def test_the_commands_options_keep_their_units_beside_a_file_in_others(folder):
     assert request["load"]["force"] == pytest.approx([0.0, 0.0, -0.5])
     assert request["load_point"] == pytest.approx([0.0, 0.0, 150.5])
     assert request["start"] == pytest.approx([math.radians(10), 0, math.radians(90), 0, 0, 0])
+    with_rail = compensate("--options", "units.json", *stated[:-1], "10,0,90,0,0,0,1.5", "--overwrite")
+    assert with_rail.exit_code == 2
+    assert "linear axes" in with_rail.output
 
 
 @pytest.mark.parametrize(
