@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import hypot
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
-from jointstiff.schemas.geometry import GeometryUnits
 from jointstiff.schemas.joints import JointKind, stated_kinds
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import Kinematics, Posture
@@ -19,6 +19,9 @@ from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
 from jointstiff.solver.robot.model import Body, DhRow, JointMap, KinematicChain, Robot, dh_chain
+
+if TYPE_CHECKING:  # geometry is no part of an identification
+    from jointstiff.schemas.geometry import GeometryUnits
 
 
 def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
