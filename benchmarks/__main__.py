@@ -99,6 +99,7 @@ BENCHMARKS = {
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
+    "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "trend": Benchmark("studies.trend", "false alarms and drifts; docs/trend.md"),
     "scale": Benchmark("studies.scale", "costs of work, parts for many robots; docs/scale.md; some minutes"),
     "attacks": Benchmark(

@@ -175,6 +175,7 @@ FindingCode = Literal[
     "prior_dominates",
     "complementary_stiffness_matters",
     "links_bend_with_joints",
+    "base_bends",
     "masses_contradicted",
     "lack_of_fit",
     "sigma_implausible",

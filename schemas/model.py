@@ -60,7 +60,8 @@ class ElasticPart(Message):
     links: list[Name] = Field(description="Joints whose links may bend.")
     columns: list[int] = Field(
         description="Place of each entry among the n joints, the upper triangle of their coupling by "
-        "columns, and 21 entries per link in the same order; entries off a diagonal are multiplied by √2."
+        "columns, 21 entries per link in the same order, and 21 of the base; entries off a diagonal are "
+        "multiplied by √2."
     )
     entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
@@ -132,16 +133,15 @@ Matrix = list[list[float]]
 
 
 class PrincipalCompliance(Message):
-    """Principal compliance to forces or to moments, in the axes of the joint's frame."""
+    """Principal compliance to forces or to moments, in the axes of the joint's frame or of R0."""
 
     value: float = Field(description="Principal compliance: m/N for translation, rad/(N.m) for rotation.")
     direction: Dimensionless[Point] = Field(description="Unit vector of its axis.")
 
 
-class LinkCompliance(Message):
-    """The compliance of the link behind a joint, about the origin and in the axes of the joint's frame."""
+class BaseCompliance(Message):
+    """The compliance of the base below joint 1, about the origin and in the axes of R0."""
 
-    joint: Name = Field(description="Joint whose frame moves with the near end of the link.")
     matrix: Matrix = Field(
         description="Compliance, 6 x 6, symmetric and positive semidefinite: displacement and rotation by "
         "force and moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
@@ -159,11 +159,19 @@ class LinkCompliance(Message):
     parameters: int = Field(description="Number of parameters.")
 
 
+class LinkCompliance(BaseCompliance):
+    """The compliance of the link behind a joint, about the origin and in the axes of the joint's frame."""
+
+    joint: Name = Field(description="Joint whose frame moves with the near end of the link.")
+
+
 class ElementShare(Message):
     """Share of the measured deflection that an element explains."""
 
-    kind: Literal["joint", "coupling", "link"]
-    joint: Name | None = Field(description="Joint, or joint that carries the link; null for coupling.")
+    kind: Literal["joint", "coupling", "link", "base"]
+    joint: Name | None = Field(
+        description="Joint, or joint that carries the link; null for coupling and base."
+    )
     share: Dimensionless[float] = Field(
         description="Share over the set: projection of its predicted deflections on the measured ones, "
         "divided by these; all shares and the unexplained rest sum to 1."
@@ -207,6 +215,9 @@ class LinksResult(Message):
         "joints that are not observable."
     )
     links: list[LinkCompliance] = Field(description="Compliances of the elastic links.")
+    base: BaseCompliance | None = Field(
+        default=None, description="Compliance of the base; null for elasticities whose base is rigid."
+    )
     elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
     unexplained: Dimensionless[float] = Field(
         description="Share of the measured deflection that no element explains, by squares as the shares of "

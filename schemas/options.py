@@ -22,8 +22,18 @@ from jointstiff.schemas.fields import (
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.robot import MAX_JOINTS
 
-ElasticModel = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
-Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links", "automatic"]
+ElasticModel = Literal[
+    "joints", "joints_and_base", "coupled_joints", "diagonal_links", "joints_and_links", "links_and_base"
+]
+Elasticity = Literal[
+    "joints",
+    "joints_and_base",
+    "coupled_joints",
+    "diagonal_links",
+    "joints_and_links",
+    "links_and_base",
+    "automatic",
+]
 Loss = Literal["squared", "huber", "absolute"]
 
 
@@ -236,8 +246,10 @@ class RunOptions(MethodOptions):
         description="Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite "
         "joint compliance. `diagonal_links`: joints, and six compliances per link. "
         "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
+        "`joints_and_base`: joints, and such a compliance of the base below joint 1. `links_and_base`: both. "
         "`automatic`: joints only, unless a test shows that something besides them bends; then the simplest "
-        "of these whose residuals of held-out postures are within one standard error of the best. All others "
+        "of these whose residuals of held-out postures are within one standard error of the best, those with "
+        "a base only if a test speaks for one. All others "
         "need method `partial_pose` and weighting `covariance`, without bounds, priors, order, encoder "
         "readings and resampling; with these `automatic` uses joints alone.",
     )
@@ -297,8 +309,8 @@ class RunOptions(MethodOptions):
             raise ValueError("needs an elasticity other than `joints`")
         if isinstance(chosen, float) and elasticity == "automatic":
             raise ValueError("needs an elasticity that is named: `automatic` chooses the penalty")
-        if isinstance(chosen, list) and chosen and elasticity == "coupled_joints":
-            raise ValueError("needs an elasticity with links, not `coupled_joints`")
+        if isinstance(chosen, list) and chosen and elasticity in {"coupled_joints", "joints_and_base"}:
+            raise ValueError(f"needs an elasticity with links, not `{elasticity}`")
         return chosen
 
     @field_validator("weight", mode="after")

@@ -24,7 +24,7 @@ from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 __all__ = ["run_beams", "run_clean", "run_fanuc", "run_mended"]
 
 _FANUC = Path(__file__).parents[3] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
-_LINKS = {"diagonal_links", "joints_and_links"}
+_LINKS = {"diagonal_links", "joints_and_links", "links_and_base"}
 _UNDETERMINED = {"no_joint_identified", "no_residual_freedom", "few_postures", "deflections_below_noise"}
 
 

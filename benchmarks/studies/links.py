@@ -39,6 +39,7 @@ from jointstiff.solver.links.fit import ElasticEstimate, estimate_elastic, first
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
+    WITH_BASE,
     ElasticColumns,
     ElasticModel,
     ElasticRows,
@@ -46,12 +47,14 @@ from jointstiff.solver.links.model import (
 )
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.springs import BASE
 
 __all__ = ["held_out_compensation", "random_problem", "run", "run_fanuc", "simulated"]
 
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=np.bool_)
+_MODELS = tuple(name for name in MODELS if name not in WITH_BASE)
 SPLITS, FITTED = 20, 20
 _CHOSEN = "joints_and_links, loss chosen"
 SIGMA = 2e-5
@@ -71,7 +74,7 @@ def run_fanuc(*, quick: bool, part: Part) -> list[Section]:
 def _fanuc(*, quick: bool, part: Part) -> Section:
     robot, measurements = prepared(CAMPAIGN)
     candidates: dict[str, tuple[ModelName, tuple[Loss, ...]]] = {
-        **{name: (name, ("squared",)) for name in MODELS},
+        **{name: (name, ("squared",)) for name in _MODELS},
         **{f"joints_and_links, {loss}": ("joints_and_links", (loss,)) for loss in LOSSES[1:]},
         _CHOSEN: ("joints_and_links", LOSSES),
     }
@@ -212,7 +215,7 @@ def _noise_floor(*, quick: bool) -> Section:
     plan = Plan()
     floors: dict[str, float] = {}
     folds = Folds(robot, fitted, COLUMNS, VISIBLE, plan)
-    for name in MODELS:
+    for name in _MODELS:
         compliances = _chosen(robot, fitted, folds, ElasticModel(name, COLUMNS), plan)
         blocks = elastic_blocks(robot, held_out, COLUMNS)
         residual = np.concatenate([rows[..., -1] - rows[..., :-1] @ compliances for _, rows in blocks])
@@ -237,14 +240,14 @@ def _rigid(*, quick: bool) -> Section:
         robot, measurements = simulated(None, 20, seed)
         plan = Plan(seed=seed)
         folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
-        models = [ElasticModel(name, COLUMNS) for name in MODELS]
+        models = [ElasticModel(name, COLUMNS) for name in _MODELS]
         fits = {model.key: _fold_fits(folds, model, plan.weights) for model in models}
         named[select_model(robot, measurements, folds, fits, plan).simplest] += 1
     share = 100 * named["joints"] / campaigns
     return Section(
         title=f"Rigid links simulated: the model that is named, {campaigns} campaigns of 20 configurations",
         columns=("model", "named"),
-        rows=tuple((name, str(named[name])) for name in MODELS),
+        rows=tuple((name, str(named[name])) for name in _MODELS),
         figures=(Figure("rigid links: selection names joints", share, "at least", 90, " %"),),
         data=dict(named),
     )
@@ -269,7 +272,7 @@ def random_problem(seed: int) -> tuple[Robot, Measurements, ElasticModel, float]
         deflection=exact + np.sqrt(2.0) * sigma * rng.standard_normal(exact.shape),
         sigma=sigma if rng.random() < 0.7 else None,
     )
-    name = MODELS[1 + int(rng.integers(0, 3))]
+    name = _MODELS[1 + int(rng.integers(0, 3))]
     return robot, readings, ElasticModel(name, columns), 10.0 ** rng.uniform(-6.0, 0.0)
 
 
@@ -321,7 +324,7 @@ class Peer:
         stacked = rows.triangle if stacked is None else stacked
         self.size = float(np.linalg.norm(stacked[:, -1]))
         self.A, self.d = stacked[:, :-1] / self.size, stacked[:, -1] / self.size
-        lever = np.sqrt(rows.lever / rows.configurations)
+        lever = np.sqrt(rows.lever[:BASE] / rows.configurations)
         self.lever = np.maximum(lever, 1e-2 * lever.max())
         force = np.sqrt((rows.force + rows.moment * np.mean(1.5 / self.lever**2)) / rows.configurations)
         self.softness = float(np.sqrt(rows.deflection / rows.targets) / force)

@@ -49,6 +49,7 @@ from jointstiff.solver.links.choice import (
     HeldOut,
     Plan,
     Selection,
+    compared_models,
     fit_fold,
     judge_losses,
     judge_penalty,
@@ -62,7 +63,12 @@ from jointstiff.solver.links.fit import (
     refuse_unsupported_elastic,
     with_links,
 )
-from jointstiff.solver.links.model import LOSSES, MODELS, ElasticColumns, ElasticModel, compared_losses
+from jointstiff.solver.links.model import (
+    LOSSES,
+    ElasticColumns,
+    ElasticModel,
+    compared_losses,
+)
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
@@ -335,7 +341,8 @@ def identification(inputs: Inputs, request: RunRequest) -> Work:
     plain = ByJoints(prepared, request, input_hash, excluded)
     if request.elasticity == "automatic":
         try:
-            speaks = excluded is None and plain.screening.links_speak
+            screening = plain.screening
+            speaks = excluded is None and (screening.links_speak or screening.base_speaks)
             speaks = speaks and prepared.is_sound(plain.identified[1])
         except JointstiffError:  # the run fails when it is carried out, and says why
             speaks = False
@@ -502,12 +509,13 @@ class ByLinks(Work):
         }
         return ByJoints(self._prepared, self._options.model_copy(update=alone), self.input_hash)
 
-    @property
+    @cached_property
     def _models(self) -> list[ElasticModel]:
-        threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
-        return [
-            ElasticModel(name, self._columns, loss, threshold) for name in MODELS for loss in self._losses
-        ]
+        options = self._options
+        threshold = options.huber_threshold or DEFAULT_THRESHOLD
+        asked = None if options.elasticity == "automatic" else options.elasticity
+        names = compared_models(self._joints_alone("squared").screening, asked)
+        return [ElasticModel(name, self._columns, loss, threshold) for name in names for loss in self._losses]
 
     @cached_property
     def _joints(self) -> Estimate:

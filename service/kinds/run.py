@@ -7,7 +7,7 @@ from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
-from jointstiff.schemas.model import LinkCompliance, LinksResult, ModelSelection, ScoredModel
+from jointstiff.schemas.model import BaseCompliance, LinkCompliance, LinksResult, ModelSelection, ScoredModel
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import (
     Advice,
@@ -323,10 +323,14 @@ def _identifiability(found: Identifiability) -> Iterator[str]:
 
 _MODEL_NAMES = {
     "joints": "joints",
+    "joints_and_base": "joints and base",
     "coupled_joints": "coupled joints",
     "diagonal_links": "diagonal links",
     "joints_and_links": "joints and links",
+    "links_and_base": "joints, links and base",
 }
+_NO_COMPLIANCE: Final = 1e-9
+"""Principal compliance relative to the first, below which it is rounding."""
 _CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
 
 
@@ -337,6 +341,8 @@ def links_report(links: LinksResult, selection: ModelSelection | None) -> list[P
     parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links))
+    if links.base is not None:
+        parts.append(_base_table(links.base))
     if selection is not None:
         parts.append(selection_table(selection))
     lines = (
@@ -401,9 +407,34 @@ def _links_table(links: LinksResult) -> Table:
     )
 
 
+def _base_table(base: BaseCompliance) -> Table:
+    """Return the base's principal compliances and stiffnesses, one a row, with their directions."""
+    rows = []
+    for name, parts, of_compliance, of_stiffness, scale in (
+        ("translation", base.translation, "µm/kN", "N/µm", 1e-6),
+        ("rotation", base.rotation, "µrad/(kN·m)", "N·m/rad", 1.0),
+    ):
+        for part in parts:
+            soft = part.value > _NO_COMPLIANCE * parts[0].value
+            compliance = f"{1e9 * part.value if soft else 0.0:.3g} {of_compliance}"
+            stiffness = f"{figure(scale / part.value, '.3g')} {of_stiffness}" if soft else "rigid"
+            direction = ", ".join(f"{component:.2f}" for component in part.direction)
+            rows.append((name, direction, compliance, stiffness))
+    titles = ("base", "direction in R0", "compliance", "stiffness")
+    return Table(
+        [
+            Column(title, cells, text=True)
+            for title, cells in zip(titles, zip(*rows, strict=True), strict=True)
+        ],
+        title="Base below joint 1",
+        caption="principal compliances about the origin of R0; the readings determine "
+        f"{base.effective_freedom:.1f} of {base.parameters} parameters",
+    )
+
+
 def _principal(link: LinkCompliance, kind: str) -> str:
     values = link.translation if kind == "translation" else link.rotation
-    rounding = 1e-9 * values[0].value
+    rounding = _NO_COMPLIANCE * values[0].value
     return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
 
 

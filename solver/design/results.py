@@ -111,6 +111,7 @@ def to_robust_loss(estimate: Estimate, measurements: Measurements) -> run.Robust
 _LACK_OF_FIT: Final = {
     "lack_of_fit",
     "links_bend_with_joints",
+    "base_bends",
     "residuals_exceed_sigma",
     "deflection_unexplained",
     "alternative_explains_better",

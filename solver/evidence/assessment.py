@@ -696,8 +696,17 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Find
             f". With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
             f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
         )
-    if prediction.contributions is None:
-        evidence = "" if gain is None else f"{bends}. "
+    evidence = "" if gain is None else f"{bends}. "
+    if prediction.base_bends:
+        yield Finding(
+            code="base_bends",
+            weight="use_with_care",
+            message=f"{evidence}The base below the first joint bends under the load. Readings cannot tell "
+            "its rotation about the first axis from that joint; the other joints' stiffnesses are without it",
+            remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
+            "plate shows directly how it moves",
+        )
+    elif prediction.contributions is None:
         yield Finding(
             code="links_bend_with_joints",
             weight="use_with_care",

@@ -31,11 +31,11 @@ from jointstiff.solver.readings.measurements import CommonUncertainty, FittedErr
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of, whitened_rows
 from jointstiff.solver.terms.errors import SHIFT, TERMS, load_scale, since, turn_about
-from jointstiff.solver.terms.springs import DIAGONAL_LINKS, JOINTS
+from jointstiff.solver.terms.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
 from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis
 
 MISTAKE_LEVEL: Final = 1e-5
-"""Probability that noise alone makes any cause of a set speak."""
+"""Probability that noise alone makes any cause of a set, or a base, speak."""
 LINKS_LEVEL: Final = 3e-3
 """p-value below which links are worth a cross-validation."""
 CLEAR_GAIN: Final = 2.0
@@ -103,6 +103,9 @@ class Screening:
     tests: tuple[CauseTest, ...]  #: of all causes, the most significant first; none where none could be made
     causes: tuple[Cause, ...]  #: the cause that explains most, and those that explain as much; none, or few
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
+    base_p_value: float = 1.0  #: p-value of the test of a base beside the joints
+    links_beside_base: float = 1.0  #: p-value of the test of links beside joints and base
+    base_beside_links: float = 1.0  #: p-value of the test of a base beside joints and links
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
 
     def p_value(self, name: str) -> float:
@@ -126,6 +129,11 @@ class Screening:
     def links_speak(self) -> bool:
         """Return True if links are worth a cross-validation: no proved cause explains them."""
         return self.links_p_value < LINKS_LEVEL and not self.proved
+
+    @property
+    def base_speaks(self) -> bool:
+        """Return True if a base that bends is worth a cross-validation: no proved cause explains it."""
+        return self.base_p_value < MISTAKE_LEVEL and not self.proved
 
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
@@ -158,7 +166,14 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
     if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
         named = tuple(cause for cause in named if cause.proved)
-    return Screening(links, told, named)
+    return Screening(
+        links,
+        told,
+        named,
+        base_p_value=triangles.p_value(DIAGONAL_BASE.name),
+        links_beside_base=triangles.links_p_value(FULL_BASE.name),
+        base_beside_links=triangles.p_value(DIAGONAL_BASE.name, DIAGONAL_LINKS.name),
+    )
 
 
 def fit_causes(
@@ -400,7 +415,7 @@ class _Triangles:
         self.beside = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
         self._block, self._seen = block, np.flatnonzero(seen)
-        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS]
+        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE, FULL_BASE]
         self._n = len(seen)
         self._equal: Triangle | None = None
         self.stated = self._triangle(equal=False)
@@ -422,16 +437,16 @@ class _Triangles:
             self._equal = self._triangle(equal=True)
         return max(p, test(self._equal))
 
-    def p_value(self, name: str) -> float:
-        """Return the p-value of a term beside the joints."""
-        return self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_value(name, self.beside))
+    def p_value(self, name: str, *others: str) -> float:
+        """Return the p-value of a term beside the joints, and beside others."""
+        return self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_value(name, (*self.beside, *others)))
 
-    def links_p_value(self) -> float:
-        """Return the p-value of links beside the joints."""
+    def links_p_value(self, *others: str) -> float:
+        """Return the p-value of links beside the joints, and beside others."""
         return self._larger(
             LINKS_LEVEL,
             lambda triangle: triangle.p_value(
-                DIAGONAL_LINKS.name, self.beside, most=self._leading, least=INDEPENDENT
+                DIAGONAL_LINKS.name, (*self.beside, *others), most=self._leading, least=INDEPENDENT
             ),
         )
 

@@ -758,6 +758,7 @@ class Prediction:
     compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
     rms_residual: float  #: root mean square of ‖residual‖ [m]
     contributions: Contributions | None = None  #: of the joints; None where more than joints bends
+    base_bends: bool = False  #: whether the base bends beside the joints, and no link
 
     @classmethod
     def of(

@@ -19,11 +19,12 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.causes import CLEAR_GAIN
+from jointstiff.solver.evidence.causes import CLEAR_GAIN, LINKS_LEVEL, Screening
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
     MOST_TARGETS,
+    WITH_BASE,
     ElasticColumns,
     ElasticModel,
     ElasticRows,
@@ -37,6 +38,27 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
 Rule = Literal["best", "one_standard_error"]
+
+
+def compared_models(screening: Screening, asked: ModelName | None) -> tuple[ModelName, ...]:
+    """Return the models to compare, from simple to rich.
+
+    A base is compared only where its test speaks for it: alone where links have nothing to say beside it, and
+    with links where it still speaks beside them.
+
+    Args:
+        screening: of what joints alone leave unexplained.
+        asked: model that was asked for; None for those that the tests speak for.
+    """
+    if asked in WITH_BASE:
+        return MODELS
+    if asked is not None or not screening.base_speaks:
+        return tuple(name for name in MODELS if name not in WITH_BASE)
+    if screening.links_beside_base >= LINKS_LEVEL:
+        return ("joints", "joints_and_base")
+    both = screening.base_beside_links < LINKS_LEVEL
+    return tuple(name for name in MODELS if both or name != "links_and_base")
+
 
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
 """λ that suffice to choose between models and losses, two a decade."""

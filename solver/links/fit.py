@@ -8,16 +8,22 @@ least by no more than ``(q σ)²``, q the quantile: a profile, as for joints alo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from jointstiff.schemas.joints import JOINT_UNITS
-from jointstiff.schemas.model import ElementShare, LinkCertificate, LinkCompliance, PrincipalCompliance
+from jointstiff.schemas.model import (
+    BaseCompliance,
+    ElementShare,
+    LinkCertificate,
+    LinkCompliance,
+    PrincipalCompliance,
+)
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
     diagonal,
@@ -45,6 +51,7 @@ from jointstiff.solver.links.model import (
 from jointstiff.solver.messages import point
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.springs import BASE, spring_frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +82,7 @@ class ElasticEstimate:
     coupled_joints: FloatArray | None
     entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
     links: tuple[LinkCompliance, ...]  #: links that bend
+    base: BaseCompliance | None  #: compliance of the base; None where it is taken to be rigid
     elements: tuple[ElementShare, ...]  #: what each explains
     prediction: Prediction  #: prediction of all deflections
     sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
@@ -176,7 +184,14 @@ def estimate_elastic(
         compliance=np.where(seen, np.diagonal(joints), np.nan),
         coupled_joints=joints if model.name == "coupled_joints" else None,
         entries=compliances,
-        links=tuple(_links(robot, compliances, model, freedom)),
+        links=tuple(
+            LinkCompliance(joint=robot.joint_names[frame], **_compliance(compliances, model, freedom, frame))
+            for frame in model.frames
+            if frame != BASE
+        ),
+        base=BaseCompliance(**_compliance(compliances, model, freedom, BASE))
+        if BASE in model.frames
+        else None,
         elements=elements,
         prediction=prediction,
         sigma=sigma,
@@ -260,7 +275,7 @@ def _uncertified(weight: float) -> UnsupportedMethodError:
 def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
     """(P,) compliances whose matrices, in SI units, have no computed eigenvalue below zero, and the least."""
     out, columns = compliances.copy(), model.columns
-    places = [(6, columns.link(joint)) for joint in columns.links] + [(columns.n, columns.coupling)]
+    places = [(6, columns.link(frame)) for frame in columns.frames] + [(columns.n, columns.coupling)]
     least = [float(out[columns.joints].min())]
     for size, own in places:
         if out[own].any():
@@ -269,22 +284,19 @@ def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray,
     return out, min(least)
 
 
-def _links(
-    robot: Robot, compliances: FloatArray, model: ElasticModel, freedom: FloatArray
-) -> Iterator[LinkCompliance]:
-    if model.name in {"joints", "coupled_joints"}:
-        return
-    for joint in model.columns.links:
-        own = model.columns.link(joint)
-        matrix = to_matrix(compliances[own], 6)
-        yield LinkCompliance(
-            joint=robot.joint_names[joint],
-            matrix=matrix.tolist(),
-            translation=principal(matrix[:3, :3]),
-            rotation=principal(matrix[3:, 3:]),
-            effective_freedom=float(freedom[own].sum()),
-            parameters=6 if model.name == "diagonal_links" else len(own),
-        )
+def _compliance(
+    compliances: FloatArray, model: ElasticModel, freedom: FloatArray, frame: int
+) -> dict[str, Any]:
+    """Return the fields of a `BaseCompliance` of one of the frames that bend."""
+    own = model.columns.link(frame)
+    matrix = to_matrix(compliances[own], 6)
+    return {
+        "matrix": matrix.tolist(),
+        "translation": principal(matrix[:3, :3]),
+        "rotation": principal(matrix[3:, 3:]),
+        "effective_freedom": float(freedom[own].sum()),
+        "parameters": 6 if model.name == "diagonal_links" else len(own),
+    }
 
 
 def _explained(
@@ -293,14 +305,15 @@ def _explained(
     """Return what each element explains of the measured deflections, and all of them together."""
     columns = model.columns
     coupled = columns.coupling[diagonal(columns.n)]
-    places: list[tuple[Literal["joint", "coupling", "link"], str | None, IndexArray]] = [
+    places: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
         ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupled[joint]]))
         for joint in range(columns.n)
     ]
     if model.name == "coupled_joints":
         places.append(("coupling", None, np.setdiff1d(columns.coupling, coupled)))
-    elif model.name != "joints":
-        places += [("link", robot.joint_names[joint], columns.link(joint)) for joint in columns.links]
+    for frame in model.frames:
+        kind: Literal["link", "base"] = "base" if frame == BASE else "link"
+        places.append((kind, None if frame == BASE else robot.joint_names[frame], columns.link(frame)))
     predicted, along = [], []
     for block, rows in elastic_blocks(robot, measurements, model.columns):
         # Whatever was not read is zero, in the rows as in the deflections.
@@ -319,7 +332,8 @@ def _explained(
         )
         for number, (kind, joint, _) in enumerate(places)
     )
-    return elements, Prediction.of(measurements, np.concatenate(predicted))
+    prediction = Prediction.of(measurements, np.concatenate(predicted))
+    return elements, replace(prediction, base_bends=model.name == "joints_and_base")
 
 
 _LIGHTER: Final = 0.3
@@ -332,15 +346,20 @@ _GAP: Final = 1e-4
 
 
 def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
-    """Return rows (n, P) that take the compliances to the effective ones [rad/(N·m)]."""
+    """Return rows (n, P) that take the compliances to the effective ones [rad/(N·m)].
+
+    A motion of the base about or along the axis of joint 1 moves every target as that joint does.
+    """
     rows = np.zeros((columns.n, columns.width))
     rows[np.arange(columns.n), columns.joints] = 1.0
     rows[np.arange(columns.n), columns.coupling[diagonal(columns.n)]] = 1.0
     i, j = entries(6)
-    for joint in columns.links:
-        along_or_about = (robot.axes[joint], np.zeros(3))
+    placed = spring_frames(robot, np.zeros((1, columns.n)))[0][0]
+    moved = {frame: (frame, robot.axes[frame]) for frame in columns.links}
+    for frame, (joint, own) in (moved | {BASE: (0, placed[0] @ robot.axes[0])}).items():
+        along_or_about = (own, np.zeros(3))
         axis = np.concatenate(along_or_about if robot.prismatic[joint] else along_or_about[::-1])
-        rows[joint, columns.link(joint)] = axis[i] * axis[j] * weights(6)
+        rows[joint, columns.link(frame)] = axis[i] * axis[j] * weights(6)
     return rows
 
 
@@ -400,7 +419,10 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
         elastic: with links.
         effective: of the same joints.
     """
-    bends = {link.joint for link in elastic.links}
+    beside = {link.joint: "its link" for link in elastic.links}
+    if elastic.base is not None:
+        first = estimate.joints[0].name
+        beside[first] = f"{beside[first]}'s and the base" if first in beside else "the base"
     certificate = elastic.certificate
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
@@ -412,8 +434,7 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
     return replace(
         estimate,
         joints=tuple(
-            _joint(joint, effective, j, with_link=joint.name in bends)
-            for j, joint in enumerate(estimate.joints)
+            _joint(joint, effective, j, beside.get(joint.name)) for j, joint in enumerate(estimate.joints)
         ),
         compliance=np.nan_to_num(effective.compliance),
         covariance=None,
@@ -426,9 +447,12 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
 
 
 def _joint(
-    joint: JointCompliance, effective: EffectiveCompliances, j: int, *, with_link: bool
+    joint: JointCompliance, effective: EffectiveCompliances, j: int, beside: str | None
 ) -> JointCompliance:
-    """Return the result about the axis of joint j; a joint that is not observable stays so."""
+    """Return the result about the axis of joint j, with what bends beside it.
+
+    A joint that is not observable stays so.
+    """
     compliance, uncertainty = float(effective.compliance[j]), float(effective.uncertainty[j])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
@@ -436,11 +460,11 @@ def _joint(
     rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].beside
     together = (
-        f"effective: the joint and its link's {motion} its axis together, which readings do not tell apart"
+        f"effective: the joint and {beside}'s {motion} its axis together, which readings do not tell apart"
     )
-    remarks = [together] if with_link else []
+    remarks = [] if beside is None else [together]
     if rigid:
-        remarks = ["the links explain the readings without it"]
+        remarks = ["what bends beside it explains the readings without it"]
     elif not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:

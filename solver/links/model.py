@@ -44,7 +44,7 @@ from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of
-from jointstiff.solver.terms.springs import COUPLED_JOINTS, JOINTS, link_motion, links_behind
+from jointstiff.solver.terms.springs import BASE, COUPLED_JOINTS, JOINTS, link_motion, links_behind
 from jointstiff.solver.triangle import Triangle, triangle_of, whitened
 
 MOST_JOINTS = 12
@@ -64,7 +64,7 @@ class ElasticColumns:
     """
 
     n: int  #: joints
-    links: tuple[int, ...]  #: which joints' frames carry a link that bends
+    links: tuple[int, ...]  #: which joints' frames carry a link that bends; the base may in any case
 
     def __post_init__(self) -> None:
         if self.n > MOST_JOINTS:
@@ -77,7 +77,12 @@ class ElasticColumns:
     @property
     def width(self) -> int:
         """P."""
-        return self.n + len(self.coupling) + 21 * len(self.links)
+        return self.n + len(self.coupling) + 21 * len(self.frames)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Return the frames with a compliance of 21 entries: of the links, then the base."""
+        return *self.links, BASE
 
     @property
     def joints(self) -> IndexArray:
@@ -92,11 +97,11 @@ class ElasticColumns:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Return the terms of all columns, in their order."""
-        return JOINTS, COUPLED_JOINTS, links_behind(self.links)
+        return JOINTS, COUPLED_JOINTS, links_behind(self.frames)
 
-    def link(self, joint: int) -> IndexArray:
-        """(21,) columns of the compliance C_i of the link behind a joint."""
-        start = self.n + len(self.coupling) + 21 * self.links.index(joint)
+    def link(self, frame: int) -> IndexArray:
+        """(21,) columns of the compliance C_i of the link behind a joint, or of the `BASE`."""
+        start = self.n + len(self.coupling) + 21 * self.frames.index(frame)
         return np.arange(start, start + 21)
 
 
@@ -111,7 +116,8 @@ class ElasticRows:
     targets: int  #: targets that were read
     force: float  #: sum of ‖F‖² [N²]
     moment: float  #: sum of ‖M‖² [N²·m²]
-    lever: FloatArray  #: (n,) sum of the squared distances of the load point from the frames' origins [m²]
+    #: (n + 1,) sum of the squared distances of the load point from the frames' origins, the base's last [m²]
+    lever: FloatArray
     deflection: float  #: sum of ‖δp‖² [m²]
 
     #: (K, 3, P + 1) rows of each target, which a robust loss needs; none of more than `MOST_TARGETS`
@@ -144,7 +150,7 @@ def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColum
     Raises:
         MeasurementError: a covariance is not one.
     """
-    triangle, lever, each = Triangle(entries=columns.width), np.zeros(robot.n), []
+    triangle, lever, each = Triangle(entries=columns.width), np.zeros(robot.n + 1), []
     few = int(measurements.present.sum()) <= MOST_TARGETS
     for block, rows in elastic_blocks(robot, measurements, columns):
         part = block.measurements
@@ -174,8 +180,17 @@ def elastic_blocks(
             yield block, rows_of(block, columns.terms, np.zeros(robot.n)).targets
 
 
-MODELS: Final[tuple[ModelName, ...]] = ("joints", "coupled_joints", "diagonal_links", "joints_and_links")
+MODELS: Final[tuple[ModelName, ...]] = (
+    "joints",
+    "joints_and_base",
+    "coupled_joints",
+    "diagonal_links",
+    "joints_and_links",
+    "links_and_base",
+)
 """The models, from simple to rich."""
+WITH_BASE: Final[frozenset[ModelName]] = frozenset({"joints_and_base", "links_and_base"})
+"""Models whose base bends: compared with the others only where a test speaks for a base."""
 
 
 LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
@@ -188,6 +203,9 @@ _LEAST_WEIGHT: Final = 1e-9
 _SHORTEST_LEVER: Final = 1e-2
 """Least lever relative to the longest: a shorter one, through the load point, would leave rotations
 unpenalised."""
+_BASE_ROOT: Final = 0.3
+"""Root of the base's penalty relative to a link's: all readings see this one element, so that they need
+hardly any, and λ for links would take 5 % off a pedestal."""
 _NO_COLUMN: Final = 1e-9
 """Least joint column relative to the largest: a smaller one is rounding, and its joint gets no number."""
 
@@ -198,7 +216,8 @@ class ElasticModel:
 
     #: elastic elements besides the joints, whose compliances are zero or positive: `coupled_joints` a
     #: full positive semidefinite joint compliance, `diagonal_links` six compliances a link,
-    #: `joints_and_links` a full positive semidefinite 6 × 6 compliance a link
+    #: `joints_and_links` a full positive semidefinite 6 × 6 compliance a link, `joints_and_base` one of the
+    #: base, `links_and_base` both
     name: ModelName
     columns: ElasticColumns  #: columns of the richest model; its links are those that bend here
     #: loss of the norm of each target's whitened residual: its square, Huber's, or the norm itself
@@ -215,17 +234,23 @@ class ElasticModel:
 
         Args:
             seen: (n,) joints that have a number.
-            lever: (n,) ρ [m].
+            lever: (n + 1,) ρ [m].
         """
         turning = np.sqrt(2.0 / 3.0) * lever
         if self.name == "coupled_joints":
             rows, columns = entries(self.columns.n)
-            yield self.columns.coupling[seen[rows] & seen[columns]], turning[seen], True
-        elif self.name != "joints":
-            for joint in self.columns.links:
-                full = self.name == "joints_and_links"
-                own = self.columns.link(joint)
-                yield own if full else own[diagonal(6)], np.repeat([1.0, turning[joint]], 3), full
+            yield self.columns.coupling[seen[rows] & seen[columns]], turning[:BASE][seen], True
+        for frame in self.frames:
+            full = self.name != "diagonal_links"
+            own = self.columns.link(frame)
+            root = np.repeat([1.0, turning[frame]], 3) * (_BASE_ROOT if frame == BASE else 1.0)
+            yield own if full else own[diagonal(6)], root, full
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Return the frames that bend: of links, and the base."""
+        links = () if self.name in {"joints", "coupled_joints", "joints_and_base"} else self.columns.links
+        return (*links, BASE) if self.name in WITH_BASE else links
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,13 +324,13 @@ def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> For
 
 
 def _scale(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
-    """Compliance u that takes the force to the deflection [m/N], and the levers ρ (n,) [m].
+    """Compliance u that takes the force to the deflection [m/N], and the levers ρ (n + 1,) [m].
 
-    A moment counts as the force that has it on the levers.
+    A moment counts as the force that has it on the joints' levers.
     """
     lever = np.sqrt(rows.lever / rows.configurations)
-    lever = np.maximum(lever, _SHORTEST_LEVER * lever.max())
-    force = rows.force + rows.moment * float(np.mean(1.5 / lever**2)) if lever.all() else 0.0
+    lever = np.maximum(lever, _SHORTEST_LEVER * lever[:BASE].max())
+    force = rows.force + rows.moment * float(np.mean(1.5 / lever[:BASE] ** 2)) if lever.all() else 0.0
     if size == 0.0 or force == 0.0:
         raise UnsupportedMethodError(
             "nothing moved, or no load has a lever arm, so the penalty on link compliance has no scale",

@@ -36,7 +36,7 @@ from jointstiff.solver.predict.forward import (
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Balance, balance, wrench_stiffness
-from jointstiff.solver.terms.springs import products
+from jointstiff.solver.terms.springs import products, spring_frames
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
 """In R0, z upwards [m/s²]."""
@@ -444,7 +444,7 @@ class JointDeflection(Deflection):
 
 @dataclass(frozen=True, eq=False)
 class ElasticPredictor(ForwardModel):
-    """Elastic joints and links, to first order in the load at the unloaded posture."""
+    """Elastic joints, links and base, to first order in the load at the unloaded posture."""
 
     first_order = True
 
@@ -483,11 +483,11 @@ class ElasticPredictor(ForwardModel):
 
     @cached_property
     def matrices(self) -> tuple[FloatArray, FloatArray]:
-        """(n, n) compliance of the joints [rad/(N·m)], and (L, 6, 6) of the links [m/N, rad/(N·m)]."""
+        """(n, n) compliance of the joints [rad/(N·m)], and (L, 6, 6) of links and base [m/N, rad/(N·m)]."""
         compliances = np.zeros(self.columns.width)
         compliances[self.kept] = self.entries
         coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
-        links = [to_matrix(compliances[self.columns.link(joint)], 6) for joint in self.columns.links]
+        links = [to_matrix(compliances[self.columns.link(frame)], 6) for frame in self.columns.frames]
         return np.diag(compliances[self.columns.joints]) + coupling, np.array(links).reshape(-1, 6, 6)
 
     def deflect(
@@ -503,7 +503,7 @@ class ElasticPredictor(ForwardModel):
         self, cases: LoadCases, unloaded: Configurations, share: FloatArray | None = None
     ) -> ElasticDeflection:
         """Take a share (B,) of the deflection; all of it if None."""
-        R, origin = (part[:, list(self.columns.links)] for part in joint_frames(self.robot, unloaded.q))
+        R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(self.robot, unloaded.q))
         at, pulled = (unloaded.to_base(point[:, None]) for point in (cases.place, cases.load_point))
         jacobian = np.concatenate([unloaded.jacobian_at(at)[:, 0], unloaded.angular_jacobian], axis=1)
         load_jacobian = unloaded.jacobian_at(pulled)[:, 0]
@@ -564,7 +564,7 @@ class ElasticPredictor(ForwardModel):
 
 @dataclass(frozen=True, eq=False)
 class ElasticDeflection(Deflection):
-    """Deflections by elastic joints and L elastic links, in the unloaded posture."""
+    """Deflections by elastic joints, and by L elastic links and base, in the unloaded posture."""
 
     model: ElasticPredictor
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], axes of R0
@@ -579,8 +579,8 @@ class ElasticDeflection(Deflection):
         rows = np.empty((len(self.torque), 6, columns.width))
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
         rows[..., columns.coupling] = products(self.jacobian, self.torque[:, None])
-        for i, joint in enumerate(columns.links):
-            rows[..., columns.link(joint)] = products(self.moves[:, i], self.wrench[:, i, None])
+        for i, frame in enumerate(columns.frames):
+            rows[..., columns.link(frame)] = products(self.moves[:, i], self.wrench[:, i, None])
         return rows[..., self.model.kept]
 
     @cached_property

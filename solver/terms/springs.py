@@ -1,8 +1,9 @@
-"""Joints, coupled joints and links as springs, and how torques change as they bend (method.md §2, §7).
+"""Joints, coupled joints, links and the base as springs, and how torques change (method.md §2, §7).
 
 ``δp_X = Σ_jk J_j C_jk τ_k + Σ_i B_i C_i w_i``: coupling between joints, links. Frame i is that of joint i,
 which moves with it (after its rotation); w_i is the load's wrench in it, force then moment about its origin
-o_i, and ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the target with the frame.
+o_i, and ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the target with the frame. The base is one more, below
+joint 1: its frame is R0, which turns with no joint.
 
 Complementary stiffness: Chen & Kao, *Conservative congruence transformation for joint and Cartesian stiffness
 matrices of robotic hands and fingers*, Int. J. Robotics Research 19(9), 2000: ``(K_θ − K_c) δθ = τ`` with
@@ -13,12 +14,14 @@ moves with the flange. A dead force has a potential, so its share of K_c is symm
 from __future__ import annotations
 
 from functools import partial
+from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import entries, weights
 from jointstiff.solver.robot.configuration import joint_frames, skew
+from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Motion, RegressorBlock, Term, wrench_stiffness
 
 
@@ -32,19 +35,35 @@ def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: A
 JOINTS = Term("joints", "rad/(N·m)", _joints)
 
 
+BASE: Final = -1
+"""Number of the base among the frames that bend: the last, after those of the joints."""
+
+
+def spring_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] in R0 of all joints, then of R0 itself.
+
+    Args:
+        robot: n joints.
+        q: (B, n) [rad].
+    """
+    axes, origin = joint_frames(robot, q)
+    own = np.broadcast_to(np.eye(3), (len(q), 1, 3, 3))
+    return np.concatenate([axes, own], axis=1), np.concatenate([origin, np.zeros((len(q), 1, 3))], axis=1)
+
+
 def link_motion(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return how the links' frames move the targets, and how the load pulls at them.
+    """Return how the frames of links and base move the targets, and how the load pulls at them.
 
     Returns:
-        (n, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each joint;
-        (n, B, 6) wrench of the load in it, force then moment about its origin [N, N·m]; and (B, n, 3) the
-        load point from the origins, axes of R0 [m].
+        (n + 1, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each joint
+        and of the base; (n + 1, B, 6) wrench of the load in it, force then moment about its origin [N, N·m];
+        and (B, n + 1, 3) the load point from the origins, axes of R0 [m].
     """
     part = block.measurements
-    axes, origin = joint_frames(block.robot, block.configurations.q)
+    axes, origin = spring_frames(block.robot, block.configurations.q)
     lever = block.configurations.to_base(part.load_point[:, None]) - origin
     moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
-    R = axes.transpose(1, 0, 2, 3)  # (n, B, 3, 3)
+    R = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
     wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
     turn = -skew(block.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
     moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
@@ -65,25 +84,27 @@ def _coupled(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: 
     return Motion(products(block.jacobian, block.torque[:, None, None]))
 
 
-def _links(joints: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Bend the links behind some joints, each by 21 entries of its compliance."""
+def _links(frames: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Bend links behind some joints, or the base, each by 21 entries of its compliance."""
     moves, wrench, _ = link_motion(block)
-    return Motion(np.concatenate([products(moves[j], wrench[j, :, None, None]) for j in joints], axis=-1))
+    return Motion(np.concatenate([products(moves[j], wrench[j, :, None, None]) for j in frames], axis=-1))
 
 
-def _diagonal_links(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Bend each link along and about the axes of its joint's frame: six compliances a link."""
+def _diagonal(frames: slice, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Bend each link, or the base, along and about the axes of its frame: six compliances each."""
     moves, wrench, _ = link_motion(block)
-    return Motion(np.concatenate(list(moves * wrench[:, :, None, None]), axis=-1))
+    return Motion(np.concatenate(list((moves * wrench[:, :, None, None])[frames]), axis=-1))
 
 
 COUPLED_JOINTS = Term("coupled_joints", "rad/(N·m)", _coupled)
-DIAGONAL_LINKS = Term("links", "m/N, rad/(N·m)", _diagonal_links)
+DIAGONAL_LINKS = Term("links", "m/N, rad/(N·m)", partial(_diagonal, slice(BASE)))
+DIAGONAL_BASE = Term("base", "m/N, rad/(N·m)", partial(_diagonal, slice(BASE, None)))
+FULL_BASE = Term("full_base", "m/N, rad/(N·m)", partial(_links, (BASE,)))
 
 
-def links_behind(joints: tuple[int, ...]) -> Term:
-    """Return the term of full link compliances (6, 6) behind some joints."""
-    return Term("links", "m/N, rad/(N·m)", partial(_links, joints))
+def links_behind(frames: tuple[int, ...]) -> Term:
+    """Return the term of full compliances (6, 6) of links behind some joints, or of the `BASE`."""
+    return Term("links", "m/N, rad/(N·m)", partial(_links, frames))
 
 
 def complementary_stiffness(block: RegressorBlock) -> FloatArray:

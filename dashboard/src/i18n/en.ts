@@ -774,15 +774,17 @@ export const en = {
     coupled_joints: "coupled joints",
     diagonal_links: "joints and links, uncoupled",
     joints_and_links: "joints and links",
+    joints_and_base: "joints and base",
+    links_and_base: "joints, links and base",
     automatic: "automatic",
   } satisfies Record<Elasticity, string>,
   losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
   links: {
-    elements: "Contribution of each joint and link",
+    elements: "Contribution of each part that bends",
     elementsNote:
       "Shares of the squared deflection; with the unexplained share they sum to 100 %. What the run explains of the mean deflection is a share of lengths.",
     element: "Element",
-    kinds: { coupling: "coupling", joint: "joint", link: "link" } satisfies Record<ElementKind, string>,
+    kinds: { coupling: "coupling", joint: "joint", link: "link", base: "base" } satisfies Record<ElementKind, string>,
     link: (joint: string) => `link ${joint}`,
     unexplained: "unexplained",
     selected: (simplest: string, best: string) =>

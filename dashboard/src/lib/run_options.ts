@@ -77,7 +77,8 @@ export function lossesOf(elasticity: Elasticity): Loss[] {
 }
 
 /** Whether links are elastic, so that they can be chosen. */
-export const hasLinks = (elasticity: Elasticity): boolean => !["joints", "coupled_joints"].includes(elasticity);
+export const hasLinks = (elasticity: Elasticity): boolean =>
+  !["joints", "coupled_joints", "joints_and_base"].includes(elasticity);
 
 /**
  * The request of a run.

@@ -23,6 +23,7 @@ from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
@@ -265,6 +266,25 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
     assert "held-out postures are predicted to" in said
     assert bends.links.model == bends.selection.simplest != "joints"
     assert bends.links.model_source == "cross_validation"
+
+
+def test_a_pedestal_is_recognised_and_shown(monkeypatch, tmp_path):
+    """By default: the base comes as a block of its own, and joint 2 without it."""
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("NO_COLOR", "1")
+    path = tmp_path / "pedestal.json"
+    path.write_text(json.dumps(pedestal_campaign(default_arm(), 8e6, configurations=24, seed=3)))
+    command = ["identify", str(path), "--loss", "squared"]
+    printed = CliRunner().invoke(app, [*command, "--json"])
+    result = Run.model_validate_json(printed.stdout).result
+    assert (result.choice.elasticity, result.choice.source) == ("joints_and_base", "cross_validation")
+    assert [each.value for each in result.links.base.rotation[:2]] == pytest.approx([1.25e-7] * 2, rel=0.2)
+    assert result.joints[1].compliance == pytest.approx(default_arm().compliances[1], rel=0.03)
+    assert "the base's rotation" in result.joints[0].reason
+    assert [reason.code for reason in result.assessment.reasons] == ["base_bends"]
+    shown = CliRunner().invoke(app, [*command, "--details"])
+    for text in ("Base below joint 1", "joints and base", "N·m/rad", "µrad/(kN·m)"):
+        assert text in shown.stdout
 
 
 def test_a_gross_mistake_is_mended_before_models_are_compared(store):
