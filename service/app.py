@@ -13,17 +13,16 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from jointstiff.service.api import admin, health, jobs, resources, runs
 from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
-from jointstiff.service.api.events import Followers
 from jointstiff.service.api.health import Metrics, Watch
+from jointstiff.service.api.jobs import Followers
 from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, Guard, Methods, Observed
 from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.jobs.life import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
+from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, BodyLimits, Posture
 from jointstiff.service.security.keys import Keyring
-from jointstiff.service.security.origin import Posture
-from jointstiff.service.security.size import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 

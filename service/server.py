@@ -27,8 +27,8 @@ from jointstiff.service.limited import LimitedChild
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.problems.errors import ServiceError, StoreError
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import Keyring
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from uuid import uuid4
 
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, HTTPException, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from jointstiff.schemas import access
@@ -29,6 +29,12 @@ from jointstiff.solver.errors import RequestError
 
 KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
 
+
+def _gate(request: Request) -> Gate:
+    return cast("Gate", request.app.state.gate)
+
+
+GateOf = Annotated[Gate, Depends(_gate)]
 _PAGE: Final = 1_000
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "A page; or the table (RFC 4180, times in UTC).", "content": {"text/csv": {}}}
@@ -40,9 +46,8 @@ webhooks = APIRouter(prefix="/v1", tags=["webhooks"], route_class=BodyRoute, dep
 
 
 @sessions.get("", response_model=access.Session)
-async def get_session(request: Request) -> access.Session:
+async def get_session(gate: GateOf, request: Request) -> access.Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
-    gate: Gate = request.app.state.gate
     key = asked_of(request).key
     browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
     is_browser = key is not None and browser is not None and key.id == browser.id
@@ -50,12 +55,13 @@ async def get_session(request: Request) -> access.Session:
 
 
 @sessions.post("", status_code=201, response_model=access.Session)
-async def create_session(request: Request, response: Response, body: access.SessionRequest) -> access.Session:
+async def create_session(
+    gate: GateOf, request: Request, response: Response, body: access.SessionRequest
+) -> access.Session:
     """Sign a browser in with a key or a one-time link: the answer sets a cookie that scripts cannot read.
 
     The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
     """
-    gate: Gate = request.app.state.gate
     asked = asked_of(request)
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
     signed = await gate.sign_in(key, link, asked.address)
@@ -73,9 +79,8 @@ async def create_session(request: Request, response: Response, body: access.Sess
 
 
 @sessions.delete("", status_code=204, response_class=Response)
-async def delete_session(request: Request) -> Response:
+async def delete_session(gate: GateOf, request: Request) -> Response:
     """Sign the browser out: its session ends for good. One that is not signed in stays as it is."""
-    gate: Gate = request.app.state.gate
     await gate.sign_out(request)
     response = Response(status_code=204)
     response.delete_cookie(cookie_name(request), secure=_is_https(request), httponly=True, samesite="strict")
@@ -95,7 +100,7 @@ def _is_https(request: Request) -> bool:
 
 
 @router.post("/keys", status_code=201, response_model=access.NewKey)
-async def create_key(request: Request, parts: PartsOf, body: access.KeyRequest) -> access.NewKey:
+async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> access.NewKey:
     """Make a key. Its text is in this answer and nowhere else; a post that is repeated makes another key."""
     now = datetime.now(UTC)
     if body.expires_at is not None and body.expires_at <= now:
@@ -104,32 +109,24 @@ async def create_key(request: Request, parts: PartsOf, body: access.KeyRequest) 
         )
     text, record = mint(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
-    await _look(request)
+    await run_sync(gate.keyring.look)  # it counts here at once; other processes see it at their next look
     return access.NewKey(**described(record).model_dump(), key=text)
 
 
 @router.get("/keys", response_model=access.KeyList)
-async def list_keys(request: Request) -> access.KeyList:
+async def list_keys(gate: GateOf) -> access.KeyList:
     """List all keys, those of the file and revoked ones, too, in the order in which they came."""
-    gate: Gate = request.app.state.gate
     return access.KeyList(items=gate.keyring.listing())
 
 
 @router.delete("/keys/{key_id}", response_model=access.Key)
-async def revoke_key(request: Request, parts: PartsOf, key_id: KeyId) -> access.Key:
+async def revoke_key(gate: GateOf, parts: PartsOf, key_id: KeyId) -> access.Key:
     """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
-    gate: Gate = request.app.state.gate
     if gate.keyring.is_filed(key_id):
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
-    await _look(request)
+    await run_sync(gate.keyring.look)  # it counts here at once; other processes see it at their next look
     return described(revoked)
-
-
-async def _look(request: Request) -> None:
-    """Let the change count here at once; other processes see it at their next look."""
-    gate: Gate = request.app.state.gate
-    await run_sync(gate.keyring.look)
 
 
 @router.get("/audit", response_model=Page[access.AuditItem], responses=_TABLE)

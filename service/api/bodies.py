@@ -22,7 +22,7 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.service.conversion.parsing import MalformedError, parse
 from jointstiff.service.security.access import AccessRoute
-from jointstiff.service.security.size import MAX_BYTES, SMALL_BYTES, refuse_structure
+from jointstiff.service.security.admission import MAX_BYTES, SMALL_BYTES, refuse_structure
 from jointstiff.service.store.tables import IdempotencyKey
 from jointstiff.solver.errors import RequestError
 

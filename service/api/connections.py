@@ -21,7 +21,7 @@ from uvicorn.server import ServerState
 
 from jointstiff.service.api.answers import ANSWER_HEADERS, RETRY_SECONDS, answer_problem
 from jointstiff.service.problems.table import http_problem
-from jointstiff.service.security.size import SMALL_BYTES
+from jointstiff.service.security.admission import SMALL_BYTES
 
 SPARE_DESCRIPTORS: Final = 256
 """Left to databases, files, and what is accepted before room is made."""

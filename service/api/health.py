@@ -129,7 +129,8 @@ class Watch:
         self.seen = self._look()
         self._proved = time.monotonic()
         self._threads = [
-            threading.Thread(target=act, daemon=True) for act in (self._renew, self._prove_again)
+            threading.Thread(target=self._repeat, args=each, daemon=True)
+            for each in ((LOOK_SECONDS, self._renew), (PROOF_SECONDS, self._prove))
         ]
         for thread in self._threads:
             thread.start()
@@ -173,9 +174,9 @@ class Watch:
             )
         return seen
 
-    def _prove_again(self) -> None:
-        while not self._ended.wait(PROOF_SECONDS):
-            self._prove()
+    def _repeat(self, pause: float, act: Callable[[], None]) -> None:
+        while not self._ended.wait(pause):
+            act()
 
     def _prove(self) -> None:
         """Write: a file that can be read only, or a standby server, answers every look."""
@@ -191,10 +192,9 @@ class Watch:
         self._proved = time.monotonic()
 
     def _renew(self) -> None:
-        while not self._ended.wait(LOOK_SECONDS):
-            seen = self._look()
-            if not self._ended.is_set():
-                self.seen = seen
+        seen = self._look()
+        if not self._ended.is_set():
+            self.seen = seen
 
     def _look(self) -> Seen:
         try:

@@ -1,10 +1,15 @@
-"""The routes of jobs: post, list and get of each kind, made of its declaration; and what all jobs share.
+"""Jobs over HTTP: post, list and get of each kind, made of its declaration; and what all share.
+
+Their progress is sent as events: one task looks at all jobs that are followed.
 
 Annotations are evaluated where they stand: those of a kind's routes name the messages of that kind.
 """
 
-from collections.abc import AsyncIterator
-from typing import Annotated, Any, Final, Union, cast
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import aclosing, suppress
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Final, Union
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
@@ -13,31 +18,179 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.job import JobChange, Requester
+from jointstiff.schemas.job import Job, JobChange, Requester
 from jointstiff.schemas.query import FileQuery, WaitQuery
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
-from jointstiff.service.api.events import Followers
 from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
 from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
+from jointstiff.service.store.jobs import JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, JobRecord
+
+TURN_SECONDS: Final = 0.1
+"""Pause between two looks at the jobs that are followed."""
+_PAUSE_PER_LOOK: Final = 4
+"""Least pause as a multiple of the time a look took: looks take at most a fifth of a thread."""
+
+
+@dataclass(eq=False)
+class _Followed:
+    """A job while someone follows it."""
+
+    jobs: Jobs  # the jobs of its kind
+    followers: int = 0  # number of those who follow it
+    job: Job | None = None  # the job as it was first seen
+    news: ServerSentEvent | None = None  # the latest event
+    over: bool = False  # no further event comes
+    # set when `news` or `over` changes, and replaced by another then
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def look(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
+        """Return the event that tells where the job stands; None if it is gone."""
+        if status is None:
+            return None
+        is_current = self.job is None or not status.goes_on
+        if is_current:
+            try:
+                self.job = self.jobs.current(job_id)
+            except NotFoundError:  # deleted meanwhile
+                is_current = False
+        if self.job is None:
+            return None
+        if status.goes_on:
+            return _event("progress", _at(status, self.job))
+        return _event("end", self.job if is_current else _at(status, self.job))
+
+    def tell(self, news: ServerSentEvent | None) -> None:
+        """Tell the followers what is new; None ends their streams."""
+        if news is not None and news == self.news:
+            return
+        self.over = news is None or news.event == "end"
+        self.news = news or self.news
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+
+Question = Callable[[], Awaitable[bool]]
+
+
+async def _always() -> bool:
+    return True
+
+
+class Followers:
+    """Followers of jobs. They belong to one event loop."""
+
+    ALLOWED_SECONDS: ClassVar[float] = 5.0  # between two questions whether one may go on following
+
+    def __init__(
+        self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = TURN_SECONDS
+    ) -> None:
+        """Serve those who follow jobs.
+
+        Args:
+            is_closing: tells whether the service is about to end, which ends all streams.
+            pause: between two looks at the jobs that are followed [s].
+        """
+        self._pause = pause
+        self._is_closing = is_closing
+        self._followed: dict[str, _Followed] = {}
+        self._task: asyncio.Task[None] | None = None
+
+    async def events(
+        self, jobs: Jobs, job_id: str, is_allowed: Question = _always
+    ) -> AsyncGenerator[ServerSentEvent]:
+        """Yield `progress` events while a job goes on, then one `end` event with its final state.
+
+        Args:
+            jobs: those of its kind.
+            job_id: the job.
+            is_allowed: asked from time to time; the stream ends once it says no.
+
+        Raises:
+            Exception: a look at the jobs failed, not because the database is away.
+        """
+        followed = self._followed.setdefault(job_id, _Followed(jobs))
+        followed.followers += 1
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._look())
+        task, told, clock = self._task, None, asyncio.get_running_loop().time
+        asked_at, may_follow = clock(), True
+        try:
+            while may_follow:
+                if followed.news is not None and followed.news is not told:
+                    told = followed.news
+                    yield told
+                elif followed.over:
+                    break
+                else:
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(self.ALLOWED_SECONDS):
+                            await followed.changed.wait()
+                if clock() - asked_at >= self.ALLOWED_SECONDS:
+                    asked_at = clock()
+                    with suppress(StoreUnavailableError):  # the answer is that of before
+                        may_follow = await is_allowed()
+        finally:
+            followed.followers -= 1
+            if followed.followers == 0 and self._followed.get(job_id) is followed:
+                del self._followed[job_id]
+        if task.done():
+            await task
+
+    async def wait(self, jobs: Jobs, job_id: str, seconds: float) -> None:
+        """Return when a job has ended, after some seconds, or when the service is about to end."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds), aclosing(self.events(jobs, job_id)) as events:
+                async for _ in events:
+                    pass
+
+    async def _look(self) -> None:
+        """Look at the jobs until no one follows any."""
+        clock = asyncio.get_running_loop().time
+        try:
+            while self._followed and not self._is_closing():
+                began = clock()
+                followed = {job_id: each for job_id, each in self._followed.items() if not each.over}
+                with suppress(StoreUnavailableError):  # however long the database is away
+                    for job_id, news in (await run_in_threadpool(_looked, followed)).items():
+                        followed[job_id].tell(news)
+                await asyncio.sleep(max(self._pause, _PAUSE_PER_LOOK * (clock() - began)))
+        finally:
+            left, self._followed = self._followed, {}
+            for each in left.values():
+                each.tell(None)
+
+
+def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
+    """Look at jobs, with one query for all of a kind."""
+    kinds: dict[Jobs, list[str]] = {}
+    for job_id, each in followed.items():
+        kinds.setdefault(each.jobs, []).append(job_id)
+    statuses = {
+        job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.records.statuses(ids).items()
+    }
+    return {job_id: each.look(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
+
+
+def _at(status: JobStatus, job: Job) -> Job:
+    progress = job.progress and job.progress.model_copy(update={"done": status.done})
+    return job.model_copy(update={"state": status.state, "progress": progress})
+
+
+def _event(name: str, job: Job) -> ServerSentEvent:
+    return ServerSentEvent(event=name, raw_data=job.model_dump_json(include={"id", "state", "progress"}))
+
 
 JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Union[tuple(kind.message for kind in KINDS)]  # noqa: UP007 - of types known at run time
 """A job of any kind."""
-
-
-def _work(request: Request) -> CapacityLimiter:
-    return cast("CapacityLimiter", request.app.state.work)
-
-
-Work = Annotated[CapacityLimiter, Depends(_work)]
 
 
 class JobRoute(BodyRoute):
@@ -69,6 +222,24 @@ async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Follower
     return answers.created(collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
 
 
+class Posted:
+    """A post of a job: who asks for it, and how long the answer waits for its end."""
+
+    def __init__(self, request: Request, parts: answers.PartsOf, asked_by: AskedBy, query: Wait) -> None:
+        self.request, self.parts, self.by, self.wait = request, parts, asked_by, query.wait
+
+    async def answer(
+        self, kind: str, create: Callable[[Jobs], JobRecord], turns: CapacityLimiter | None = None
+    ) -> Response:
+        """Create a job of a kind in its turn; answer with it as `answer` does."""
+        jobs, state = self.parts.jobs[kind], self.request.app.state
+        record = await run_sync(create, jobs, limiter=turns or state.work)
+        return await answer(jobs, record, self.wait, state.followers)
+
+
+PostOf = Annotated[Posted, Depends()]
+
+
 def kind_routes(kind: AnyKind) -> APIRouter:
     """Return the routes of a kind: post, list and get. What is posted as a form has a post of its own."""
     router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection], route_class=JobRoute)
@@ -85,17 +256,11 @@ def kind_routes(kind: AnyKind) -> APIRouter:
             responses=answers.accepted(kind.message),
         )
         async def create(
-            request: Request,
-            parts: answers.PartsOf,
-            work: Work,
+            posted: PostOf,
             body: Annotated[kind.request, shown(kind.examples)],  # type: ignore[name-defined]
             key: Key,
-            asked_by: AskedBy,
-            query: Wait,
         ) -> Response:
-            jobs = parts.jobs[kind.name]
-            record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
-            return await answer(jobs, record, query.wait, request.app.state.followers)
+            return await posted.answer(kind.name, lambda jobs: jobs.create(body, key, posted.by))
 
     @router.get(
         "",

@@ -23,8 +23,8 @@ from jointstiff.service.logs import ACCESS_LOGGER, REQUEST_ID
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.problems.table import http_problem
 from jointstiff.service.security.access import ASKED, Asked, Audit, Gate, address_of, public_paths
+from jointstiff.service.security.admission import SAFE, Posture, is_loopback, refusal
 from jointstiff.service.security.keys import without_keys
-from jointstiff.service.security.origin import SAFE, Posture, is_loopback, refusal
 
 _LIFE: Final = "/live"
 """Address that probes of containers ask, whether there is a key or not."""

@@ -40,9 +40,9 @@ from jointstiff.service.api.bodies import (
     without_collections,
 )
 from jointstiff.service.api.files import authorisations_of, run_subject
-from jointstiff.service.api.jobs import AskedBy, JobId, JobRoute, Wait, Work, answer
+from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs.life import Jobs, Parts
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.program import PROGRAM
@@ -114,27 +114,19 @@ _ProgramOptions = Annotated[Json[ProgramForm], Form(examples=[json.dumps(_PROGRA
     responses=accepted(Run),
 )
 async def apply_action(
-    request: Request,
-    parts: PartsOf,
-    run_id: JobId,
-    body: Annotated[Action, shown(EXAMPLES["actions"])],
-    work: Work,
-    asked_by: AskedBy,
-    query: Wait,
+    posted: PostOf, run_id: JobId, body: Annotated[Action, shown(EXAMPLES["actions"])]
 ) -> Response:
     """Apply an action of a run's assessment, and identify: the new run is a `variant_of` this one.
 
     Readings or a robot that the action changes are stored beside the old ones, under names that say so. The
     same action of the same run gives the same run.
     """
-    jobs = parts.jobs[Run.kind]
 
-    def create() -> JobRecord:
-        variant = _variant(parts, cast("Run", jobs.current(run_id)), body)
-        return jobs.create(variant, _key(variant.model_dump_json()), asked_by)
+    def create(jobs: Jobs) -> JobRecord:
+        variant = _variant(posted.parts, cast("Run", jobs.current(run_id)), body)
+        return jobs.create(variant, _key(variant.model_dump_json()), posted.by)
 
-    record = await run_sync(create, limiter=work)
-    return await answer(jobs, record, query.wait, request.app.state.followers)
+    return await posted.answer(Run.kind, create)
 
 
 def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
@@ -215,13 +207,7 @@ def _key(content: str) -> IdempotencyKey:
     responses=accepted(Run),
 )
 async def create_campaign(
-    request: Request,
-    parts: PartsOf,
-    body: Annotated[Campaign, shown(EXAMPLES["campaigns"])],
-    key: Key,
-    work: Work,
-    asked_by: AskedBy,
-    query: Wait,
+    posted: PostOf, body: Annotated[Campaign, shown(EXAMPLES["campaigns"])], key: Key
 ) -> Response:
     """Identify the joint stiffnesses of a campaign file: robot, readings and options in one document.
 
@@ -229,18 +215,16 @@ async def create_campaign(
     `POST /v1/runs` does. What is refused is named by its place in the file; robot and readings of a run that
     is refused are kept.
     """
-    jobs = parts.jobs[Run.kind]
 
-    def create() -> JobRecord:
+    def create(jobs: Jobs) -> JobRecord:
         with _in_section("robot"):
-            robot_id = _stored_robot(parts, body.robot)
+            robot_id = _stored_robot(posted.parts, body.robot)
         with _in_section("measurement_set"):
-            set_id = _stored_set(parts, body.measurement_set, robot_id)
+            set_id = _stored_set(posted.parts, body.measurement_set, robot_id)
         with _in_section("run"):
-            return jobs.create(RunRequest(**dict(body.run), measurement_set_id=set_id), key, asked_by)
+            return jobs.create(RunRequest(**dict(body.run), measurement_set_id=set_id), key, posted.by)
 
-    record = await run_sync(create, limiter=work)
-    return await answer(jobs, record, query.wait, request.app.state.followers)
+    return await posted.answer(Run.kind, create)
 
 
 @contextmanager
@@ -400,24 +384,16 @@ def named_content(file: UploadFile) -> tuple[str, bytes]:
     responses=accepted(Program),
 )
 async def create_program(
-    request: Request,
-    parts: PartsOf,
-    files: _Program,
-    options: _ProgramOptions,
-    asked_by: AskedBy,
-    query: Wait,
-    idempotency_key: KeyText = None,
+    posted: PostOf, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
 ) -> Response:
     """Correct the targets of a program."""
-    jobs = parts.jobs[Program.kind]
     if len({file.filename for file in files}) < len(files):
         raise RequestError("two files have one name", where="files", remedy="send each file once")
 
-    def create() -> JobRecord:
+    def create(jobs: Jobs) -> JobRecord:
         body = ProgramRequest(**options.model_dump(), files=[packed(*named_content(file)) for file in files])
         key = bound_key(idempotency_key, body.model_dump_json().encode())
-        return jobs.create(body, key, asked_by)
+        return jobs.create(body, key, posted.by)
 
     # A program may take seconds to pack and to read: they wait for their turn, and leave others theirs.
-    record = await run_sync(create, limiter=large_bodies(request))
-    return await answer(jobs, record, query.wait, request.app.state.followers)
+    return await posted.answer(Program.kind, create, large_bodies(posted.request))

@@ -131,10 +131,7 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
         None,
     ),
     "save_template": (
-        Annotated[
-            Path | None,
-            typer.Option(dir_okay=False, metavar="FILE", help="Write the template of this import."),
-        ],
+        Annotated[Path | None, cli.path_option("Write the template of this import.")],
         None,
     ),
     "overwrite": (cli.Overwrite, False),

@@ -407,28 +407,24 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     return job
 
 
+def _may(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
+    """Return annotation and default of an option that may be absent."""
+    return Annotated[kind | None, option], None
+
+
 _EXTRAS: Final[Mapping[str, _Extra]] = {
     "run": _Extra(
         options={
-            "apply": (
-                Annotated[
-                    str | None,
-                    typer.Option(
-                        metavar="ACTION",
-                        help="Apply an action that a reason advises, such as exchange_columns or "
-                        "convert_units: write the corrected campaign to a new file, and identify it.",
-                    ),
-                ],
-                None,
+            "apply": _may(
+                typer.Option(
+                    metavar="ACTION",
+                    help="Apply an action that a reason advises, such as exchange_columns or "
+                    "convert_units: write the corrected campaign to a new file, and identify it.",
+                ),
+                str,
             ),
-            "output": (
-                Annotated[
-                    Path | None,
-                    cli.output_option(
-                        "File to write the corrected campaign to; default: next to the old one."
-                    ),
-                ],
-                None,
+            "output": _may(
+                cli.output_option("File to write the corrected campaign to; default: next to the old one.")
             ),
         },
         finish=_apply,
@@ -437,39 +433,20 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
     "geometry": _Extra(
         options={
             "robot": (cli.NamedRobot, None),
-            "output": (
-                Annotated[
-                    Path | None, cli.output_option("File to write the identified robot to.", "ROBOT.json")
-                ],
-                None,
-            ),
+            "output": _may(cli.output_option("File to write the identified robot to.", "ROBOT.json")),
         },
         passed=("robot",),
         finish=_write_robot,
     ),
     "plan": _Extra(
-        options={
-            "campaign": (
-                Annotated[
-                    Path | None,
-                    typer.Option(
-                        dir_okay=False, metavar="FILE", help="File to write the campaign to fill in to."
-                    ),
-                ],
-                None,
-            )
-        },
+        options={"campaign": _may(cli.path_option("File to write the campaign to fill in to."))},
         finish=_write_campaign,
         written=lambda values, _: [values["campaign"]],
     ),
     "program": _Extra(
         options={
-            "output": (
-                Annotated[
-                    Path | None,
-                    cli.output_option("File for the compensated program; a .dat is written to its folder."),
-                ],
-                None,
+            "output": _may(
+                cli.output_option("File for the compensated program; a .dat is written to its folder.")
             ),
             "explain": (
                 Annotated[
@@ -481,10 +458,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
                 ],
                 False,
             ),
-            "report": (
-                Annotated[Path | None, typer.Option(metavar="FILE", help="CSV file to write all points to.")],
-                None,
-            ),
+            "report": _may(cli.path_option("CSV file to write all points to.")),
         },
         finish=_write_program,
         instead=_explain,

@@ -54,6 +54,11 @@ def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Ty
     return typer.Option("--output", "-o", metavar=metavar, help=text)
 
 
+def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
+    """Return an option that names another file to write."""
+    return typer.Option(dir_okay=False, metavar=metavar, help=text)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file of lines."""
     path.write_text(f"{text}\n", encoding="utf-8")

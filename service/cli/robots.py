@@ -23,10 +23,7 @@ def robots(
         str | None, typer.Argument(metavar="ARM", help="Name of an arm, or a part of it; default: all arms.")
     ] = None,
     *,
-    output: Annotated[
-        Path | None,
-        typer.Option(dir_okay=False, metavar="ROBOT.json", help="File to write the robot ARM to."),
-    ] = None,
+    output: Annotated[Path | None, cli.path_option("File to write the robot ARM to.", "ROBOT.json")] = None,
     overwrite: cli.Overwrite = False,
     as_json: cli.AsJson = False,
 ) -> None:

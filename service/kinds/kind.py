@@ -82,17 +82,17 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     is_form: bool = False  # whether it is posted as a form with files, at a route of its own
     answered: Callable[[str], str] = str  # return a stored document as it is answered
 
-    @property
+    @cached_property
     def name(self) -> str:
         """Name of one, by which an engine knows it; never changes."""
         return self.message.kind
 
-    @property
+    @cached_property
     def collection(self) -> str:
         """Name of all, in addresses."""
         return self.message.collection
 
-    @property
+    @cached_property
     def resource(self) -> Resource:
         """Both names, for the store."""
         return Resource(self.name, self.collection)

@@ -4,7 +4,7 @@
 
     run = jointstiff.identify("campaign.json")               # in this process; a table in a notebook
     run.joints["joint_2"].stiffness                          # [N·m/rad]
-    jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, compare, pair, geometry
+    jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, compare, geometry
 
     with jointstiff.Client("http://127.0.0.1:8000") as client:   # the same names against a service
         run = client.identify("campaign.json")
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
     from jointstiff.service.library.results import TabledRun
-    from jointstiff.service.library.verbs import Verb, import_files, pair, predict
+    from jointstiff.service.library.verbs import Verb, import_files, predict
 
     identify: Verb[TabledRun]
     compare: Verb[Comparison]
@@ -46,7 +46,6 @@ __all__ = [
     "identify",
     "import_files",
     "map",
-    "pair",
     "plan",
     "predict",
 ]
@@ -57,7 +56,6 @@ _HOMES = {
     "RefusedError": "errors",
     "TabledRun": "results",
     "import_files": "verbs",
-    "pair": "verbs",
     "predict": "verbs",
 }
 """Modules of the names that are no kinds of work."""

@@ -14,7 +14,7 @@ import uvicorn
 
 from jointstiff.service.api.connections import BoundedProtocol
 from jointstiff.service.app import create_app
-from jointstiff.service.security.origin import Posture
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.store.store import Store
 
 

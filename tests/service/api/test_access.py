@@ -28,8 +28,8 @@ from jointstiff.service.security.access import (
     address_of,
     operation_id,
 )
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import digest, mint, mint_token
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 

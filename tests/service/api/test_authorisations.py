@@ -20,8 +20,8 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.service.app import create_app
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_pdf
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.collection import NumberTakenError
 from jointstiff.service.store.store import Store

@@ -13,7 +13,7 @@ from starlette.datastructures import UploadFile
 from support.examples import examples
 
 from jointstiff.service.api.bodies import MAX_FILES, read_form
-from jointstiff.service.security.size import SMALL_BYTES
+from jointstiff.service.security.admission import SMALL_BYTES
 from jointstiff.solver.errors import RequestError
 
 TYPE = "multipart/form-data; boundary=XyZ"

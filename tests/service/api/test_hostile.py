@@ -15,7 +15,7 @@ from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
 from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
-from jointstiff.service.security.size import refuse_structure
+from jointstiff.service.security.admission import refuse_structure
 
 before_any_database = pytest.mark.parametrize("service", ["sqlite"], indirect=True)
 JSON = {"Content-Type": "application/json"}

@@ -15,8 +15,8 @@ from support.processes import until
 from jointstiff.service import limited
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.limited import LimitedChild
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.store import Store
 
 pytestmark = pytest.mark.process

@@ -14,8 +14,8 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.cli.app import app as command
 from jointstiff.service.logs import LogFormat
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.server import _configuration
 from jointstiff.service.store.store import Store
 

@@ -16,8 +16,7 @@ from support.records import RUN, job_record
 
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.api.events import Followers
-from jointstiff.service.api.jobs import answer
+from jointstiff.service.api.jobs import Followers, answer
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, StoreUnavailableError
 from jointstiff.service.store.jobs import JobStatus

@@ -55,7 +55,7 @@ def test_numbers_and_hashes_are_those_of_a_service():
     here = jointstiff.identify(one, one.run)
     assert (here.state, here.result) == (stored.state, stored.result)
     assert here.provenance.input_hash == stored.provenance.input_hash
-    beside = jointstiff.pair(one, other)
+    beside = jointstiff.compare(one, other, methods=[])
     assert (beside.result.joints, beside.result.avoided) == (paired.result.joints, paired.result.avoided)
     assert beside.result.assessment == paired.result.assessment
     numbers = [[each.result.entries[i].joints for i in (0, 1)] for each in (beside, paired)]
@@ -71,7 +71,7 @@ def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_th
     found, expected = (jointstiff.compare(each).result for each in (leaving, less))
     for one, other in zip(found.entries, expected.entries, strict=True):
         assert (one.joints, one.compensation) == (other.joints, other.compensation)
-    found, expected = (jointstiff.pair(each, campaign(2)) for each in (leaving, less))
+    found, expected = (jointstiff.compare(each, campaign(2), methods=[]) for each in (leaving, less))
     assert found.result.joints == expected.result.joints
     given = jointstiff.identify(leaving, RunOptions())
     assert given.request.leave_out == held

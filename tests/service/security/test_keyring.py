@@ -21,6 +21,7 @@ from jointstiff.service.api.health import Watch
 from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
 from jointstiff.service.security import access
 from jointstiff.service.security.access import FORGIVEN, network_of
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import (
     Keyring,
     KeysFile,
@@ -30,7 +31,6 @@ from jointstiff.service.security.keys import (
     mint,
     without_keys,
 )
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store

@@ -28,8 +28,8 @@ from jointstiff.service.jobs.life import Parts
 from jointstiff.service.library.client import problem_in
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
-from jointstiff.service.security.origin import Posture
 from jointstiff.service.security.receivers import ALLOWED_VARIABLE, signature
 from jointstiff.service.server import forgetting
 from jointstiff.service.store.jobs import Heartbeats
