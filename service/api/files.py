@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, Final, Literal, NamedTuple, cast
@@ -51,7 +52,8 @@ class Content(NamedTuple):
     headers: Mapping[str, str] = _NO_HEADERS
 
 
-class _Wanted(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Wanted:
     """A file that is asked for."""
 
     laboratory: LaboratorySettings  # that issues reports
@@ -61,7 +63,7 @@ class _Wanted(NamedTuple):
     name: str
     query: FileQuery
 
-    @property
+    @cached_property
     def job(self) -> Job:
         """The job, which has succeeded.
 

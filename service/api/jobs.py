@@ -314,13 +314,7 @@ def change_job(
     return answers.json_response(jobs.kind.answered(jobs.document(job_id, hidden=body.deleted is True)))
 
 
-@router.delete(
-    "",
-    dependencies=[OPERATOR],
-    status_code=204,
-    response_class=Response,
-    responses=answers.DELETED,
-)
+@router.delete("", dependencies=[OPERATOR], **answers.DELETES)
 def delete_job(parts: answers.PartsOf, job_id: JobId) -> Response:
     """Delete a job of any kind. It can be restored for 30 days. Cancel an unfinished one first."""
     parts.jobs_of(job_id).records.delete(job_id)

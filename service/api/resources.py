@@ -101,13 +101,7 @@ def change_robot(
     return answers.json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
 
 
-@robots.delete(
-    "/v1/robots/{robot_id}",
-    dependencies=[OPERATOR],
-    status_code=204,
-    response_class=Response,
-    responses=answers.DELETED,
-)
+@robots.delete("/v1/robots/{robot_id}", dependencies=[OPERATOR], **answers.DELETES)
 def delete_robot(parts: answers.PartsOf, robot_id: Id) -> Response:
     """Delete a robot that no measurement set and no job refers to. It can be restored for 30 days."""
     parts.robots.delete(robot_id)
@@ -199,13 +193,7 @@ def change_measurement_set(
     return MeasurementSetSummary.model_validate(parts.sets.change(set_id, body), from_attributes=True)
 
 
-@sets.delete(
-    "/v1/measurement-sets/{set_id}",
-    dependencies=[OPERATOR],
-    status_code=204,
-    response_class=Response,
-    responses=answers.DELETED,
-)
+@sets.delete("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], **answers.DELETES)
 def delete_measurement_set(parts: answers.PartsOf, set_id: Id) -> Response:
     """Delete a measurement set that no job refers to. It can be restored for 30 days."""
     parts.sets.delete(set_id)

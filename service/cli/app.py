@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 import typer
@@ -10,14 +11,15 @@ from typer.main import get_command
 
 from jointstiff.service.cli.demo import demo, simulate
 from jointstiff.service.cli.keys import keys
-from jointstiff.service.cli.models import export, predict, report
+from jointstiff.service.cli.models import export, report
 from jointstiff.service.cli.options import refusal_of
 from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import backup, doctor, post, restore, serve, webhooks, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
 _MADE = {room.command: room.summary for room in ROOMS.values()} | {
-    "import": "Import files of readings as a campaign."
+    "import": "Import files of readings as a campaign.",
+    "predict": "Predict deflections in given postures under given loads.",
 }
 """Commands that are made of messages when they are called, as messages take time, with their help."""
 _SETTINGS: Any = {
@@ -33,16 +35,17 @@ class _Commands(typer.core.TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
         """Return name, command and arguments; make the command if it is not yet."""
         if args and args[0] in _MADE:
-            alone = typer.Typer(**_SETTINGS)
             if args[0] == "import":
-                from jointstiff.service.cli.imports import import_command
-
-                alone.command(args[0])(import_command())
+                from jointstiff.service.cli.imports import import_command as make
+            elif args[0] == "predict":
+                from jointstiff.service.cli.kinds import predict_command as make
             else:
                 from jointstiff.service.cli.kinds import command_of
 
                 kinds = {room.command: name for name, room in ROOMS.items()}
-                alone.command(args[0])(command_of(kinds[args[0]]))
+                make = partial(command_of, kinds[args[0]])
+            alone = typer.Typer(**_SETTINGS)
+            alone.command(args[0])(make())
             self.commands[args[0]] = get_command(alone)
         return super().resolve_command(ctx, args)
 
@@ -70,7 +73,7 @@ app = typer.Typer(
 app.command()(simulate)
 for _command, _summary in _MADE.items():
     app.command(_command, help=_summary)(lambda: None)  # shown in the list in place of what is made later
-for _written in (robots, predict, export, report, serve, worker, post, demo, backup, restore, doctor):
+for _written in (robots, export, report, serve, worker, post, demo, backup, restore, doctor):
     app.command()(_written)
 app.add_typer(keys, name="keys")
 app.add_typer(webhooks, name="webhooks")

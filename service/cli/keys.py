@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
@@ -12,13 +13,17 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.settings import DatabaseUrl, KeysFilePath
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from jointstiff.schemas.access import Key
+    from jointstiff.service.security.keys import KeysFile
+    from jointstiff.service.store.access import AccessKeys
     from jointstiff.service.store.store import Store
     from jointstiff.service.store.tables import AccessKey
     from jointstiff.service.tables.table import Table
+
+    Note = Callable[[AccessKey, str, str, int], object]
 
 LINK_TIME: Final = timedelta(minutes=10)
 """Time in which a link can be used."""
@@ -52,7 +57,7 @@ def create(
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest
-    from jointstiff.service.security.keys import KeysFile, mint
+    from jointstiff.service.security.keys import mint
 
     now = datetime.now(UTC)
     expires_at = None if expires is None else expires.replace(tzinfo=UTC)
@@ -63,13 +68,9 @@ def create(
     if expires_at is not None and expires_at <= now:
         raise typer.BadParameter("must be in the future", param_hint="--expires")
     text, record = mint(request.name, request.role, now, expires_at)
-    with _refusals():
-        if keys_file is not None:
-            KeysFile(keys_file).add(record)
-        else:
-            with _opened(database) as store:
-                store.keys.add(record)
-                _note(store, record, "POST", "createKey", 201)
+    with _kept(database, keys_file, is_new=True) as (kept, note):
+        kept.add(record)
+        note(record, "POST", "createKey", 201)
     typer.echo(text)
     cli.warn(f"not shown again; to revoke it: jointstiff keys revoke {record.id}")
 
@@ -80,8 +81,8 @@ def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: K
     from jointstiff.service.security.keys import described
     from jointstiff.service.tables.terminal import console, printed
 
-    with _refusals():
-        found = [described(key, is_filed=keys_file is not None) for key in _known(database, keys_file)]
+    with _kept(database, keys_file) as (kept, _):
+        found = [described(key, is_filed=keys_file is not None) for key in kept.all()]
     console().print(printed([keys_table(found, datetime.now(UTC))]))
 
 
@@ -90,16 +91,9 @@ def revoke(
     key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
 ) -> None:
     """Revoke a key, and end its sessions."""
-    from jointstiff.service.security.keys import KeysFile
-
-    now = datetime.now(UTC)
-    with _refusals():
-        if keys_file is not None:
-            revoked = KeysFile(keys_file).revoke(key_id, now)
-        else:
-            with _opened(database, is_new=False) as store:
-                revoked = store.keys.revoke(key_id, now)
-                _note(store, revoked, "DELETE", "revokeKey", 200)
+    with _kept(database, keys_file) as (kept, note):
+        revoked = kept.revoke(key_id, datetime.now(UTC))
+        note(revoked, "DELETE", "revokeKey", 200)
     typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse it within a second")
 
 
@@ -115,52 +109,45 @@ def link(
     import segno
 
     from jointstiff.service.security.keys import digest, mint_token
+    from jointstiff.service.store.store import Store
 
     now, token = datetime.now(UTC), mint_token("jsl")
-    with _refusals():
-        found = {key.id: key for key in _known(database, keys_file)}.get(key_id)
-        if found is None or not found.is_live(now):
-            raise cli.failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
-        with _opened(database) as store:
-            store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
-            _note(store, found, "POST", "createLink", 201)
+    with _kept(database, keys_file) as (kept, _):
+        found = {key.id: key for key in kept.all()}.get(key_id)
+    if found is None or not found.is_live(now):
+        raise cli.failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
+    with Store.open(database) as store:
+        store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
+        _note(store, found, "POST", "createLink", 201)
     address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
     cli.warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
 
 
-def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
-    from jointstiff.service.security.keys import KeysFile
-
-    if keys_file is not None:
-        return KeysFile(keys_file).all()
-    with _opened(database, is_new=False) as store:
-        return store.keys.all()
-
-
 @contextmanager
-def _opened(database: str, *, is_new: bool = True) -> Iterator[Store]:
-    """Open a database, which is made only where it may be new.
+def _kept(
+    database: str, keys_file: Path | None, *, is_new: bool = False
+) -> Iterator[tuple[KeysFile | AccessKeys, Note]]:
+    """Open the keys of a file, or of a database, which is made only where it may be new; and its audit.
 
     Raises:
-        StoreError: it is not there, or cannot be used.
+        StoreError: the database is not there, or cannot be used.
+        typer.Exit: there is no such key.
     """
+    from jointstiff.service.problems.errors import NotFoundError
+    from jointstiff.service.security import keys as filed
     from jointstiff.service.store.database import open_existing
     from jointstiff.service.store.store import Store
 
-    if not is_new:
-        open_existing(database).close()
-    with Store.open(database) as store:
-        yield store
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    from jointstiff.service.problems.errors import NotFoundError
-
     try:
-        yield
+        if keys_file is not None:
+            yield filed.KeysFile(keys_file), lambda *_: None
+            return
+        if not is_new:
+            open_existing(database).close()
+        with Store.open(database) as store:
+            yield store.keys, partial(_note, store)
     except NotFoundError as error:
         raise cli.failed(error.reason, "see `jointstiff keys list` for the ids") from error
 

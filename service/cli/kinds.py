@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_arg
 
 import typer
 
+from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal, chain_of
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
@@ -117,6 +118,59 @@ def command_of(name: str) -> Callable[..., None]:
     others |= {"unit": (cli.Unit, "MNm/rad"), "details": (cli.Details, False), "as_json": (cli.AsJson, False)}
     cli.with_signature(command, sources | fields | others)
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
+    return command
+
+
+_POINTS: Final[Forms] = MappingProxyType(
+    {
+        "load_point": Terminal(
+            metavar="X,Y,Z[mm]",
+            parse=cli.point_of,
+            text="Point where the force acts, in the flange frame, in mm.",
+        ),
+        "place": Terminal(
+            metavar="X,Y,Z[mm]",
+            parse=cli.point_of,
+            text="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
+        ),
+    }
+)
+_Postures = Annotated[
+    Path,
+    cli.file_argument(
+        "POSTURES", "CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], …"
+    ),
+]
+
+
+def predict_command() -> Callable[..., None]:
+    """Return the command `predict`, with an option for each field of its request."""
+
+    def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - by the signature below
+        """Predict deflections in given postures under given loads."""
+        from jointstiff.service.cli.models import identified
+        from jointstiff.service.kinds.deflection import prediction_csv, prediction_parts
+        from jointstiff.service.library import verbs
+        from jointstiff.service.tables.terminal import console, printed
+
+        if values["output"] is not None:
+            cli.refuse_existing(values["output"], overwrite=values["overwrite"])
+        stated = gathered(DeflectionOptions, values, _POINTS)
+        result = verbs.predict(identified(file, values["run"]), postures, **stated)
+        for remark in result.remarks:
+            typer.echo(remark, err=True)
+        if values["output"] is not None:
+            cli.write_text(values["output"], prediction_csv(result))
+        if values["as_json"]:
+            typer.echo(result.model_dump_json(indent=2))
+        else:
+            console().print(printed(prediction_parts(result)))
+
+    sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
+    fields = {key: (one, None) for key, one in field_options(DeflectionOptions, _POINTS)}
+    output = _may(cli.output_option("CSV file to write all numbers to."))
+    shown = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
+    cli.with_signature(command, sources | fields | shown)
     return command
 
 

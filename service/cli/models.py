@@ -1,4 +1,4 @@
-"""Commands that use an identified model: `predict`, `export`, and `report`, a document to sign."""
+"""Commands that use an identified model: `export`, and `report`, a document to sign."""
 
 from __future__ import annotations
 
@@ -15,72 +15,6 @@ if TYPE_CHECKING:
 
 _FORMATS: Final = (".csv", ".xlsx", ".urdf", ".sdf", ".mjcf", ".xml")
 _REPORTS: Final = (".pdf", ".html")
-
-
-def predict(
-    file: cli.CampaignFile,
-    postures: Annotated[
-        Path,
-        cli.file_argument(
-            "POSTURES", "CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], …"
-        ),
-    ],
-    *,
-    run: cli.RunFile = None,
-    load_point: Annotated[
-        cli.Vector | None,
-        typer.Option(
-            parser=cli.point_of,
-            metavar="X,Y,Z[mm]",
-            help="Point where the force acts, in the flange frame, in mm.",
-        ),
-    ] = None,
-    place: Annotated[
-        cli.Vector | None,
-        typer.Option(
-            parser=cli.point_of,
-            metavar="X,Y,Z[mm]",
-            help="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
-        ),
-    ] = None,
-    absolute: Annotated[
-        bool,
-        typer.Option(
-            "--absolute",
-            help="From where an arm that does not bend would be: sag under own weight, and load; needs a run "
-            "with `weight`.",
-        ),
-    ] = False,
-    confidence: Annotated[
-        float, typer.Option(min=0.5, max=0.9999, help="Confidence level of the intervals.")
-    ] = 0.95,
-    output: Annotated[Path | None, cli.output_option("CSV file to write all numbers to.")] = None,
-    overwrite: cli.Overwrite = False,
-    as_json: cli.AsJson = False,
-) -> None:
-    """Predict deflections in given postures under given loads."""
-    from jointstiff.service.kinds.deflection import prediction_csv, prediction_parts
-    from jointstiff.service.library import verbs
-    from jointstiff.service.tables.terminal import console, printed
-
-    if output is not None:
-        cli.refuse_existing(output, overwrite=overwrite)
-    result = verbs.predict(
-        _identified(file, run),
-        postures,
-        load_point=load_point,
-        place=place,
-        absolute=absolute,
-        confidence=confidence,
-    )
-    for remark in result.remarks:
-        typer.echo(remark, err=True)
-    if output is not None:
-        cli.write_text(output, prediction_csv(result))
-    if as_json:
-        typer.echo(result.model_dump_json(indent=2))
-    else:
-        console().print(printed(prediction_parts(result)))
 
 
 def export(
@@ -100,7 +34,7 @@ def export(
     if output.suffix.lower() not in _FORMATS:
         raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
     cli.refuse_existing(output, overwrite=overwrite)
-    _identified(file, run).export(output, "do_not_use" if despite_verdict else None)
+    identified(file, run).export(output, "do_not_use" if despite_verdict else None)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
@@ -126,7 +60,7 @@ def report(
         raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
     cli.refuse_existing(output, overwrite=overwrite)
     try:
-        job: Any = _identified(file, run)
+        job: Any = identified(file, run)
     except CampaignError:  # the file may hold a job of another kind
         job = None if run is not None else read_job(file)
         if job is None:
@@ -135,7 +69,7 @@ def report(
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
-def _identified(file: Path, run: Path | None) -> TabledRun:
+def identified(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign from its file; identified now without one."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.files import campaign_of, read_document

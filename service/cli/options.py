@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
@@ -14,29 +14,22 @@ if TYPE_CHECKING:
     from jointstiff.schemas.finding import Problem
 
 
-class Vector(NamedTuple):
-    """Three numbers of one option."""
-
-    x: float
-    y: float
-    z: float
-
-
-def vector_of(text: str) -> Vector:
+def vector_of(text: str) -> tuple[float, ...]:
     """Return `X,Y,Z` as three numbers.
 
     Raises:
         typer.BadParameter: it is no such text.
     """
     try:
-        return Vector(*(float(part) for part in text.split(",")))
-    except (TypeError, ValueError):
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
         raise typer.BadParameter(f"'{text}' must be three numbers, such as 0,0,120.5") from None
+    return x, y, z
 
 
-def point_of(text: str) -> Vector:
+def point_of(text: str) -> tuple[float, ...]:
     """Return `X,Y,Z` in millimetres as a point in metres; raises as `vector_of` does."""
-    return Vector(*(1e-3 * number for number in vector_of(text)))
+    return tuple(1e-3 * number for number in vector_of(text))
 
 
 def file_argument(metavar: str, text: str) -> Any:  # noqa: ANN401 - Typer's

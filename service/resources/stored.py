@@ -55,9 +55,9 @@ from jointstiff.solver.robot.model import Robot
 AnyJob = TypeVar("AnyJob", bound=Job)
 Prepared = TypeVar("Prepared")
 
-_ROBOTS: Final = 64
 FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""
+_ROBOTS: Final = 64
 _SETS: Final = 16
 """Robots and sets that are kept ready for computation."""
 _METADATA: Final = tuple(SetMetadata.model_fields)

@@ -17,7 +17,7 @@ from support.examples import examples
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.programs.numerals import Numerals
-from jointstiff.service.security import size
+from jointstiff.service.security import admission
 
 ROOT = Path(__file__).parents[3]
 DIGITS = "0123456789"
@@ -156,7 +156,7 @@ def test_numbers(lexicon, rules, text):
          texts("%%%", "\n", "% ", "VERSION", "LANGUAGE", ":", "1", "E_1", "!", "\r\n", "\n%%%\nVERSION:1")),
         (rapid._ENDS, (quoted, remark, semicolon), texts(*'";!\n\r a', '"a"', '";"', "!;", "x := 1;")),
         (fanuc._POSITION, (position, other), texts(*"P{}; \na", "};", "P[1]{", "GP1: }")),
-        (size._STRING, (json_string,), texts(*'"\\: a\n', '\\"', "\\\\", '"a":', '""', '" :')),
+        (admission._STRING, (json_string,), texts(*'"\\: a\n', '\\"', "\\\\", '"a":', '""', '" :')),
     ],
     ids=["rapid comments", "rapid statements", "fanuc positions", "json strings"],
 )  # fmt: skip
@@ -165,7 +165,8 @@ def test_patterns(pattern, rules, strategy):
     @given(strategy)
     def split_alike(text):
         spans = [
-            match.span() for match in pattern.finditer(text.encode() if pattern is size._STRING else text)
+            match.span()
+            for match in pattern.finditer(text.encode() if pattern is admission._STRING else text)
         ]
         assert spans == scan(text, *rules)
 
