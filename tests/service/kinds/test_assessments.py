@@ -194,7 +194,8 @@ def test_a_comparison_without_a_fit_is_not_for_use(clean):
 
 
 def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
-    pair = jointstiff.pair(of(clean), of(exchanged), INCLUDED)
+    run = {"complementary_stiffness": "included"}
+    pair = jointstiff.compare(of(clean), of(exchanged), methods=[], run=run)
     result = pair.result
     assert result.assessment.verdict == "do_not_use"
     places = {reason.code: reason.where for reason in result.assessment.reasons}

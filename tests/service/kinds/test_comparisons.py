@@ -151,9 +151,9 @@ class TestTwoSets:
         documents = [simulate_campaign(default_arm(), load="pull", seed=seed) for seed in (1, 2)]
         for document in documents:
             document["run"] = {"stiffness_bounds": {"joint_3": [3e6, None]}}
-        pair = jointstiff.pair(*documents, ordered=True)
+        pair = jointstiff.compare(*documents, methods=[], ordered=True)
         assert [entry.positive for entry in pair.result.entries] == [True, False] * 2
-        free = jointstiff.pair(*documents, options={"positive": False}).result
+        free = jointstiff.compare(*documents, methods=[], run={"positive": False}).result
         for joint, other in zip(pair.result.joints, free.joints, strict=True):
             assert joint.ratio == pytest.approx(other.ratio)
             assert joint.p_value == pytest.approx(other.p_value)
@@ -199,7 +199,7 @@ class TestTwoSets:
             documents = [simulate_campaign(default_arm(), load="pull", seed=seed) for seed in (1, 2)]
             for document in documents:
                 document["measurement_set"]["noise"] = {"sigma": 2e-5} | noise
-            return jointstiff.pair(*documents).result
+            return jointstiff.compare(*documents, methods=[]).result
 
         assumed, exact = paired({}), paired({"load_point": 1e-9})
         assert "±10 mm" in assumed.assessment.notes[0]
