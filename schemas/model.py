@@ -26,8 +26,8 @@ class ScoreStep(Message):
     """A step of the distribution of residuals in postures omitted from the fit."""
 
     score: Metres[float | None] = Field(
-        description="Length of a residual divided by the root of its load's size; null if the other "
-        "postures do not determine it."
+        description="Length of a residual divided by the root of its load's size, or by its growth with "
+        "`noise`; null if the other postures do not determine it."
     )
     share: float = Field(
         description="Share of the readings with that score at most, each posture counting the same, times "
@@ -51,6 +51,11 @@ class ModelError(Message):
     least_load: float = Field(description="Least size of a load. Dimensionless.")
     leverage: Metres[float] = Field(
         description="Greatest standard uncertainty of a target's prediction over the size of its load."
+    )
+    noise: Metres[float | None] = Field(
+        default=None,
+        description="Standard deviation of a coordinate of a reading: residuals grow with it and the "
+        "standard uncertainty of the prediction; null if they grow with the root of the load.",
     )
 
 

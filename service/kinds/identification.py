@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
 from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
+from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions, Weight
 from jointstiff.schemas.run import (
     Identifiability,
@@ -376,6 +377,9 @@ def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
     return hash_of(prepared.content, options, bodies)
 
 
+ModelKey: TypeAlias = tuple[ModelName, Loss]
+Plans: TypeAlias = dict[ModelKey, Plan]
+
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
 
@@ -470,20 +474,26 @@ class ByLinks(Work):
         selection = select_model(
             robot, measurements, self._folds, fits, self._plan, elasticity, screened=screened
         )
+        plans = dict.fromkeys(fits, self._plan)
+        if screened and options.link_penalty is None:
+            # Beside each other at an end of the weights, the richer model is judged by too large a penalty.
+            for name in dict.fromkeys(each.model for each in selection.models):
+                ended = selection.of(name)
+                if ended.penalty == self._plan.weights[0]:
+                    selection = self._refined(ended, selection, plans, fits)
+            selection = Selection.among(selection.models, screened=screened)
         chosen = selection.of(elasticity or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
-        plan, model = self._plan, self._model_of(chosen)
         if chosen.model != "joints" and options.link_penalty is None:
-            plan, fits[model.key] = refined(self._folds, model, fits[model.key], plan)
-            of_model = {model.key: fits[model.key]}
-            chosen = select_model(robot, measurements, self._folds, of_model, plan, chosen.model).models[0]
-            selection = selection.with_refined(chosen)
+            selection = self._refined(chosen, selection, plans, fits)
+            chosen = selection.of(chosen.model, (chosen.loss,))
 
         plain = self._joints_alone("squared")
         screening = replace(plain.screening, gain=selection.gain)
         same = (chosen.model, chosen.loss) == ("joints", "squared")
-        choice = to_choice_by_comparison(
+        choose = partial(
+            to_choice_by_comparison,
             selection,
             chosen,
             screening,
@@ -491,9 +501,13 @@ class ByLinks(Work):
             plain=None if same else plain.result(screening),
         )
         if chosen.model == "joints":
-            result = self._joints_alone(chosen.loss).result(screening, choice=choice)
+            result = self._joints_alone(chosen.loss).result(screening, choice=choose())
         else:
-            result = self._result(chosen, plan.weights, screening, choice)
+            elastic = self._fit(chosen, plans)
+            widest = self._widest(selection, elastic, plans) if elasticity is None else elastic
+            intervals = None if options.link_penalty is not None else widest.model.name
+            choice = choose(intervals=intervals)
+            result = self._result(chosen, elastic, widest, screening, choice)
         losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
         scores = message(
             ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
@@ -545,16 +559,51 @@ class ByLinks(Work):
     def _model_of(self, chosen: HeldOut) -> ElasticModel:
         return next(model for model in self._models if model.key == (chosen.model, chosen.loss))
 
-    def _result(
-        self, chosen: HeldOut, grid: Sequence[float], screening: Screening, choice: ModelChoice
-    ) -> RunResult:
-        prepared, options, model = self._prepared, self._options, self._model_of(chosen)
-        robot, weight = prepared.robot, chosen.penalty or grid[0]
-        elastic = first_certified(
-            robot, prepared.measurements, self._folds, model, grid[grid.index(weight) :]
+    def _refined(
+        self, chosen: HeldOut, selection: Selection, plans: Plans, fits: dict[ModelKey, list[FoldFit]]
+    ) -> Selection:
+        """Try further penalties of a model, and replace its plan, its fits and its place in the selection."""
+        model, measurements = self._model_of(chosen), self._prepared.measurements
+        plans[model.key], fits[model.key] = refined(self._folds, model, fits[model.key], plans[model.key])
+        of_model = {model.key: fits[model.key]}
+        found = select_model(
+            self._prepared.robot, measurements, self._folds, of_model, plans[model.key], chosen.model
         )
+        return selection.with_refined(found.models[0])
+
+    def _fit(self, chosen: HeldOut, plans: Plans) -> ElasticEstimate:
+        """Fit a model to the whole set with the penalty that cross-validation chose.
+
+        Raises:
+            UnsupportedMethodError: neither that nor a larger penalty has a certified optimum.
+        """
+        prepared, grid = self._prepared, plans[chosen.model, chosen.loss].weights
+        place = grid.index(chosen.penalty or grid[0])
+        return first_certified(
+            prepared.robot, prepared.measurements, self._folds, self._model_of(chosen), grid[place:]
+        )
+
+    def _widest(self, selection: Selection, elastic: ElasticEstimate, plans: Plans) -> ElasticEstimate:
+        """Return the fit whose intervals hold after the choice; the chosen one where it is not certified."""
+        if selection.largest == elastic.model.name:
+            return elastic
+        try:
+            return self._fit(selection.of(selection.largest), plans)
+        except UnsupportedMethodError:
+            return elastic
+
+    def _result(
+        self,
+        chosen: HeldOut,
+        elastic: ElasticEstimate,
+        widest: ElasticEstimate,
+        screening: Screening,
+        choice: ModelChoice,
+    ) -> RunResult:
+        prepared, options = self._prepared, self._options
+        robot = prepared.robot
         effective = effective_compliances(
-            robot, elastic, self._settings.confidence, with_ends=options.link_penalty is None
+            robot, elastic, self._settings.confidence, widest, with_ends=options.link_penalty is None
         )
         estimate = with_links(self._joints, elastic, effective)
         # No advice: what a further reading would bring is known for a model of joints alone.
@@ -563,7 +612,7 @@ class ByLinks(Work):
         warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
         warnings += assessment.remarks
         if options.link_penalty is None:
-            warnings += judge_penalty(weight, elastic.penalty)
+            warnings += judge_penalty(chosen.penalty or elastic.penalty, elastic.penalty)
             if options.loss == "automatic":
                 warnings += judge_losses(int(prepared.measurements.present.sum()))
         return run_result(
@@ -637,9 +686,24 @@ def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str
 
 
 def to_choice_by_comparison(
-    selection: Selection, chosen: HeldOut, screening: Screening, *, given: bool, plain: RunResult | None
+    selection: Selection,
+    chosen: HeldOut,
+    screening: Screening,
+    *,
+    given: bool,
+    plain: RunResult | None,
+    intervals: ModelName | None = None,
 ) -> ModelChoice:
-    """Return the choice among models that were compared on held-out postures."""
+    """Return the choice among models that were compared on held-out postures.
+
+    Args:
+        selection: of models and losses.
+        chosen: which predicts.
+        screening: of what joints alone leave unexplained.
+        given: whether the model was named in the request.
+        plain: joints alone; None where they are chosen.
+        intervals: model whose intervals the stiffnesses have; None where that is not said.
+    """
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
     evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
     if gain is not None:
@@ -647,13 +711,18 @@ def to_choice_by_comparison(
             f"; held-out postures are predicted to {length_text(float(chosen.by_posture.mean()))}, by joints "
             f"alone to {length_text(gain.error_of_joints)}"
         )
-    neglected = "" if chosen.model == "joints" else " K_c is neglected."
+    remarks = "" if chosen.model == "joints" else " K_c is neglected."
+    if intervals == chosen.model:
+        remarks += " Intervals of stiffness are of this model."
+    elif intervals is not None:
+        richer = intervals.replace("_", " ")
+        remarks += f" Intervals of stiffness are of {richer}, the largest model that predicts as well."
     return ModelChoice(
         elasticity=chosen.model,
         loss=chosen.loss,
         source="given" if given else "cross_validation",
         links_p_value=screening.links_p_value,
-        message=f"{name}, loss {chosen.loss} ({evidence}).{neglected}",
+        message=f"{name}, loss {chosen.loss} ({evidence}).{remarks}",
         plain=None
         if plain is None
         else PlainModel(

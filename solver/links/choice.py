@@ -315,6 +315,8 @@ class Selection:
     models: tuple[HeldOut, ...]  #: that were compared, each with all losses
     best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
     simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
+    #: richest model that predicts within one paired standard error of the best: intervals are of it
+    largest: ModelName
     #: gain of the best model but joints over joints alone; None where either has no answer
     gain: HeldOutGain | None
 
@@ -323,10 +325,24 @@ class Selection:
         return _best_loss(self.models, model, losses)
 
     def with_refined(self, refined: HeldOut) -> Selection:
-        """Return the same with a model at another penalty."""
+        """Return the same choice with a model at another penalty."""
         key = refined.model, refined.loss
         models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
         return replace(self, models=models)
+
+    @classmethod
+    def among(cls, models: Sequence[HeldOut], *, screened: bool) -> Selection:
+        """Return the choice among models with their losses, from simple to rich; see `select_model`."""
+        names = dict.fromkeys(each.model for each in models)
+        by_name = [_best_loss(models, name, LOSSES) for name in names]
+        best = min(by_name, key=lambda each: float(each.by_posture.mean()))
+        return cls(
+            tuple(models),
+            best.model,
+            simplest_of(by_name, best, screened=screened),
+            largest_of(by_name, best),
+            _gain(by_name),
+        )
 
 
 def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
@@ -388,9 +404,7 @@ def select_model(
         )
         for number, (key, place) in enumerate(zip(keys, places, strict=True))
     )
-    by_name = [_best_loss(models, name, LOSSES) for name in MODELS if any(name == key[0] for key in keys)]
-    best = min(by_name, key=lambda each: float(each.by_posture.mean()))
-    return Selection(models, best.model, simplest_of(by_name, best, screened=screened), _gain(by_name))
+    return Selection.among(models, screened=screened)
 
 
 def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
@@ -404,6 +418,16 @@ def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) ->
     return next(
         model for model, worse, error in behind if worse <= error * (of_joints if model == "joints" else 1.0)
     )
+
+
+def largest_of(by_name: Sequence[HeldOut], best: HeldOut) -> ModelName:
+    """Return the richest of models, from simple to rich, within one paired standard error of the best.
+
+    What the chosen model leaves out, the readings do not refute: an interval that takes the chosen one for
+    true is too narrow.
+    """
+    behind = [(each.model, *each.behind(best)) for each in by_name]
+    return [model for model, worse, error in behind if worse <= error][-1]
 
 
 def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:

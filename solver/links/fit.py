@@ -374,7 +374,12 @@ class EffectiveCompliances:
 
 
 def effective_compliances(
-    robot: Robot, elastic: ElasticEstimate, confidence: float, *, with_ends: bool = True
+    robot: Robot,
+    elastic: ElasticEstimate,
+    confidence: float,
+    widest: ElasticEstimate | None = None,
+    *,
+    with_ends: bool = True,
 ) -> EffectiveCompliances:
     """Find the range of each where the objective is near its least, under a lighter penalty.
 
@@ -382,9 +387,12 @@ def effective_compliances(
         robot: n joints.
         elastic: with links; the intervals contain its effective compliances in any case.
         confidence: of the intervals.
+        widest: richest model that predicts as well, with the same columns, whose range it is; the same
+            estimate if None.
         with_ends: whether prediction chose the penalty; of one that was given no ends are quoted.
     """
-    companion, rows = elastic.companion, effective_rows(robot, elastic.model.columns)
+    companion = (widest or elastic).companion
+    rows = effective_rows(robot, elastic.model.columns)
     effective, ends = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
     if companion.sigma is not None:

@@ -33,7 +33,7 @@ _BLOCKS: Final = {
     for k, load in enumerate(("force", "moment"))
 }
 
-_OF_ERROR: Final = ("postures", "force", "moment", "least_load", "leverage")
+_OF_ERROR: Final = ("postures", "force", "moment", "least_load", "leverage", "noise")
 """Numbers of a model error that are stored as they are."""
 
 Answer = TypeVar("Answer", bound=Message)

@@ -69,14 +69,17 @@ class ModelError:
     """Residuals of readings in postures that were left out of the fit."""
 
     postures: int  #: number P of postures that it rests on
-    #: (S,) ascending: length of a residual over the root of the size of its load [m], less what is the
-    #: readings' own in it; inf where the others do not determine it
+    #: (S,) ascending: length of a residual over its growth, the root of the size of its load or that of
+    #: `noise` [m], less what is the readings' own in it; inf where the others do not determine it
     score: FloatArray
     share: FloatArray  #: (S,) share of the postures' readings with that score at most, times P/(P + 1)
     force: float  #: unit of the size of a load [N]; zero where none was measured
     moment: float  #: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
     least_load: float  #: least size of a load
     leverage: float  #: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m]
+    #: standard deviation of a coordinate of a reading, with which and the leverage a residual grows
+    #: [m]; None where it grows with the root of the load
+    noise: float | None = None
     left_out: LeftOut | None = None  #: the fits without each posture; None where they are not known
 
     @staticmethod
@@ -92,18 +95,29 @@ class ModelError:
     def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
         """Return the bound at predicted places whose displacements have a leverage (B,) [m].
 
-        Within the campaign's loads it grows with the root of the load: what is not modelled is part elastic,
-        part friction. An extrapolated load or posture widens it in proportion.
+        Within the campaign's loads it grows with the root of the load: what joints alone do not model is
+        part elastic, part friction. Where links bend, noise remains, and what the readings leave open: it
+        grows as the standard deviation of a reading. An extrapolated load or posture widens it in proportion.
         """
         load = load_sizes(cases.force, cases.moment, self.force, self.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(
                 leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0
             )
-        growth = np.maximum(np.sqrt(np.maximum(load, self.least_load)), load) * np.maximum(ratio, 1.0)
+        growth = _growth(np.maximum(load, self.least_load), leverage, self.noise) * np.maximum(ratio, 1.0)
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
         return ModelErrorBound(radius, unmeasured, load, ratio)
+
+
+def _growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
+    """Return by how much residuals grow (B,) with loads of sizes (B,) and leverages (B,) [m].
+
+    That is 1 without leverage, or at the greatest load where no noise (`ModelError.noise`) is known.
+    """
+    if noise is None:
+        return np.maximum(np.sqrt(load), load)
+    return np.hypot(np.maximum(load, 1.0), leverage / noise)
 
 
 def load_sizes(force: FloatArray, moment: FloatArray, most_force: float, most_moment: float) -> FloatArray:
@@ -192,7 +206,9 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
             factor = np.linalg.cholesky(np.eye(known.shape[1]) - known.T @ known)
             half[own] = root @ np.linalg.inv(factor).T
     posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
-    return _model_error(measurements, posture[of_reading], residual, half, lacking)
+    variance = float(np.trace(covariance, axis1=-2, axis2=-1)[measurements.present].mean()) / 3.0
+    noise = sigma * np.sqrt(variance) if sigma else None
+    return _model_error(measurements, posture[of_reading], residual, half, lacking, noise)
 
 
 def _model_error(
@@ -201,6 +217,7 @@ def _model_error(
     residual: FloatArray,
     half: FloatArray,
     lacking: FloatArray,
+    noise: float | None = None,
 ) -> ModelError:
     """Return the model error by R readings, without what is the readings' own in it.
 
@@ -214,6 +231,7 @@ def _model_error(
         residual: (R, 3) of the readings by fits without their postures [m]; NaN where undetermined.
         half: (R, 3, p) roots of the covariances of predictions [m]; zero if they are unknown.
         lacking: (R,) share of that covariance that the fit without the posture has more.
+        noise: as `ModelError.noise`.
     """
     of_reading = np.nonzero(measurements.present)[0]
     force, moment = (
@@ -223,21 +241,21 @@ def _model_error(
     greatest = float(load.max())
     load = load / greatest
     loaded = load[of_reading] > 0.0
-    leverage = greatest_deviation(half[loaded]) / load[of_reading[loaded]]
+    deviation = greatest_deviation(half)
     scored = np.flatnonzero(loaded & (posture >= 0))
-    posture, size = posture[scored], load[of_reading[scored]]
+    posture, size = posture[scored], np.square(_growth(load[of_reading[scored]], deviation[scored], noise))
     trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
     variance = np.broadcast_to(trace, measurements.present.shape)[measurements.present][scored]
-    noise = (measurements.sigma or 0.0) ** 2 * variance
-    noise = noise + lacking[scored] * np.square(half[scored]).sum(axis=(1, 2))
-    of_load, left = np.square(residual[scored]).sum(axis=1) / size, 1.0
-    known = np.isfinite(of_load)
-    if known.any() and (whole := float(of_load[known].mean())) > 0.0:
+    own = (measurements.sigma or 0.0) ** 2 * variance
+    own = own + lacking[scored] * np.square(half[scored]).sum(axis=(1, 2))
+    squares, left = np.square(residual[scored]).sum(axis=1) / size, 1.0
+    known = np.isfinite(squares)
+    if known.any() and (whole := float(squares[known].mean())) > 0.0:
         counts = np.bincount(posture[known])
-        means = np.bincount(posture[known], of_load[known])[counts > 0] / counts[counts > 0]
+        means = np.bincount(posture[known], squares[known])[counts > 0] / counts[counts > 0]
         error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else whole
-        left = min(1.0, max(0.0, 1.0 - float((noise / size)[known].mean()) / whole) + error / whole)
-    score, share = merged_steps(posture, np.sqrt(np.where(known, left * of_load, np.inf)))
+        left = min(1.0, max(0.0, 1.0 - float((own / size)[known].mean()) / whole) + error / whole)
+    score, share = merged_steps(posture, np.sqrt(np.where(known, left * squares, np.inf)))
     return ModelError(
         postures=len(np.unique(posture)),
         score=score,
@@ -245,7 +263,8 @@ def _model_error(
         force=greatest * force,
         moment=greatest * moment,
         least_load=float(load[load > 0.0].min()),
-        leverage=float(leverage.max()),
+        leverage=float((deviation[loaded] / load[of_reading[loaded]]).max()),
+        noise=noise,
     )
 
 
