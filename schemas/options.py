@@ -313,13 +313,20 @@ class RunOptions(MethodOptions):
             raise ValueError(f"needs an elasticity with links, not `{elasticity}`")
         return chosen
 
+    @field_validator("causes", mode="after")
+    @classmethod
+    def _once_each(cls, causes: list[NamedCause]) -> list[NamedCause]:
+        if len({(cause.name, cause.first) for cause in causes}) < len(causes):
+            raise ValueError("names the same cause twice")
+        return causes
+
     @field_validator("weight", mode="after")
     @classmethod
     def _goes_alone(cls, weight: Weight | None, info: ValidationInfo) -> Weight | None:
         if weight is None:
             return weight
         alone = {"method", "weighting", "positive", "resampling", "priors"}
-        alone |= {"stiffness_bounds", "stiffness_order"}
+        alone |= {"stiffness_bounds", "stiffness_order", "causes"}
         for name in sorted(alone & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
                 raise ValueError(f"does not go with `{name}`: leave one of the two out")

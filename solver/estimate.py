@@ -167,7 +167,7 @@ def _fit(
             np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
     common = measurements.common_uncertainty
     if common is not None and common.fitted is not None:  # each unknown beside the joints takes a reading
-        triangles.judged.rows -= len(common.fitted.covariance)
+        triangles.judged.rows -= common.fitted.told
     observability = _require_observable(excitation) if before is None else before.observability
     fit = fit_method(triangles, observability.null, settings.constraints)
     if settings.prior is not None:
@@ -362,8 +362,8 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
         for term in terms
     }
     if common.fitted is not None:
-        root = np.linalg.cholesky(common.fitted.covariance)
-        by_source["fitted_causes"] = np.hstack([responses[term.name] for term in fitted]) @ root
+        moved = np.hstack([responses[term.name] for term in fitted])
+        by_source["fitted_causes"] = moved @ common.fitted.root
     return CommonErrors(by_source, np.hstack(list(by_source.values())))
 
 

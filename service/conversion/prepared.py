@@ -30,7 +30,7 @@ from jointstiff.service.conversion.readings import (
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain, to_bodies
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
+from jointstiff.solver.errors import MeasurementError, RequestError, RobotError, SolverError
 from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
 from jointstiff.solver.evidence.causes import Screening, fit_causes
 from jointstiff.solver.evidence.estimate import Estimate, Prediction
@@ -209,13 +209,16 @@ class PreparedSet:
         """Return the set without what causes moved, fitted beside the joints; their uncertainty goes along.
 
         Raises:
-            RequestError: the readings do not show such a cause.
-            SolverError: it leads to loads that no arm balances.
+            RequestError: the readings do not show such a cause, or it leads to loads that no arm balances.
         """
         if not causes:
             return self
         named = [(cause.name, cause.first) for cause in causes]
-        return replace(self, measurements=fit_causes(self.robot, self.measurements, named))
+        try:
+            return replace(self, measurements=fit_causes(self.robot, self.measurements, named))
+        except SolverError as error:
+            remedy = "omit the cause, and check the units of force and length"
+            raise RequestError(error.reason, where="causes", remedy=remedy) from error
 
     def is_sound(self, estimate: Estimate) -> bool:
         """Return whether no gross mistake shows, behind which tests of smaller effects say nothing."""

@@ -233,6 +233,7 @@ def _side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> 
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
+    prepared = prepared.beside(run.request.causes)
     bent = run.result.complementary_stiffness if run.result else None
     model = _model(run, prepared.robot)
     return Side(

@@ -367,6 +367,11 @@ def _method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
         (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
         (not request.positive, "negative compliances were allowed."),
         (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
+        (
+            request.causes,
+            "fitted beside the joints, and taken out of the deflections: "
+            f"{', '.join(cause.name.replace('_', ' ') for cause in request.causes)}.",
+        ),
         (request.priors, f"prior knowledge of {', '.join(request.priors)} was used."),
         (request.stiffness_bounds, f"stiffness of {', '.join(request.stiffness_bounds)} was bounded."),
         (request.stiffness_order, f"an order of stiffness was required: {chains}."),

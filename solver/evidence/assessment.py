@@ -313,7 +313,7 @@ def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
     if common is None or common.fitted is None:
         return
     fitted, start = common.fitted, 0
-    uncertainty = np.sqrt(np.diagonal(fitted.covariance))
+    uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
         half = 2.0 * uncertainty[start : start + len(values)]
         start += len(values)

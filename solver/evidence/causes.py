@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import optimize
+from scipy import optimize, special
 
 from jointstiff.schemas.model import HeldOutGain
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -66,6 +66,7 @@ class Suspect:
     term: Term  #: how it moves them
     first: str | None = None  #: label of the first observation that it concerns; None for all
     tried: int = 1  #: number of observations from which on it may have come about
+    least_p: float = 0.0  #: p-value without the observation that it explains most: one may be a wrong reading
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     suspects = _suspects(measurements, block, compliance, before)
     triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
     links = triangles.links_p_value()
-    tests = {s: min(1.0, s.tried * triangles.p_value(s.term.name)) for s in suspects}
+    tests = {s: min(1.0, s.tried * max(s.least_p, triangles.p_value(s.term.name))) for s in suspects}
     ordered = sorted(suspects, key=tests.__getitem__)
     told = tuple(CauseTest(s.name, s.first, tests[s]) for s in ordered)
     causes: list[Cause] = []
@@ -196,6 +197,7 @@ def fit_causes(
     length = np.linalg.norm(rows[:, :-1], axis=0)
     unit = 1.0 / np.where(length > 0.0, length, 1.0)
     compliance = unit * optimize.nnls(unit * rows[:, :-1], rows[:, -1])[0]
+    named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
     known = {(s.name, s.first): s for s in _suspects(measurements, block, compliance, (), firsts)}
     missing = next((each for each in named if each not in known), None)
@@ -221,7 +223,6 @@ class _Fitted:
     errors: FittedErrors
     compliance: FloatArray  # (n,) of the joints beside them
     triangles: _Triangles  # of the readings without them
-    count: int  # number of combinations of their unknowns that the readings tell apart from the joints
 
 
 def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: FloatArray) -> _Fitted:
@@ -232,7 +233,7 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
     Raises:
         SolverError: they lead to loads that no arm balances.
     """
-    now, unknowns = part, np.zeros(())
+    now, unknowns, size = part, np.zeros(()), np.zeros(0)
     for _ in range(_REFITS):
         block = next(regressor_blocks(robot, now, compliance))
         # a load elsewhere may twist joints that it did not
@@ -245,13 +246,15 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
         compliance[seen] = np.maximum(found.joints, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
         before, unknowns = unknowns, unknowns + found.unknowns
-        own = np.split(unknowns, ends)
-        size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in own])
+        if not size.any():
+            own = np.split(unknowns, ends)
+            size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in own])
         hidden = np.linalg.qr(found.hidden / size[:, None])[0]
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
-        root, even = triangles.sigma * found.root, size[:, None] * hidden
-        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root @ root.T + even @ even.T)
-        fitted = _Fitted(errors, compliance, triangles, found.root.shape[1])
+        root = np.hstack([triangles.sigma * found.root, size[:, None] * hidden])
+        told = found.root.shape[1]
+        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, told)
+        fitted = _Fitted(errors, compliance, triangles)
         if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
             break
         now = _without(robot, part, errors, compliance)
@@ -264,19 +267,25 @@ def _followed(
     """Follow a cause to what it explains most.
 
     Raises:
-        SolverError: it leads to loads that no arm balances.
+        SolverError: it leads to loads that no arm balances, or to a negative size of what has none.
     """
     before = _fitted(part)
     fitted = _fit(robot, part, [*before, suspect.term], triangles.compliance)
+    unknowns = fitted.errors.unknowns[-1]
+    surest = unknowns / np.linalg.norm(fitted.errors.root, axis=1)[-len(unknowns) :]
+    if suspect.term.nonnegative and surest[np.abs(surest).argmax()] < 0.0:
+        raise SolverError(
+            f"{suspect.name} would be negative", where="causes", remedy="look for another cause"
+        )
     left = fitted.triangles.residual_squares()
     return Cause(
         suspect,
-        fitted.errors.unknowns[-1],
+        unknowns,
         p_value,
         fitted.triangles.links_p_value(),
         fitted.compliance,
         left / triangles.residual_squares(),
-        fitted.triangles.criterion(left, fitted.count + (suspect.first is not None)),
+        fitted.triangles.criterion(left, fitted.errors.told + (suspect.first is not None)),
     )
 
 
@@ -333,19 +342,31 @@ def _suspects(
     loads = _distinct_loads(measurements)
     if len(loads) > 1:
         found.append(Suspect("load_scale", load_scale(loads)))
-    for term in (SHIFT, turn, load_scale([labels])):
-        chosen, tried = firsts, 1
-        if chosen is None:
-            chosen, tried = _came_about(block, term, compliance, before)
-        for first in chosen:
-            if first in labels:
-                row = labels.index(first)
-                later = since(term, labels[row:])
-                if term.name == "load_scale":
-                    own = load_scale([labels[:row], labels[row:]])
-                    later = replace(own, name=later.name, words=later.words)
-                found.append(Suspect(term.name, later, first, tried))
+    later = (SHIFT, turn, load_scale([labels]))
+    if firsts is not None:
+        known = [first for first in firsts if first in labels]
+        found += [_since(term, labels, first) for term in later for first in known]
+    else:
+        found = [
+            replace(each, least_p=_Parts(block, each.term, compliance, before).least_p(0)) for each in found
+        ]
+        tried = len(part) - 2 * _LEAST_PART + 1
+        for term in later if tried > 0 else ():
+            parts = _Parts(block, term, compliance, before)
+            row = parts.came_about()
+            suspect = _since(term, labels, parts.labels[row])
+            found.append(replace(suspect, tried=tried, least_p=parts.least_p(row)))
     return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
+
+
+def _since(term: Term, labels: Sequence[str], first: str) -> Suspect:
+    """Return a term as something that came about with an observation; loads before and after have a scale."""
+    row = labels.index(first)
+    later = since(term, labels[row:])
+    if term.name == "load_scale":
+        own = load_scale([labels[:row], labels[row:]])
+        later = replace(own, name=later.name, words=later.words)
+    return Suspect(term.name, later, first)
 
 
 def _distinct_loads(measurements: Measurements) -> list[list[str]]:
@@ -353,42 +374,58 @@ def _distinct_loads(measurements: Measurements) -> list[list[str]]:
     size = np.hypot(np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1))
     order = np.argsort(size, kind="stable")
     steps = 1 + np.flatnonzero(np.diff(size[order]) > _DISTINCT * size[order][1:])
-    groups = np.split(order, steps)
-    if len(groups) > _MOST_LOADS or min(map(len, groups)) < _LEAST_PART:
+    groups = [group for group in np.split(order, steps) if len(group) >= _LEAST_PART]
+    if len(groups) > _MOST_LOADS:
         return []
     return [[measurements.labels[i] for i in group.tolist()] for group in groups]
 
 
-def _came_about(
-    block: RegressorBlock, term: Term, compliance: FloatArray, before: Sequence[Term]
-) -> tuple[list[str], int]:
-    """Return the label of the observation since which a term explains most, and how many were tried.
+class _Parts:
+    """Parts that a term explains of each observation of a block, beside the joints and other terms."""
 
-    Sums over the observations after each one, from the last to the first, give the gain of every choice.
-    """
-    count = len(block.measurements)
-    if count < 2 * _LEAST_PART:
-        return [], 0
-    width = term.motion(block, compliance).targets.shape[-1]
-    rows = whitened_rows(block, [JOINTS, *before, term], compliance).targets
-    rows = rows.reshape(count, -1, rows.shape[-1])
-    flat = rows.reshape(-1, rows.shape[-1])
-    known = basis(_unit(flat[:, : -width - 1]))
-    X = _unit(flat[:, -width - 1 : -1])
-    left = flat[:, -1] - known @ (known.T @ flat[:, -1])
-    X, known, left = (each.reshape(count, rows.shape[1], -1) for each in (X, known, left))
+    def __init__(
+        self, block: RegressorBlock, term: Term, compliance: FloatArray, before: Sequence[Term]
+    ) -> None:
+        """Project the term's columns and the readings; sums run from the last observation to the first."""
+        rows = whitened_rows(block, [JOINTS, *before, term], compliance)
+        self.labels, self.width = block.measurements.labels, rows.widths[term.name]
+        self._coordinates = block.measurements.coordinates.sum(axis=1)
+        flat = rows.targets.reshape(-1, rows.targets.shape[-1])
+        known = basis(_unit(flat[:, : -self.width - 1]))
+        left = flat[:, -1] - known @ (known.T @ flat[:, -1])
+        parts = (_unit(flat[:, -self.width - 1 : -1]), known, left)
+        count = len(self.labels)
+        self._X, self._known, self._left = (each.reshape(count, len(flat) // count, -1) for each in parts)
+        turned = self._X.transpose(0, 2, 1)
+        shared = _after(self._known.transpose(0, 2, 1) @ self._X)
+        alone = _after(turned @ self._X) - shared.transpose(0, 2, 1) @ shared
+        self._moment = _after(turned @ self._left)
+        self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(self.width), self._moment)
 
-    def after(products: FloatArray) -> FloatArray:
-        return np.cumsum(products[::-1], axis=0)[::-1]
+    def came_about(self) -> int:
+        """Return the observation since which the term explains most, with enough before and after."""
+        gain = (self._moment * self._unknowns).sum(axis=(1, 2))
+        return _LEAST_PART + int(np.argmax(gain[_LEAST_PART : len(gain) - _LEAST_PART + 1]))
 
-    gram = after(X.transpose(0, 2, 1) @ X)
-    shared = after(known.transpose(0, 2, 1) @ X)
-    moment = after(X.transpose(0, 2, 1) @ left)
-    own = gram - shared.transpose(0, 2, 1) @ shared + INDEPENDENT * np.eye(width)
-    gain = (moment * np.linalg.solve(own, moment)).sum(axis=(1, 2))
-    tried = slice(_LEAST_PART, count - _LEAST_PART + 1)
-    best = _LEAST_PART + int(np.argmax(gain[tried]))
-    return [block.measurements.labels[best]], len(gain[tried])
+    def least_p(self, first: int) -> float:
+        """Return the p-value of the term since an observation, without the one that it explains most."""
+        moved = self._X @ self._unknowns[first]
+        moved[:first] = 0.0
+        through = self._known @ np.einsum("brk,brl->kl", self._known, moved)
+        before, after = ((part**2).sum(axis=(1, 2)) for part in (self._left, self._left - moved + through))
+        most = int(np.argmax(before - after))
+        others = np.arange(len(before)) != most
+        freedom = int(self._coordinates[others].sum()) - self._known.shape[-1] - self.width
+        if freedom < 1:
+            return 1.0
+        explained = max(0.0, float((before - after)[others].sum()))
+        left = max(float(before[others].sum()) - explained, 1e-300)
+        return float(special.fdtrc(self.width, freedom, explained / self.width / (left / freedom)))
+
+
+def _after(products: FloatArray) -> FloatArray:
+    """Sum over each observation and all after it."""
+    return np.cumsum(products[::-1], axis=0)[::-1]
 
 
 def _unit(columns: FloatArray) -> FloatArray:

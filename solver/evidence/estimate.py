@@ -653,7 +653,7 @@ class UncertaintyBudget:
         components = [BudgetComponent("readings", "B" if given else "A", True, Spread(readings), own_freedom)]
         if common is not None:
             components += [
-                BudgetComponent(source, "B", True, Spread(own @ own.T))
+                BudgetComponent(source, "A" if source == "fitted_causes" else "B", True, Spread(own @ own.T))
                 for source, own in common.by_source.items()
                 if own.any()
             ]

@@ -234,7 +234,8 @@ class FittedErrors:
 
     terms: tuple[Term, ...]  #: terms that they are of
     unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
-    covariance: FloatArray  #: (K, K) of all unknowns, beside the joints
+    root: FloatArray  #: (K, r); its product with the transpose is the covariance of all unknowns
+    told: int  #: number of combinations of the unknowns that the readings tell apart from the joints
 
 
 @dataclass(frozen=True)

@@ -343,6 +343,7 @@ class Term:
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
     #: measurements under the loads that its unknowns say; None for what moves the targets by itself
     under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
+    nonnegative: bool = False  #: whether its unknowns cannot be negative
     words: str = ""  #: what it is as a cause, with a place {} for its unknowns
     remedy: str = ""  #: what to check, or to read, to be certain of it
     #: standard uncertainty of its unknowns as a nuisance of plans under one load; 0 leaves it out

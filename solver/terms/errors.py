@@ -163,7 +163,7 @@ def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 def _play(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
     """Turn each joint through half of its gear's play, to the side that the torque pushes it."""
-    side = np.where(block.robot.prismatic, 0.0, np.clip(block.torque / _SETTLED, -1.0, 1.0))
+    side = np.where(block.robot.prismatic, 0.0, 0.5 * np.clip(block.torque / _SETTLED, -1.0, 1.0))
     return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
 
 
@@ -208,6 +208,7 @@ PLAY = Term(
     "rad",
     _play,
     suspected=True,
+    nonnegative=True,
     words="play of {} in the gears",
     remedy="read the same posture at half the load: play stays, and a spring bends by half",
 )

@@ -269,6 +269,12 @@ def test_a_movement_of_all_loaded_readings_is_no_force(clean):
     assert [cause.name for cause in run.apply("fit_causes").request.causes] == ["shift"]
 
 
+def test_a_cause_is_named_once_and_goes_without_own_weight(clean):
+    for options in ({"causes": [{"name": "shift"}] * 2}, {"causes": [{"name": "shift"}], "weight": {}}):
+        with pytest.raises(jointstiff.CampaignError):
+            jointstiff.identify(clean, **options)
+
+
 def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label(clean):
     document = deepcopy(clean)
     for number, observation in enumerate(document["measurement_set"]["observations"]):

@@ -153,7 +153,7 @@ class TestLoad:
         (cause,) = screening.causes
         assert cause.suspect.name == "play"
         # The pulls hardly twist the last two joints.
-        np.testing.assert_allclose(cause.unknowns[:4], play, rtol=0.2)
+        np.testing.assert_allclose(cause.unknowns[:4], 2.0 * play, rtol=0.2)
         found = estimate(robot, fit_causes(robot, wrong, named(screening)))
         u = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.compliance - arm.compliances) < 3 * u).all()
@@ -168,6 +168,26 @@ class TestLoad:
             screening = screened(robot, stated)
             assert not screening.causes
             assert not screening.links_speak
+
+    @pytest.mark.parametrize("row", [0, 10, 17, 18, 19])
+    def test_one_wrong_posture_is_no_tracker_that_moved(self, row):
+        """Half a millimetre off, in one observation of 20."""
+        for seed in range(4):
+            robot, measurements = springs(seed, configurations=20)
+            wrong = measurements.deflection.copy()
+            wrong[row] += [3e-4, 0.0, -4e-4]
+            found = named(screened(robot, replace(measurements, deflection=wrong)))
+            assert found == [], seed
+
+    def test_causes_that_hold_each_other_are_fitted_as_one(self):
+        """A turn holds a shift: both together leave nothing that could not be told."""
+        robot, measurements = springs(4, configurations=20)
+        moved = replace(measurements, deflection=np.add(measurements.deflection, [1e-4, 0.0, 0.0]))
+        beside = fit_causes(robot, moved, [("shift", None), ("turn", None)])
+        assert [term.name for term in beside.common_uncertainty.fitted.terms] == ["turn"]
+        found = estimate(robot, beside, complementary_stiffness="included")
+        u = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.compliance - default_arm().compliances) < 3 * u).all()
 
     def test_a_cause_that_the_readings_cannot_show_is_refused(self):
         robot, measurements = springs(1)
