@@ -11,6 +11,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, GeometryNoise, GeometryUnits, TrackedPosition
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit, LengthUnit, MeasurementSetDocument, Noise
+from jointstiff.schemas.robot import Body
 
 MAX_PREVIEW_ROWS = 5
 MAX_HEADER_CELLS = 256
@@ -274,6 +275,10 @@ class ImportAnswer(Message):
         "something is missing.",
     )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
+    bodies: list[Body] = Field(
+        default_factory=list,
+        description="Bodies of the robot with their masses, from a table of masses; empty without one.",
+    )
     poses: UnloadedPoses | None = Field(
         default=None,
         description="Unloaded poses, ready to be posted to /v1/geometries with `robot_id` added, if the "
@@ -284,5 +289,7 @@ class ImportAnswer(Message):
         "run of this set."
     )
     measurement_set: MeasurementSetDocument | None = Field(
-        description="Measurement set, ready to be posted with `robot_id` added; null if something is missing."
+        description="Measurement set, ready to be posted with `robot_id` added; null if something is missing. "
+        "Unloaded positions make one for the robot's own weight if its masses are known: the robot `robot_id` "
+        "has some, or the files have a table of masses."
     )

@@ -119,7 +119,7 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
             Path | None,
             cli.output_option(
                 "File to write: a campaign; without --robot a measurement set; poses for `geometry` if only "
-                "unloaded positions were read."
+                "unloaded positions were read, and the robot has no masses."
             ),
         ],
         None,
@@ -174,12 +174,12 @@ def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -
     stated = _joined(known, _with_length_unit(chosen, known))
     asking = may_ask() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
-    answer = _understood(files, stated, asking=asking)
-    if robot is not None:
-        answer = _inspected(answer, robot)
-    elif asking and answer.measurement_set is not None and (named := ask_robot()):
+    answer, stated = _understood(files, stated, robot, asking=asking)
+    if robot is None and asking and answer.measurement_set is not None and (named := ask_robot()):
         robot = read_robot(named)
-        answer = _inspected(answer, robot)
+        answer, _ = _understood(files, stated, robot, asking=False)
+    if robot is not None and answer.bodies:
+        robot = robot.model_copy(update={"bodies": answer.bodies})
     if answer.measurement_set is not None:
         noted = answer.measurement_set.model_copy(update=notes)
         answer = answer.model_copy(update={"measurement_set": noted})
@@ -223,34 +223,29 @@ def _with_length_unit(stated: Options, template: Options) -> Options:
     return {**stated, **lengths, "length_unit": "m" if unit == "m" else "mm"}
 
 
-def _understood(files: Sequence[Path], stated: Options, *, asking: bool) -> ImportAnswer:
-    """Return what the files say, with what a person answers if there is one."""
+def _understood(
+    files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, asking: bool
+) -> tuple[ImportAnswer, Options]:
+    """Return what the files say, in words of options, and all options with those that a person answers."""
+    from jointstiff.service.conversion.prepared import prepare_robot
     from jointstiff.service.library.files import parse_document
     from jointstiff.service.resources.imports import import_files
 
     sources, asked = _read(files), set[str]()
     with _as_options():
+        measured = None if robot is None else prepare_robot(robot).robot
         while asking:
             request = parse_document(stated | {"show_faults": True}, ImportRequest)
-            given = ask(import_files(sources, request), asked)
+            given = ask(import_files(sources, request, measured), asked)
             if not given:
                 break
             stated = _joined(stated, _with_length_unit(given, stated))
-        answer = import_files(sources, parse_document(stated, ImportRequest))
-    return answer.model_copy(update={"missing": [_worded(text) for text in answer.missing]})
-
-
-def _inspected(answer: ImportAnswer, robot: RobotDocument) -> ImportAnswer:
-    """Return the answer with the integrity findings for a robot, in words of options."""
-    from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.resources.imports import inspect_import
-
-    with _as_options():
-        answer = inspect_import(answer, prepare_robot(robot).robot)
-    findings = [
-        finding.model_copy(update={"remedy": _worded(finding.remedy)}) for finding in answer.findings or ()
+        answer = import_files(sources, parse_document(stated, ImportRequest), measured)
+    findings = answer.findings and [
+        finding.model_copy(update={"remedy": _worded(finding.remedy)}) for finding in answer.findings
     ]
-    return answer.model_copy(update={"findings": findings})
+    missing = [_worded(text) for text in answer.missing]
+    return answer.model_copy(update={"missing": missing, "findings": findings}), stated
 
 
 @contextmanager
@@ -363,6 +358,8 @@ def _write_campaign(
         document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
             document["run"] = {"leave_out": answer.leave_out}
+        if answer.poses is not None:
+            document["run"] = {**document.get("run", {}), "weight": {}}
         what, command = "a campaign", f"jointstiff identify {path}"
     else:
         what, command = "a measurement set", "add a robot with --robot"
@@ -509,12 +506,16 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         f"{preview.reading_count} complete readings; targets: {targets}; states: {states}"
     )
     parts += [Line(counted), *_lines(preview.assumptions, "assumed: ")]
-    if answer.poses is not None:
+    if answer.poses is not None and answer.measurement_set is None:
         parts.append(Line(f"  complete: {len(answer.poses.poses)} unloaded poses for a geometry", "good"))
+    if answer.bodies:
+        total = sum(body.mass for body in answer.bodies)
+        parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total:g} kg together"))
     if answer.missing:
         parts += _lines(answer.missing, "missing: ", "care")
     elif not has_errors(answer):
-        parts.append(Line("  complete: a measurement set", "good"))
+        own = "" if answer.poses is None else " for the robot's own weight"
+        parts.append(Line(f"  complete: a measurement set{own}", "good"))
     return [*parts, *_findings(answer)]
 
 

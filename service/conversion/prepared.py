@@ -191,6 +191,11 @@ class PreparedSet:
     robot_id: str  # id of the stored robot
     content: str  # hash of robot and readings
 
+    @property
+    def is_unloaded(self) -> bool:
+        """Return whether all readings are positions without a load."""
+        return self.measurements.unloaded_only is not None and not self.measurements.present.any()
+
     def with_loads(self) -> PreparedSet:
         """Return the set, if all of its readings are deflections by loads.
 
@@ -201,7 +206,8 @@ class PreparedSet:
             raise RequestError(
                 "the set has positions without load, which show no deflection",
                 where="measurement_set_id",
-                remedy="identify it by the robot's own weight: give `weight` in the run",
+                remedy="identify it by the robot's own weight: give the robot's masses (`bodies`), and "
+                "`weight` in the run",
             )
         return self
 

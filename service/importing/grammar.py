@@ -38,6 +38,8 @@ _BESIDE: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
 _KEY_OF: Final[Mapping[str, Kind]] = _by_word(_WORDS["keys"])
 _STATE_OF: Final[Mapping[str, State]] = _by_word(_WORDS["states"])
 _VECTOR_OF: Final[Mapping[str, Kind]] = _by_word(_WORDS["vectors"])
+MASSES: Final[Mapping[str, str]] = _by_word(_WORDS["masses"])
+"""Columns of a table of masses by their headers."""
 MARKS: Final[Mapping[str, bool]] = MappingProxyType(
     {word: mark == "true" for word, mark in _by_word(_WORDS["marks"]).items()}
 )
@@ -215,6 +217,13 @@ def is_key(text: str) -> bool:
 def is_joint(text: str) -> bool:
     """Return whether a text is a word for a joint, which needs its number."""
     return folded(split_unit(text)[0]) in _BESIDE["joints"]
+
+
+def joint_number(text: str) -> int | None:
+    """Return the number of a joint by `2`, `J2` or `axis 2`; None for another name."""
+    match = _JOINT.fullmatch(text)
+    number = match[1] if match else text
+    return int(number) if number.isascii() and number.isdecimal() and len(number) < 3 else None
 
 
 def split_unit(header: str) -> tuple[str, str | None]:

@@ -11,15 +11,23 @@ from statistics import median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal
 
-from jointstiff.schemas.imports import MAX_PREVIEW_ROWS, ImportOptions, ImportPreview, State
+from jointstiff.schemas.imports import (
+    MAX_PREVIEW_ROWS,
+    FilePreview,
+    ImportOptions,
+    ImportPreview,
+    State,
+)
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
+from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.excel import read_workbook
 from jointstiff.service.importing.grammar import POINTS, Quantity, along_axis, collapsed, spoken
 from jointstiff.service.importing.grid import Grid, file_type, read_text
 from jointstiff.service.importing.layout import Layout, lay_out
+from jointstiff.service.importing.masses import is_masses, read_masses
 from jointstiff.service.importing.rows import Gathered, Names, RowReader, Surroundings, Value
 
 _NO_OPTIONS: Final = ImportOptions()
@@ -61,6 +69,7 @@ class Understood:
     observations: tuple[Gathered, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)  # units by dimension, of all numbers that occur
     surroundings: Surroundings = field(default_factory=Surroundings)  # when the points were read
+    bodies: tuple[Body, ...] = ()  # of a table of masses; joints as they are named or numbered there
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
 
     @property
@@ -115,6 +124,8 @@ class _Reader:
     def __init__(self, options: ImportOptions, faults: Faults) -> None:
         self._options, self._faults = options, faults
         self._layouts: list[Layout] = []  # of the files whose rows were found
+        self._previews: list[FilePreview] = []  # of all files that were read, in their order
+        self._bodies: list[Body] = []
         self._notes: list[str] = []
         self._units: dict[str, str] = {}
         self._surroundings = Surroundings()
@@ -124,9 +135,11 @@ class _Reader:
         faults = self._faults
         for file in files:
             with faults.collected():
-                self._layouts.append(lay_out(_grid(file, self._options), self._options, faults))
-                self._compare(self._layouts[-1])
-        if all(not one.columns.faulty for one in self._layouts) and len(self._layouts) == len(files):
+                self._add(_grid(file, self._options))
+        if all(not one.columns.faulty for one in self._layouts) and len(self._previews) == len(files):
+            if not self._layouts:
+                remedy = "import them together with the readings of the robot"
+                raise ImportFileError(NOWHERE, "the files have masses and no readings", remedy)
             self._check_options()
         readers = []
         for layout in self._layouts:
@@ -137,6 +150,17 @@ class _Reader:
         records = (record for reader in readers for record in reader.records(faults))
         observations = _gather(records, faults)
         return self.understood() if faults.found else self._checked(observations)
+
+    def _add(self, table: Grid) -> None:
+        """Read the bodies of a table of masses, or understand the header of any other."""
+        if is_masses(table):
+            bodies, preview = read_masses(table, self._options, self._faults)
+            self._bodies += bodies
+            self._previews.append(preview)
+            return
+        self._layouts.append(lay_out(table, self._options, self._faults))
+        self._previews.append(self._layouts[-1].preview)
+        self._compare(self._layouts[-1])
 
     def _checked(self, observations: list[Gathered]) -> Understood:
         """Return the observations of all files, if they are complete."""
@@ -175,7 +199,8 @@ class _Reader:
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
         doubts = [layout.doubt for layout in self._layouts if layout.doubt]
         unusual = (*doubts, *_unusual(observations))
-        return Understood(preview, (), tuple(observations), units, self._surroundings, unusual)
+        bodies = tuple(self._bodies)
+        return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
 
     def _joint_kinds(self) -> list[JointKind]:
         """Return the kinds of the joints by the units of their columns."""
@@ -187,7 +212,7 @@ class _Reader:
 
     def understood(self) -> Understood:
         """Return the files as far as they were understood, and the faults."""
-        preview = ImportPreview(files=[layout.preview for layout in self._layouts])
+        preview = ImportPreview(files=self._previews)
         return Understood(preview, tuple(self._faults.found))
 
     def _check_options(self) -> None:

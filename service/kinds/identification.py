@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -9,6 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
+from pydantic import ValidationError
 
 from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
@@ -331,10 +333,12 @@ def identification(inputs: Inputs, request: RunRequest) -> Work:
         RequestError: there is no such set, or the readings cannot support what is asked for.
     """
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
+    if prepared.is_unloaded and prepared.robot.bodies:
+        request = _by_own_weight(request)
     input_hash = run_hash(prepared, request)
     if request.weight is not None:
         compute = partial(identified_by_weight, prepared, request, request.weight)
-        return QuickWork(compute, input_hash, prepared.robot_id)
+        return QuickWork(compute, input_hash, prepared.robot_id, {"request": request})
     prepared = prepared.with_loads().beside(request.causes)
     if request.elasticity == "joints":
         return ByJoints(prepared, request, input_hash)
@@ -351,6 +355,15 @@ def identification(inputs: Inputs, request: RunRequest) -> Work:
             return plain
 
     return ByLinks(prepared, request, input_hash)
+
+
+def _by_own_weight(request: RunRequest) -> RunRequest:
+    """Return a request by own weight, the only load there is; as it is, where its options forbid that."""
+    options = request.model_dump(mode="json", exclude_unset=True)
+    try:
+        return RunRequest.model_validate_json(json.dumps({"weight": {}} | options))
+    except ValidationError:
+        return request
 
 
 def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:

@@ -535,11 +535,17 @@ def load_cases(
     return parse_document({**options, "cases": cases}, DeflectionOptions)
 
 
-def import_files(*files: str | PathLike[str], **options: Any) -> ImportAnswer:  # noqa: ANN401 - of ImportRequest
+def import_files(
+    *files: str | PathLike[str],
+    robot: Any = None,  # noqa: ANN401 - as of a campaign
+    **options: Any,  # noqa: ANN401 - of ImportRequest
+) -> ImportAnswer:
     """Understand files of readings, as `jointstiff import` does.
 
     Args:
-        files: tables and lists of points, text or Excel.
+        files: tables, lists of points, and a table of masses, text or Excel.
+        robot: that was measured, as in a campaign, or its file: then the answer has the findings, and
+            unloaded positions of a robot with masses make a set for its own weight.
         options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
 
     Returns:
@@ -555,7 +561,15 @@ def import_files(*files: str | PathLike[str], **options: Any) -> ImportAnswer:  
 
     request = parse_document(options, ImportRequest)
     sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
+    measured = None
+    if robot is not None:
+        if isinstance(robot, str | PathLike):
+            robot = read_robot(str(robot))
+        elif not isinstance(robot, RobotDocument):
+            robot = parse_document(robot, RobotDocument)
+        with as_campaign_error("robot"):
+            measured = prepare_robot(robot).robot
     try:
-        return imports.import_files(sources, request)
+        return imports.import_files(sources, request, measured)
     except FilesError as error:
         raise CampaignError(problem_of(error)) from error

@@ -23,8 +23,9 @@ from jointstiff.schemas.imports import (
     UnloadedPoses,
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
+from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, along_axis
+from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import Gathered
 from jointstiff.service.problems.errors import FilesError
@@ -68,17 +69,20 @@ def import_files(
     """
     understood = understand_files(files, request)
     faults, first = list(understood.faults), files[0].name if files else ""
-    missing = {} if faults else _missing(understood, request)
+    bodies = _of_robot(understood.bodies, robot)
+    unloaded = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
+    missing = {} if faults else _missing(understood, request, own_weight=unloaded)
     document, findings, template, poses = None, None, None, None
     if not faults and not missing:
         try:
-            document = _measurement_set(understood, request, first)
+            document = _measurement_set(understood, request, first, own_weight=unloaded)
             findings = None if robot is None else _findings(document, robot)
             template = _template(understood, request)
         except ImportFileError as fault:
             document = None
             faults.append(fault)
-    elif understood.preview.states == ["unloaded"] and not {"joints", "accept_unusual"} & missing.keys():
+    unusable = {"joints", "accept_unusual"} & missing.keys()
+    if not faults and understood.preview.states == ["unloaded"] and not unusable:
         poses = _poses(understood, request, first)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
@@ -96,6 +100,7 @@ def import_files(
         ],
         missing_fields=list(missing),
         missing=list(missing.values()),
+        bodies=bodies,
         leave_out=[one.label for one in understood.observations if one.held_out],
         measurement_set=document,
         findings=findings,
@@ -104,22 +109,39 @@ def import_files(
     )
 
 
-def inspect_import(answer: ImportAnswer, robot: Robot) -> ImportAnswer:
-    """Return an answer with the integrity findings of its measurement set, if it has one.
+def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
+    """Return whether the files have unloaded positions only, and nobody states a load."""
+    loads = (one.vector("force") or () for one in understood.observations)
+    return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, loads))
+
+
+def _of_robot(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
+    """Return bodies with the robot's names of their joints, where a table numbers them: `2`, `J2`, `axis 2`.
 
     Raises:
-        ImportRefusedError: the readings cannot be of this robot.
+        ImportRefusedError: the robot has no such joint.
     """
-    if answer.measurement_set is None:
-        return answer
-    try:
-        return answer.model_copy(update={"findings": _findings(answer.measurement_set, robot)})
-    except ImportFileError as fault:
-        raise ImportRefusedError([fault]) from fault
+    named = []
+    for body in bodies:
+        number = joint_number(body.joint)
+        joint = body.joint
+        if robot is None:
+            joint = f"joint_{number}" if number else joint
+        elif joint not in robot.joint_names:
+            if number is None or number > len(robot.joint_names):
+                names = ", ".join(robot.joint_names)
+                reason = f"the robot has no joint '{joint}', which carries '{body.name}'"
+                raise ImportRefusedError([ImportFileError(NOWHERE, reason, f"use one of {names}")])
+            joint = robot.joint_names[number - 1]
+        named.append(body.model_copy(update={"joint": joint}))
+    return named
 
 
-def _missing(understood: Understood, request: ImportRequest) -> dict[MissingField, str]:
-    """Return what a measurement set needs beyond files and request, by field and in words."""
+def _missing(understood: Understood, request: ImportRequest, *, own_weight: bool) -> dict[MissingField, str]:
+    """Return what a measurement set needs beyond files and request, by field and in words.
+
+    One for the robot's own weight needs no load.
+    """
     first, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _unusual(understood, request)
     right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
@@ -129,14 +151,17 @@ def _missing(understood: Understood, request: ImportRequest) -> dict[MissingFiel
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
     unplaced = not set(understood.places.values()) <= set(request.flange_targets)
-    no_point = first.vector("load point") is None and request.load_point is None
+    loaded = "the positions under load"
+    if first.vector("joint") is not None:
+        loaded += ", or the robot's masses (`bodies`, or a table of masses), for its own weight"
+    no_point = not own_weight and first.vector("load point") is None and request.load_point is None
     encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
     no_unit = stated and "force" not in understood.units and unit is None
     wanted: list[tuple[bool, MissingField, str]] = [
         (first.vector("joint") is None, "joints", joints),
-        (first.vector("force") is None and not stated, "force", forces),
+        (first.vector("force") is None and not stated and not own_weight, "force", forces),
         (not states, "readings", readings),
-        (states == ["unloaded"], "loaded", "the positions under load"),
+        (states == ["unloaded"] and not own_weight, "loaded", loaded),
         (states == ["loaded"], "unloaded", "the positions without load"),
         (unplaced, "flange_targets", places),
         (no_point, "load_point", "the load point (`load_point`), in the flange frame"),
@@ -208,8 +233,10 @@ def _name(request: ImportRequest, first: str) -> str:
     return request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
 
 
-def _measurement_set(understood: Understood, request: ImportRequest, first: str) -> MeasurementSetDocument:
-    """Return the measurement set, if nothing is missing.
+def _measurement_set(
+    understood: Understood, request: ImportRequest, first: str, *, own_weight: bool
+) -> MeasurementSetDocument:
+    """Return the measurement set, if nothing is missing; one for own weight has no force.
 
     Raises:
         ImportFileError: files and request state the same thing, or a limit of sets is broken.
@@ -224,6 +251,7 @@ def _measurement_set(understood: Understood, request: ImportRequest, first: str)
     if request.force is not None and "force" in understood.units:
         reason = "the files have forces, and `force` gives another"
         raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
+    force = (0.0, 0.0, 0.0) if own_weight else request.force
     units = _length_units(understood, request)
     lengths = _converted(request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units)
     in_flange = {**{name: name for name in request.flange_targets}, **places}
@@ -232,7 +260,7 @@ def _measurement_set(understood: Understood, request: ImportRequest, first: str)
             {
                 "name": _name(request, first),
                 "units": {
-                    "force": None if request.units is None else request.units.force,
+                    "force": (request.units and request.units.force) or ("N" if own_weight else None),
                     **understood.units,
                 },
                 "encoders": request.encoders,
@@ -244,7 +272,7 @@ def _measurement_set(understood: Understood, request: ImportRequest, first: str)
                 },
                 "load_point": lengths.get("load_point"),
                 "measured_at": understood.surroundings.measured_at,
-                "observations": [_observation(one, request.force) for one in understood.observations],
+                "observations": [_observation(one, force) for one in understood.observations],
             }
         )
     except ValidationError as error:

@@ -264,6 +264,37 @@ def test_lengths_are_in_millimetres_whatever_the_files_unit(folder):
     assert (kept["load_point"], kept["noise"]["sigma"]) == ([0, 0, 0.1205], pytest.approx(3e-5))
 
 
+def test_unloaded_positions_and_masses_are_a_campaign_for_own_weight(folder):
+    """A table of positions, a table of masses, a robot without any: `identify` needs no option."""
+    from jointstiff.simulator.own_weight import unloaded_campaign
+
+    campaign = unloaded_campaign(default_arm(), configurations=30, seed=4)
+    bodies = campaign["robot"].pop("bodies")
+    (folder / "arm.json").write_text(json.dumps(campaign["robot"]))
+    rows = ["body,joint,mass [kg],± [%],centre x [m],centre y [m],centre z [m]"]
+    rows += [f"{b['name']},{b['joint']},{b['mass']},10,{','.join(map(str, b['centre']))}" for b in bodies]
+    (folder / "masses.csv").write_text("\n".join(rows) + "\n")
+    observations = campaign["measurement_set"]["observations"]
+    head = ["label", *(f"J{j} [rad]" for j in range(1, 7))]
+    head += [f"{one['target']} unloaded {axis} [m]" for one in observations[0]["readings"] for axis in "xyz"]
+    lines = [
+        [one["label"], *one["joints"], *(x for reading in one["readings"] for x in reading["unloaded"])]
+        for one in observations
+    ]
+    (folder / "grid.csv").write_text("\n".join(",".join(map(str, line)) for line in [head, *lines]) + "\n")
+    arguments = ("grid.csv", "masses.csv", "--encoders", "motor", "--sigma", "0.03", "--robot", "arm.json")
+    shown = run(*arguments, "-o", "own.json")
+    assert shown.exit_code == 0, shown.output
+    assert f"masses: 6 bodies, {sum(b['mass'] for b in bodies):g} kg together" in shown.stdout
+    assert "complete: a measurement set for the robot's own weight" in shown.stdout
+    written = json.loads((folder / "own.json").read_text())
+    assert written["run"] == {"weight": {}}
+    assert [body["joint"] for body in written["robot"]["bodies"]] == [b["joint"] for b in bodies]
+    found = CliRunner().invoke(app, ["identify", "own.json", "--json"])
+    assert found.exit_code == 0, found.output
+    assert json.loads(found.stdout)["result"]["weight"] is not None
+
+
 def test_unloaded_poses_are_written_for_a_geometry(folder, robot_file):
     """Positions without load of a simulated arm, each as a target and a deviation."""
     campaign = robot_file

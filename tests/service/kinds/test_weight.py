@@ -346,6 +346,10 @@ def test_the_api_stores_runs_by_own_weight(client, document):
     assert run["result"]["weight"]["joints"][1]["joint"] == "joint_2"
     report = client.get(file_at(run, "report.html")).text
     assert "uncertain masses" in report
-    found = client.post("/v1/runs", json={"measurement_set_id": measured})
-    assert found.status_code == 422
-    assert "weight" in found.text
+    own = client.post("/v1/runs", json={"measurement_set_id": measured}).json()
+    assert own["request"]["weight"] is not None, "there is no other load"
+    assert own["result"]["joints"] == run["result"]["joints"]
+    by_loads = {"measurement_set_id": measured, "method": "complete_pose"}
+    refused = client.post("/v1/runs", json=by_loads)
+    assert refused.status_code == 422
+    assert "weight" in refused.text

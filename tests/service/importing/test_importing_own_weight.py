@@ -1,0 +1,119 @@
+"""Unloaded positions of a robot with masses: a set for its own weight; masses as a table beside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.importing_samples import faults, sources_of
+
+import jointstiff
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.resources.imports import import_files
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.own_weight import unloaded_campaign
+
+CAMPAIGN = unloaded_campaign(default_arm(), configurations=30, seed=4)
+BARE = {name: value for name, value in CAMPAIGN["robot"].items() if name != "bodies"}
+
+
+def positions():
+    """Write the unloaded positions as a table, in mm and degrees."""
+    observations = CAMPAIGN["measurement_set"]["observations"]
+    targets = [reading["target"] for reading in observations[0]["readings"]]
+    joints = len(observations[0]["joints"])
+    header = ["label", *(f"J{j + 1} [deg]" for j in range(joints))]
+    header += [f"{target} unloaded {axis} [mm]" for target in targets for axis in "xyz"]
+    rows = [
+        [one["label"], *np.rad2deg(one["joints"]).tolist()]
+        + [1e3 * number for reading in one["readings"] for number in reading["unloaded"]]
+        for one in observations
+    ]
+    lines = [";".join(map(str, row)) for row in [header, *rows]]
+    return "grid.csv", "\n".join(lines) + "\n"
+
+
+def masses(*, joint="{name}", bound="± [%]", scale=100.0):
+    rows = [f"body;joint;mass [kg];{bound};cog x [mm];cog y [mm];cog z [mm]"]
+    for number, body in enumerate(CAMPAIGN["robot"]["bodies"], start=1):
+        named = joint.format(name=body["joint"], number=number)
+        width = body["mass_uncertainty"] * (body["mass"] if scale == 1.0 else scale)
+        centre = ";".join(f"{1e3 * number:.10g}" for number in body["centre"])
+        rows.append(f"{body['name']};{named};{body['mass']!r};{width:.12g};{centre}")
+    return "masses.csv", "\n".join(rows) + "\n"
+
+
+def prepared(document):
+    return prepare_robot(RobotDocument.model_validate(document)).robot
+
+
+def test_without_masses_they_are_poses_and_the_way_to_a_set_is_said():
+    answer = import_files(sources_of(positions()), ImportRequest(encoders="motor"), prepared(BARE))
+    assert (answer.measurement_set, len(answer.poses.poses)) == (None, 30)
+    assert answer.missing_fields == ["force", "loaded", "load_point"]
+    assert any("a table of masses" in text for text in answer.missing)
+
+
+def test_a_robot_with_masses_makes_a_set_that_is_identified_without_an_option(tmp_path):
+    """The numbers are those of the campaign as it was simulated; nothing says `weight`."""
+    table = tmp_path / "grid.csv"
+    table.write_text(positions()[1])
+    options = {"encoders": "motor", "noise": {"sigma": 0.03}, "length_unit": "mm"}
+    answer = jointstiff.import_files(table, robot=CAMPAIGN["robot"], **options)
+    assert (answer.missing, answer.findings) == ([], [])
+    assert {one.force for one in answer.measurement_set.observations} == {(0.0, 0.0, 0.0)}
+    read = answer.measurement_set.model_dump(mode="json", exclude_none=True)
+    run = jointstiff.identify({"robot": CAMPAIGN["robot"], "measurement_set": read})
+    stated = jointstiff.identify(CAMPAIGN)
+    assert run.request.weight is not None
+    pairs = [
+        (one.stiffness, other.stiffness)
+        for one, other in zip(run.result.joints, stated.result.joints, strict=True)
+    ]
+    numbers = [pair for pair in pairs if None not in pair]
+    assert len(numbers) >= 3
+    assert all(one == pytest.approx(other, rel=1e-6) for one, other in numbers)
+    assert all(pair == (None, None) for pair in pairs if None in pair)
+
+
+@pytest.mark.parametrize(
+    "table", [{}, {"joint": "{number}"}, {"joint": "Axis {number}"}, {"bound": "± [kg]", "scale": 1.0}]
+)
+def test_a_table_of_masses_gives_the_bodies(table):
+    answer = import_files(
+        sources_of(positions(), masses(**table)), ImportRequest(encoders="motor"), prepared(BARE)
+    )
+    assert answer.measurement_set is not None
+    for body, stated in zip(answer.bodies, CAMPAIGN["robot"]["bodies"], strict=True):
+        assert (body.name, body.joint, body.mass) == (stated["name"], stated["joint"], stated["mass"])
+        assert body.mass_uncertainty == pytest.approx(stated["mass_uncertainty"], rel=1e-9)
+        assert body.centre == pytest.approx(tuple(stated["centre"]), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("mass [kg]", "mass", "the unit of 'mass' is not one of kg"),
+        ("mass [kg]", "mass [lb]", "not one of kg"),
+        ("cog z [mm]", "cog w [mm]", "'cog w [mm]' of a table of masses is not known"),
+        ("± [%]", "±", "is not one of %, kg"),
+        ("body;", "x;", "is not one of m, mm"),
+        ("link 1;joint_1;", "link 1;joint_1;-", "mass"),
+        ("link 1;joint_1;", "link 1;joint_1;x", "is not a number"),
+    ],
+)
+def test_a_table_of_masses_that_is_not_clear_is_refused(old, new, reason):
+    name, content = masses()
+    assert old in content
+    found = faults(positions(), (name, content.replace(old, new, 1)))
+    assert reason in found[0].reason
+    assert found[0].place.file == name
+
+
+def test_masses_alone_or_of_another_robot_are_refused():
+    assert "no readings" in faults(masses())[0].reason
+    with pytest.raises(Exception, match="no joint 'elbow'"):
+        import_files(
+            sources_of(positions(), masses(joint="elbow")), ImportRequest(encoders="motor"), prepared(BARE)
+        )
