@@ -187,11 +187,13 @@ def draws_of(text: str) -> dict[str, int]:
 
 
 def planned_load_of(text: str) -> dict[str, Any]:
-    """Return the load of `KIND:NEWTONS`, such as `any_direction:1500`; `own_weight` has no size."""
+    """Return the load of `KIND:NEWTONS` or `dead_weight:150kg`; `own_weight` has no size."""
     kind, _, force = text.partition(":")
     if text == "own_weight":
         return {"kind": text}
     try:
+        if kind == "dead_weight" and force.endswith("kg"):
+            return {"kind": kind, "mass": float(force.removesuffix("kg"))}
         return {"kind": kind, "force": float(force)}
     except ValueError:
         raise ValueError(

@@ -289,7 +289,7 @@ class ImportAnswer(Message):
         "run of this set."
     )
     measurement_set: MeasurementSetDocument | None = Field(
-        description="Measurement set, ready to be posted with `robot_id` added; null if something is missing. "
-        "Unloaded positions make one for the robot's own weight if its masses are known: the robot `robot_id` "
-        "has some, or the files have a table of masses."
+        description="Measurement set, ready to be posted with `robot_id` added; null if something is "
+        "missing. Unloaded positions make one for the robot's own weight if its masses are known: the robot "
+        "`robot_id` has some, or the files have a table of masses."
     )

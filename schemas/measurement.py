@@ -317,7 +317,7 @@ MAX_TARGETS = 16
 LEAST_DIRECTION = 1e-6
 LengthUnit = Literal["m", "mm"]
 AngleUnit = Literal["rad", "deg"]
-ForceUnit = Literal["N", "kN", "kgf"]
+ForceUnit = Literal["N", "kN", "kgf", "kg"]
 MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
 
 
@@ -328,7 +328,10 @@ class Units(Message):
         description="Unit of positions, deflections, load points, sigma and prismatic joints."
     )
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
-    force: ForceUnit = Field(description="Unit of forces; 1 kgf = 9.80665 N.")
+    force: ForceUnit = Field(
+        description="Unit of forces; 1 kgf = 9.80665 N. `kg` states a load by its hung mass, whose weight "
+        "is as many kgf: 150 kg pull with `[0, 0, -150]`."
+    )
     moment: MomentUnit | None = Field(
         default=None,
         description="Unit of moments. Optional if there is no moment, or if lengths are in m: then it is the "

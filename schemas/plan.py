@@ -10,6 +10,7 @@ from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
     Identifier,
+    Kilograms,
     Message,
     Metres,
     Name,
@@ -46,7 +47,17 @@ class DeadWeight(Message):
     """A weight: it pulls along −z of R0."""
 
     kind: Literal["dead_weight"] = "dead_weight"
-    force: Newtons[Force]
+    force: Newtons[Force | None] = Field(default=None, description="Weight; or give `mass`.")
+    mass: Kilograms[Force | None] = Field(
+        default=None, description="Hung mass in place of `force`; it weighs 9.80665 N a kilogram."
+    )
+
+    _stated_once = either("force", "mass")
+
+    @property
+    def newtons(self) -> float:
+        """Weight in N."""
+        return self.force if self.force is not None else 9.80665 * (self.mass or 0.0)
 
 
 class AnyDirection(Message):

@@ -17,7 +17,7 @@ KGF: Final = 9.80665
 
 LENGTH: Final[dict[str, float]] = {"m": 1.0, "mm": 1e-3}
 ANGLE: Final[dict[str, float]] = {"rad": 1.0, "deg": np.pi / 180.0}
-FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF}
+FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF, "kg": KGF}
 MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
 
 

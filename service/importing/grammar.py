@@ -19,8 +19,8 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, shown
 
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "time", "validation", "joint", "force",
-    "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty", "ignored",
-    "unknown",
+    "mass", "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty",
+    "ignored", "unknown",
 ]  # fmt: skip
 """What the cells of a column are."""
 Dimension = Literal["length", "angle", "force", "moment"]
@@ -100,7 +100,7 @@ def _spelt(text: str) -> str:
 POINTS: Final[tuple[Kind, ...]] = ("position", "addition", "along", "uncertainty", "point uncertainty")
 _LENGTHS: Final[dict[Kind, Dimension]] = dict.fromkeys(("load point", *POINTS), "length")
 DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
-    {"joint": "angle", "force": "force", "moment": "moment", **_LENGTHS}
+    {"joint": "angle", "force": "force", "mass": "force", "moment": "moment", **_LENGTHS}
 )
 _MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 UNKNOWN: Final = "columns"
@@ -178,6 +178,8 @@ class Meaning:
         if kind == "joint":
             return f"joint {self.axis + 1}"
         axis = "xyz"[self.axis]
+        if kind == "mass":
+            return kind
         if kind not in POINTS:
             return f"{kind} {axis}"
         named = [word for word in (target, state) if word]
@@ -250,22 +252,31 @@ def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
             reason = f"{shown(header)} has a unit, but is a column of texts"
             raise ImportFileError(NOWHERE, reason, "check the header")
         return Meaning(Quantity(key))
+    if folded(base) in _BESIDE["hung"]:
+        if unit not in ("kg", "kgf"):
+            reason = f"{shown(header)}: a hung mass is in kg"
+            raise ImportFileError(NOWHERE, reason, "write `mass [kg]`, or give forces")
+        return Meaning(Quantity("mass"), 0, "kgf")
     suffixed = None if unit is not None else _split_suffix(base)
     base, unit = suffixed or (base, unit)
     if folded(base) in _TRANSLATIONS and unit is not None and (unit_named(unit) or [""])[0] == "length":
         base = base[1:]
+    meaning = _quantity(header, base, state_words)
+    unit = checked_unit(header, unit, meaning.kind)
+    return replace(meaning, unit=unit, guessed=meaning.guessed or suffixed is not None)
+
+
+def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
+    """Return the quantity that a header without its unit names."""
     if joint := _JOINT.fullmatch(base):
         if not joint[1].strip("0"):
             reason = f"{shown(header)}: joints are numbered from 1"
             raise ImportFileError(NOWHERE, reason, "number them 1, 2, …")
-        meaning = Meaning(Quantity("joint"), int(joint[1]) - 1)
-    elif vector := _VECTOR.fullmatch(base):
+        return Meaning(Quantity("joint"), int(joint[1]) - 1)
+    if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[folded(vector[1].replace("-", " "))]
-        meaning = Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
-    else:
-        meaning = _position(header, base, state_words)
-    unit = checked_unit(header, unit, meaning.kind)
-    return replace(meaning, unit=unit, guessed=meaning.guessed or suffixed is not None)
+        return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
+    return _position(header, base, state_words)
 
 
 def _split_suffix(base: str) -> tuple[str, str] | None:
@@ -286,7 +297,9 @@ def checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
         return known[1]
     if known is None or known[0] != dimension:
         reason = f"{shown(header)}: {shown(text)} is not a known unit of {dimension}"
-        raise ImportFileError(NOWHERE, reason, f"convert to one of {', '.join(_WORDS['units'][dimension])}")
+        remedy = f"convert to one of {', '.join(_WORDS['units'][dimension])}"
+        hung = "; a hung mass is `mass [kg]`" if text == "kg" and kind == "force" else ""
+        raise ImportFileError(NOWHERE, reason, remedy + hung)
     return known[1]
 
 
@@ -381,7 +394,8 @@ class Vocabulary:
         meaning = meaning_of(header if stated is None else stated, self.states)
         if stated is None:
             return replace(meaning, guessed=meaning.guessed or guessed)
-        return meaning if meaning.axis is None else _in_unit_of(text, stated, meaning)
+        named = meaning.axis is None or meaning.kind == "mass"
+        return meaning if named else _in_unit_of(text, stated, meaning)
 
     def find(self, header: str) -> Meaning | None:
         """Return what a header may mean; None if it is not understood."""

@@ -328,6 +328,7 @@ class ColumnReader:
         if "unknown" not in kinds:
             quantities = self._quantities(meanings)
             self._check_keys(texts, quantities)
+            self._check_points(texts, quantities)
         measured = [meaning for meaning in resolved if meaning.axis is not None]
         return Columns(
             tuple(resolved),
@@ -436,7 +437,9 @@ class ColumnReader:
                 quantities.setdefault(meaning.quantity, {})[meaning.axis] = index
         for quantity, axes in quantities.items():
             place = self._heading.place(min(axes.values()))
-            count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1}.get(quantity.kind, 3)
+            count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1, "mass": 1}.get(
+                quantity.kind, 3
+            )
             absent = [axis for axis in range(count) if axis not in axes]
             texts = [self._headers[column] for column in axes.values()]
             letters = {axis[0].isupper() for text in texts if (axis := _AXIS.search(text))}
@@ -454,7 +457,7 @@ class ColumnReader:
         return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in quantities.items()}
 
     def _check_keys(self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]) -> None:
-        """Check that there are numbers, and that positions have their targets and states in one way."""
+        """Check that rows have names and numbers, and one load."""
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
             remedy = (
@@ -463,6 +466,18 @@ class ColumnReader:
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
             report(place, "no column with numbers is recognised", "check the header")
+        hung, force = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
+        if hung:
+            self._notes.append("the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0")
+            if force:
+                reason = f"{shown(self._headers[hung[0]])} states the load, and forces state it, too"
+                report(self._heading.place(hung[0]), reason, "ignore one of them")
+
+    def _check_points(
+        self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
+    ) -> None:
+        """Check that positions have their targets and states in one way."""
+        place, report = self._heading.place(), self._faults.report
         points = [quantity for quantity in quantities if quantity.kind in POINTS]
         for quantity in points:
             if quantity.kind != "along" and quantity.of("position") not in quantities:

@@ -393,16 +393,25 @@ class RowReader:
                 record.values[point] = Value(vector, place, sigma, by_point)
             elif vector is None:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
+            elif quantity.kind == "mass":
+                if min(vector, default=0.0) < 0.0:
+                    faults.report(place, "a hung mass is negative", "give its amount in kg")
+                record.values[Quantity("force")] = Value(
+                    (0.0, 0.0, *(-mass for mass in vector)), record.place
+                )
             else:
                 record.values[quantity] = Value(vector, record.place)
-        if "validation" in self._columns.texts:
-            index = self._columns.texts["validation"]
-            held = row.cells[index].strip() or "0"
-            record.held_out = held == "1"
-            if held not in ("0", "1"):
-                reason = f"{shown(held)} is neither 0 nor 1"
-                faults.report(self._grid.place(row, index), reason, "write 1 to hold it out from the fit")
+        record.held_out = self._is_held_out(row, faults)
         return record
+
+    def _is_held_out(self, row: Row, faults: Faults) -> bool:
+        """Return whether a column says that a row is held out from the fit."""
+        index = self._columns.texts.get("validation")
+        held = "0" if index is None else row.cells[index].strip() or "0"
+        if held not in ("0", "1"):
+            reason = f"{shown(held)} is neither 0 nor 1"
+            faults.report(self._grid.place(row, index), reason, "write 1 to hold it out from the fit")
+        return held == "1"
 
     def _named(self, quantity: Quantity, naming: Naming, place: Place) -> Quantity:
         """Return a quantity with target and state, which header or names say."""

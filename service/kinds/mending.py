@@ -161,7 +161,8 @@ def _with_units(measured: _Set, action: Action) -> _Set:
     units, unit = measured.units, action.unit
     if unit in {"deg", "rad"}:
         return measured.model_copy(update={"units": units.model_copy(update={"angle": unit})})
-    moment = units.moment or (f"{units.force}.m" if units.length == "m" else None)
+    force = "kgf" if units.force == "kg" else units.force
+    moment = units.moment or (f"{force}.m" if units.length == "m" else None)
     if unit in {"N", "kN"}:
         changed = {"force": unit, "moment": units.moment}
         return measured.model_copy(update={"units": units.model_copy(update=changed)})

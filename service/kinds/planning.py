@@ -320,13 +320,15 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
         return Loads("dead_weight", 0.0, limits)
     if load is not None:
         anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
-        return Loads(load.kind, load.force, limits, anchors)
+        size = load.newtons if isinstance(load, plans.DeadWeight) else load.force
+        return Loads(load.kind, size, limits, anchors)
     size = 0.0 if so_far is None else float(np.linalg.norm(so_far.force, axis=1).max())
     if so_far is None or size == 0.0:
         raise RequestError(
             "the loads are missing",
             where="load",
-            remedy="give `load`: its kind (dead_weight, any_direction or cable) and its force in N",
+            remedy="give `load`: its kind (dead_weight, any_direction or cable) and its force in N, or the "
+            "mass of a dead_weight in kg",
         )
     down = so_far.force[:, 2] < -0.999 * np.linalg.norm(so_far.force, axis=1)
     return Loads("dead_weight" if down.all() else "any_direction", size, limits)

@@ -685,7 +685,7 @@ export const en = {
     loadPoint: "Load point: x, y, z in mm, flange frame",
     load: "Load",
     kinds: { dead_weight: "Dead weight", cable: "Cable to anchors", any_direction: "Force in any direction" },
-    force: "Force [N]",
+    force: "Force [N], or a mass such as 150 kg",
     anchors: "Anchors: x, y, z in mm, R0, one per line",
     station: "Tracker station: x, y, z in mm, R0 (optional)",
     sigma: "Standard uncertainty of a coordinate [µm]",

@@ -124,7 +124,7 @@ function unitsOf(value: unknown): Units | null {
   const known =
     ["m", "mm"].includes(String(value["length"])) &&
     ["rad", "deg"].includes(String(value["angle"])) &&
-    ["N", "kN", "kgf"].includes(String(value["force"]));
+    ["N", "kN", "kgf", "kg"].includes(String(value["force"]));
   return known ? (value as unknown as Units) : null;
 }
 

@@ -79,6 +79,7 @@ export function optionsOf(asked: Asked): Fields | string {
   if (asked.kind === "cable" && missing >= 0) return anchors[missing] ?? "";
   const sigma = asked.sigma.trim() ? Number(asked.sigma) / 1e6 : null;
   const { station, ...others } = points;
+  const kilograms = /^\s*([\d.]+)\s*kg\s*$/.exec(asked.force);
   const uncertainty = { constant: sigma ?? 2e-5, per_distance: 0 };
   return {
     ...others,
@@ -90,7 +91,9 @@ export function optionsOf(asked: Asked): Fields | string {
       ? {
           load: {
             kind: asked.kind,
-            force: Number(asked.force),
+            ...(asked.kind === "dead_weight" && kilograms
+              ? { mass: Number(kilograms[1]) }
+              : { force: Number(asked.force) }),
             ...(asked.kind === "cable" ? { anchors: places } : {}),
           },
         }

@@ -85,7 +85,7 @@ export function changeIn(change: number, stiffness: number, unit: StiffnessUnit,
 
 const LENGTH = { m: 1, mm: 1e-3 } as const;
 const ANGLE = { rad: 1, deg: DEGREE } as const;
-const FORCE = { N: 1, kN: 1e3, kgf: 9.80665 } as const;
+const FORCE = { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 } as const;
 const MOMENT = { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 } as const;
 
 /** Factors to SI of a file's units. */

@@ -167,6 +167,43 @@ def test_unknown_units(unit, column):
     refused(changed(old, unit), reason="is not a known unit of", line=2, column=column)
 
 
+def hung(header="mass [kg]", mass="150"):
+    """Write the campaign with a mass in place of three columns of force."""
+    rows = [[*row[:4], header if index == 0 else mass, *row[7:]] for index, row in enumerate(ROWS)]
+    return "\n".join(";".join(row) for row in rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    "header", ["mass [kg]", "Payload (kg)", "hung_mass [kg]", "Gewicht [kg]", "weight [kgf]"]
+)
+def test_a_hung_mass_is_its_weight_in_kgf(header):
+    imported = read(("a.csv", hung(header)), units={"length": "mm", "angle": "deg", "force": "N"})
+    assert imported.units["force"] == "kgf"
+    assert values_of(imported)["c01", "force"] == (0.0, 0.0, -150.0)
+    document = answered(("a.csv", hung(header)), columns={header: "mass [kg]"}).measurement_set
+    assert (document.units.force, document.observations[2].force) == ("kgf", (0.0, 0.0, -150.0))
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (hung("mass"), "a hung mass is in kg"),
+        (hung("mass [lb]"), "a hung mass is in kg"),
+        (hung("weight [N]"), "a hung mass is in kg"),
+        (hung(mass="-150"), "a hung mass is negative"),
+        (CAMPAIGN.replace("P10 unloaded x [mm]", "mass [kg]"), "P10 unloaded x is missing"),
+    ],
+)
+def test_a_mass_that_is_not_clear_is_refused(content, reason):
+    assert reason in samples.faults(("a.csv", content))[0].reason
+
+
+def test_a_mass_beside_forces_is_refused():
+    content = CAMPAIGN.splitlines()[1:]
+    lines = [f"{line};{'mass [kg]' if index == 0 else 150}" for index, line in enumerate(content)]
+    refused("\n".join(lines) + "\n", reason="states the load, and forces state it, too", line=1, column=14)
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
