@@ -498,7 +498,8 @@ class ColumnReader:
         resolved = list(meanings)
         for dimension in dict.fromkeys(one.dimension for one in meanings if one.dimension):
             of_dimension = Faults(1)  # the others say the same
-            columns = [index for index, one in enumerate(meanings) if one.dimension == dimension]
+            of_it = [one.dimension == dimension and one.kind != "mass" for one in meanings]  # it is in kg
+            columns = [index for index, holds in enumerate(of_it) if holds]
             bare: list[int] = []
             first = ""
             for column in columns:
