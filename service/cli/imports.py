@@ -227,13 +227,15 @@ def _understood(
     files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, asking: bool
 ) -> tuple[ImportAnswer, Options]:
     """Return what the files say, in words of options, and all options with those that a person answers."""
-    from jointstiff.service.conversion.prepared import prepare_robot
     from jointstiff.service.library.files import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    sources, asked = _read(files), set[str]()
+    sources, asked, measured = _read(files), set[str](), None
     with _as_options():
-        measured = None if robot is None else prepare_robot(robot).robot
+        if robot is not None:
+            from jointstiff.service.conversion.prepared import prepare_robot  # with numerics
+
+            measured = prepare_robot(robot).robot
         while asking:
             request = parse_document(stated | {"show_faults": True}, ImportRequest)
             given = ask(import_files(sources, request, measured), asked)

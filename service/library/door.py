@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
     from jointstiff.service.library.results import TabledRun
-    from jointstiff.service.library.verbs import Verb, import_files, predict
+    from jointstiff.service.library.verbs import Verb, import_files, pair, predict
 
     identify: Verb[TabledRun]
     compare: Verb[Comparison]
@@ -46,6 +46,7 @@ __all__ = [
     "identify",
     "import_files",
     "map",
+    "pair",
     "plan",
     "predict",
 ]
@@ -56,6 +57,7 @@ _HOMES = {
     "RefusedError": "errors",
     "TabledRun": "results",
     "import_files": "verbs",
+    "pair": "verbs",
     "predict": "verbs",
 }
 """Modules of the names that are no kinds of work."""

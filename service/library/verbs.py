@@ -40,7 +40,7 @@ from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.comparison import CampaignComparison, ComparisonRequest
+    from jointstiff.schemas.comparison import CampaignComparison, Comparison, ComparisonRequest
     from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.exporting.model import ExportedModel
@@ -108,6 +108,19 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
     verb.__doc__ = _explained(kind)
     verb.__signature__ = _signature(kind)  # type: ignore[attr-defined]
     return verb
+
+
+def pair(
+    first: Any,  # noqa: ANN401 - a campaign, or a run
+    second: Any,  # noqa: ANN401 - a campaign, or a run
+    /,
+    options: RunOptions | Mapping[str, Any] | None = None,
+    **fields: Any,  # noqa: ANN401 - fields of CampaignComparison
+) -> Comparison:
+    """Compare two campaigns by one run of each, as `compare` does, without the table of methods."""
+    run = options.model_dump(mode="json", exclude_unset=True) if isinstance(options, RunOptions) else options
+    comparison: Comparison = function_of("compare")(first, second, **{"methods": [], "run": run, **fields})
+    return comparison
 
 
 @cache

@@ -22,7 +22,7 @@ from jointstiff.service.kinds.program_work import ProgramWork, unpacked
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.reports.job import job_parts, kinds_in
-from jointstiff.service.resources.imports import ImportRefusedError, import_files, inspect_import
+from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.report import View, requested
 from jointstiff.service.tables.stiffness import UNITS
@@ -175,11 +175,11 @@ def test_a_plan_has_lengths_and_comes_back_as_a_campaign():
     text = filled(csv_text(sheet))
     assert read(text).measurement_set.joint_kinds == ["prismatic", *["revolute"] * 6]
     robot = prepare_robot(Campaign.model_validate(campaign("rail")).robot).robot
-    assert inspect_import(read(text), robot).findings is not None
+    assert read(text, robot).findings is not None
     with pytest.raises(ImportRefusedError, match="joint_1 is read as an angle"):
-        inspect_import(read(text.replace("joint_1 [mm]", "joint_1 [deg]")), robot)
+        read(text.replace("joint_1 [mm]", "joint_1 [deg]"), robot)
     with pytest.raises(ImportRefusedError, match="joint_2 is read as a length"):
-        inspect_import(read(text.replace("joint_2 [deg]", "joint_2 [mm]")), robot)
+        read(text.replace("joint_2 [deg]", "joint_2 [mm]"), robot)
     inches = read(text.replace("[mm]", "[in]")).measurement_set
     assert inches.observations[0].joints[0] == pytest.approx(25.4 * 1e3 * first.joints[0])
 
@@ -205,10 +205,9 @@ def filled(text):
     return out.getvalue()
 
 
-def read(text):
-    return import_files(
-        [SourceFile("plan.csv", text.encode())], ImportRequest(encoders="motor", accept_unusual=True)
-    )
+def read(text, robot=None):
+    request = ImportRequest(encoders="motor", accept_unusual=True)
+    return import_files([SourceFile("plan.csv", text.encode())], request, robot)
 
 
 def test_kinds_that_are_stated_are_those_of_the_robot():
