@@ -13,7 +13,7 @@ from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
@@ -129,9 +129,8 @@ class Triangle:
 
     def unit_columns(self, names: Sequence[str]) -> FloatArray:
         """Return the columns of some terms, each of unit length; zero columns stay zero."""
-        columns = self.R[:, np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])]
-        length = np.linalg.norm(columns, axis=0)
-        return columns / np.where(length > 0.0, length, 1.0)
+        part = np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])
+        return unit_columns(self.R[:, part])[0]
 
     def residual_squares(self, names: Sequence[str]) -> float:
         """Return the sum of squared residuals of some terms fitted together."""
@@ -171,18 +170,14 @@ class Triangle:
         Combinations of the terms' unknowns that the joints explain as well are zero.
         """
         joints, d = self.R[:, self.span["joints"]], self.R[:, -1]
-        columns = self.R[:, np.concatenate([self.span[name] for name in names])]
-        length = np.linalg.norm(columns, axis=0)
-        length = np.where(length > 0.0, length, 1.0)
-        known = basis(self.unit_columns(["joints"]))
-        unit = columns / length
+        unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
+        of_joints, scale = unit_columns(joints)
+        known = basis(of_joints)
         U, s, Vt = np.linalg.svd(unit - known @ (known.T @ unit), full_matrices=False)
         distinct = s > TOLD_APART
         root = Vt[distinct].T / s[distinct]
         step = root @ (U[:, distinct].T @ d)
-        scale = np.linalg.norm(joints, axis=0)
-        scale = np.where(scale > 0.0, scale, 1.0)
-        fitted = np.linalg.lstsq(joints / scale, d - unit @ step, rcond=INDEPENDENT)[0]
+        fitted = np.linalg.lstsq(of_joints, d - unit @ step, rcond=INDEPENDENT)[0]
         hidden = Vt[~distinct].T / length[:, None]
         return BesideJoints(fitted / scale, step / length, root / length[:, None], hidden)
 
@@ -194,6 +189,20 @@ class BesideJoints(NamedTuple):
     unknowns: FloatArray  #: (K,)
     root: FloatArray  #: (K, r); its product with the transpose is the covariance of the unknowns
     hidden: FloatArray  #: (K, K - r) combinations of them that the joints explain as well
+
+
+def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return columns (m, k) of unit length, and their lengths (k,); zero columns stay, with a length of 1."""
+    length = np.linalg.norm(columns, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    return columns / length, length
+
+
+def nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:
+    """Return the least squares of columns (m, k) with unknowns (k,) ≥ 0, and the residual's length."""
+    unit, length = unit_columns(columns)
+    x, left = optimize.nnls(unit, rhs)
+    return x / length, float(left)
 
 
 def basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The work of a run: by joints alone with its draws, beyond joints by cross-validation, or by own weight."""
+"""The work of a run: by joints alone with its draws, or beyond joints by cross-validation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from pydantic import ValidationError
@@ -15,35 +15,30 @@ from pydantic import ValidationError
 from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
 from jointstiff.schemas.options import ElasticModel as ModelName
-from jointstiff.schemas.options import Loss, RunOptions, Weight
+from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import (
-    Identifiability,
     ModelChoice,
     PlainModel,
     ResamplingResult,
     RunRequest,
     RunResult,
-    WeightResult,
-    WeightShare,
 )
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index
+from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.solver.arrays import IndexArray
-from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
+from jointstiff.solver.convex.solution import Bounds, Order
 from jointstiff.solver.design.advice import advise
 from jointstiff.solver.design.results import (
     run_result,
-    to_assessment,
 )
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
-from jointstiff.solver.evidence.assessment import assessed, refuted_noise
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict, predict_encoders
-from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, Likelihood, sigma_test
+from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD
 from jointstiff.solver.fitting.method import Prior, Settings
 from jointstiff.solver.links.choice import (
     WEIGHTS,
@@ -72,7 +67,7 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     compared_losses,
 )
-from jointstiff.solver.messages import message, messages_of, rows
+from jointstiff.solver.messages import message, messages_of
 from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
@@ -87,10 +82,6 @@ from jointstiff.solver.resampling import (
 )
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
-
-if TYPE_CHECKING:
-    from jointstiff.solver.weight.bodies import WeightReadings
-    from jointstiff.solver.weight.identification import WeightEstimate
 
 
 def to_settings(options: RunOptions, robot: Robot) -> Settings:
@@ -741,173 +732,4 @@ def to_choice_by_comparison(
         else PlainModel(
             joints=plain.joints, compensation=plain.compensation, rms_residual=plain.rms_residual
         ),
-    )
-
-
-_NO_MODEL_ERROR: Final = RequestError(
-    "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
-)
-
-
-def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Weight) -> runs.RunResult:
-    """Identify from positions and masses.
-
-    Raises:
-        RequestError: the robot has no bodies, or the set no positions.
-        JointstiffError: as `identify_weight` does.
-    """
-    from jointstiff.solver.weight.identification import identify_weight
-
-    readings, observation = _readings(prepared, weight)
-    m = prepared.measurements
-    by_loads = m.present & m.in_flange
-    loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
-    estimate = identify_weight(
-        prepared.robot,
-        readings,
-        confidence=options.confidence,
-        free_gravity=weight.estimate_gravity,
-        loaded=loaded if by_loads.any() else None,
-    )
-    joints = estimate.joints
-    assessment = assessed(joints, [*estimate.reasons, *refuted_noise(m, estimate.sigma)])
-    row, target = np.nonzero(readings.poses.present)
-    displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
-    left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
-    given = readings.poses.sigma is not None
-    model = None
-    if any(joint.compliance is not None for joint in joints):
-        model = stored_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
-    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
-    return runs.RunResult(
-        assessment=to_assessment(assessment, joints),
-        joints=messages_of(runs.JointResult, joints, verdict=assessment.joints, budget=[None] * len(joints)),
-        compensation=float(1.0 - left.mean() / moved.mean()),
-        rms_residual=float(np.sqrt(np.square(left).mean())),
-        sigma=estimate.sigma,
-        goodness=runs.Goodness(
-            chi_square=estimate.chi_square,
-            degrees_of_freedom=estimate.degrees_of_freedom,
-            sigma_source="given" if given else "residuals",
-            test=test,
-        ),
-        identifiability=Identifiability(
-            parameters=len(joints),
-            rank=len(estimate.fit.reduced.seen),
-            condition_number=None,
-            combinations=[],
-            stages=[],
-        ),
-        certificate=greatest_violations([estimate.certificate]),
-        characteristic_length=None,
-        complementary_stiffness=runs.ComplementaryStiffness(
-            included=True,
-            iterations=estimate.fit.steps,
-            largest_ratio=estimate.largest_stiffness_ratio,
-            largest_shift=None,
-        ),
-        residuals=rows(
-            runs.Residual,
-            observation=np.array(m.labels)[observation[row]],
-            target=np.array(m.targets)[target],
-            deflection=displacement + residual,
-            predicted=displacement,
-            residual=residual,
-        ),
-        model=model,
-        weight=_numbers(estimate),
-        warnings=[*prepared.warnings, *assessment.remarks],
-    )
-
-
-def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
-    """Return all positions, those without a load first, and the observation (rows,) of each row."""
-    from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
-
-    m, robot = prepared.measurements, prepared.robot
-    if not robot.bodies:
-        raise RequestError(
-            "the robot has no masses, so its own weight is unknown",
-            where="weight",
-            remedy="give `bodies` of the robot, or a URDF with inertials",
-        )
-    loaded = m.present & ~m.in_flange
-    unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
-    if not unloaded.any():
-        raise RequestError(
-            "the set has only deflections, which own weight does not change",
-            where="weight",
-            remedy="give positions, `unloaded` alone or with `loaded`, or omit `weight`",
-        )
-    first, second = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
-    observation = np.concatenate([first, second])
-    covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
-    under_load = np.repeat([0.0, 1.0], [len(first), len(second)])[:, None]
-    poses = Poses(
-        angles=m.joints[observation],
-        points=np.concatenate([m.position[first], (m.position + m.deflection)[second]]),
-        present=np.concatenate([unloaded[first], loaded[second]]),
-        targets=m.targets,
-        joint_map=robot.joint_map,
-        sigma=m.sigma,
-        covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,
-    )
-    balancers = [
-        Balancer(
-            joint_index(robot, balancer.joint, f"weight.balancers[{number}].joint"),
-            balancer.on_base,
-            balancer.on_link,
-            balancer.rate,
-            balancer.pull,
-        )
-        for number, balancer in enumerate(weight.balancers)
-    ]
-    return (
-        WeightReadings(
-            poses,
-            Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
-            carried=np.ones((len(observation), len(robot.bodies))),
-            force=under_load * m.force[observation],
-            moment=under_load * m.moment[observation],
-            load_point=m.load_point[observation],
-        ),
-        observation,
-    )
-
-
-def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
-    """Return the model that predicts under loads.
-
-    Errors of masses are common to the joints in a way that intervals do not tell. By Cauchy and Schwarz
-    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, hold any correlation.
-    """
-    seen = np.array(
-        [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
-    )
-    compliance = estimate.fit.compliance  # of joints without a number, too: their products tell the sag
-    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[seen]
-    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
-    return JointModel(
-        robot,
-        compliance,
-        likelihood,
-        Constraints(Bounds.positive(robot.n), ()),
-        estimate.weight,
-        degrees_of_freedom=estimate.degrees_of_freedom if estimate.sigma_of_residuals else None,
-    )
-
-
-def _numbers(estimate: WeightEstimate) -> WeightResult:
-    torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
-    shares = rows(
-        WeightShare,
-        joint=[joint.name for joint in estimate.joints],
-        torque=np.column_stack([torque.min(axis=0), torque.max(axis=0)]),
-        largest_sag=np.where([joint.compliance is not None for joint in estimate.joints], sag, np.nan),
-        readings=estimate.shares,
-        masses=1.0 - estimate.shares,
-    )
-    return message(
-        WeightResult, estimate, joints=shares, gravity=estimate.fit.gravity, steps=estimate.fit.steps
     )

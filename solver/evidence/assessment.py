@@ -14,7 +14,6 @@ from itertools import chain
 from typing import Final
 
 import numpy as np
-from scipy import optimize
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
@@ -38,6 +37,7 @@ from jointstiff.solver.readings.measurements import (
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import unloaded_configurations
 from jointstiff.solver.text import length_text, unknowns_text
+from jointstiff.solver.triangle import nonnegative
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
@@ -493,9 +493,8 @@ def fit_reasons(
 
 def _reversed_is_explained(estimate: Estimate) -> bool:
     """Tell whether the joints explain most of the deflections once these are reversed."""
-    A, d = estimate.regressor, estimate.triangles.judged.rhs
-    size = np.linalg.norm(A, axis=0)
-    left = optimize.nnls(A / np.where(size > 0.0, size, 1.0), -d)[1]
+    d = estimate.triangles.judged.rhs
+    _, left = nonnegative(estimate.regressor, -d)
     return bool(left < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d))
 
 

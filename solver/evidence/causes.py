@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from jointstiff.schemas.model import HeldOutGain
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -32,7 +32,7 @@ from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of, whitened_rows
 from jointstiff.solver.terms.errors import SHIFT, TERMS, load_scale, since, turn_about
 from jointstiff.solver.terms.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
-from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis
+from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis, nonnegative, unit_columns
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes any cause of a set, or a base, speak."""
@@ -108,10 +108,6 @@ class Screening:
     links_beside_base: float = 1.0  #: p-value of the test of links beside joints and base
     base_beside_links: float = 1.0  #: p-value of the test of a base beside joints and links
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
-
-    def p_value(self, name: str) -> float:
-        """Return the least p-value of a cause's tests; 1 where none was made."""
-        return min((test.p_value for test in self.tests if test.name == name), default=1.0)
 
     @property
     def proved(self) -> bool:
@@ -194,9 +190,7 @@ def fit_causes(
     part = measurements.evenly(_TESTED)
     block = next(regressor_blocks(robot, part))
     rows = whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(-1, robot.n + 1)
-    length = np.linalg.norm(rows[:, :-1], axis=0)
-    unit = 1.0 / np.where(length > 0.0, length, 1.0)
-    compliance = unit * optimize.nnls(unit * rows[:, :-1], rows[:, -1])[0]
+    compliance, _ = nonnegative(rows[:, :-1], rows[:, -1])
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
     known = {(s.name, s.first): s for s in _suspects(measurements, block, compliance, (), firsts)}
@@ -391,9 +385,9 @@ class _Parts:
         self.labels, self.width = block.measurements.labels, rows.widths[term.name]
         self._coordinates = block.measurements.coordinates.sum(axis=1)
         flat = rows.targets.reshape(-1, rows.targets.shape[-1])
-        known = basis(_unit(flat[:, : -self.width - 1]))
+        known = basis(unit_columns(flat[:, : -self.width - 1])[0])
         left = flat[:, -1] - known @ (known.T @ flat[:, -1])
-        parts = (_unit(flat[:, -self.width - 1 : -1]), known, left)
+        parts = (unit_columns(flat[:, -self.width - 1 : -1])[0], known, left)
         count = len(self.labels)
         self._X, self._known, self._left = (each.reshape(count, len(flat) // count, -1) for each in parts)
         turned = self._X.transpose(0, 2, 1)
@@ -426,11 +420,6 @@ class _Parts:
 def _after(products: FloatArray) -> FloatArray:
     """Sum over each observation and all after it."""
     return np.cumsum(products[::-1], axis=0)[::-1]
-
-
-def _unit(columns: FloatArray) -> FloatArray:
-    length = np.linalg.norm(columns, axis=0)
-    return columns / np.where(length > 0.0, length, 1.0)
 
 
 class _Triangles:

@@ -1,0 +1,202 @@
+"""The work of a run by the robot's own weight: positions without load, and masses within bounds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from jointstiff.schemas import run as runs
+from jointstiff.schemas.options import RunOptions, Weight
+from jointstiff.schemas.run import (
+    Identifiability,
+    WeightResult,
+    WeightShare,
+)
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.conversion.robots import joint_index
+from jointstiff.solver.arrays import IndexArray
+from jointstiff.solver.convex.solution import Bounds, Constraints, greatest_violations
+from jointstiff.solver.design.results import (
+    to_assessment,
+)
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.evidence.assessment import assessed, refuted_noise
+from jointstiff.solver.fitting.fit import Likelihood, sigma_test
+from jointstiff.solver.messages import message, messages_of, rows
+from jointstiff.solver.predict.answers import stored_model
+from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.robot.model import Robot
+
+if TYPE_CHECKING:
+    from jointstiff.solver.weight.bodies import WeightReadings
+    from jointstiff.solver.weight.identification import WeightEstimate
+
+_NO_MODEL_ERROR: Final = RequestError(
+    "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
+)
+
+
+def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Weight) -> runs.RunResult:
+    """Identify from positions and masses.
+
+    Raises:
+        RequestError: the robot has no bodies, or the set no positions.
+        JointstiffError: as `identify_weight` does.
+    """
+    from jointstiff.solver.weight.identification import identify_weight
+
+    readings, observation = _readings(prepared, weight)
+    m = prepared.measurements
+    by_loads = m.present & m.in_flange
+    loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
+    estimate = identify_weight(
+        prepared.robot,
+        readings,
+        confidence=options.confidence,
+        free_gravity=weight.estimate_gravity,
+        loaded=loaded if by_loads.any() else None,
+    )
+    joints = estimate.joints
+    assessment = assessed(joints, [*estimate.reasons, *refuted_noise(m, estimate.sigma)])
+    row, target = np.nonzero(readings.poses.present)
+    displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
+    left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
+    given = readings.poses.sigma is not None
+    model = None
+    if any(joint.compliance is not None for joint in joints):
+        model = stored_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
+    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
+    return runs.RunResult(
+        assessment=to_assessment(assessment, joints),
+        joints=messages_of(runs.JointResult, joints, verdict=assessment.joints, budget=[None] * len(joints)),
+        compensation=float(1.0 - left.mean() / moved.mean()),
+        rms_residual=float(np.sqrt(np.square(left).mean())),
+        sigma=estimate.sigma,
+        goodness=runs.Goodness(
+            chi_square=estimate.chi_square,
+            degrees_of_freedom=estimate.degrees_of_freedom,
+            sigma_source="given" if given else "residuals",
+            test=test,
+        ),
+        identifiability=Identifiability(
+            parameters=len(joints),
+            rank=len(estimate.fit.reduced.seen),
+            condition_number=None,
+            combinations=[],
+            stages=[],
+        ),
+        certificate=greatest_violations([estimate.certificate]),
+        characteristic_length=None,
+        complementary_stiffness=runs.ComplementaryStiffness(
+            included=True,
+            iterations=estimate.fit.steps,
+            largest_ratio=estimate.largest_stiffness_ratio,
+            largest_shift=None,
+        ),
+        residuals=rows(
+            runs.Residual,
+            observation=np.array(m.labels)[observation[row]],
+            target=np.array(m.targets)[target],
+            deflection=displacement + residual,
+            predicted=displacement,
+            residual=residual,
+        ),
+        model=model,
+        weight=_numbers(estimate),
+        warnings=[*prepared.warnings, *assessment.remarks],
+    )
+
+
+def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
+    """Return all positions, those without a load first, and the observation (rows,) of each row."""
+    from jointstiff.solver.geometry.poses import Poses
+    from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
+
+    m, robot = prepared.measurements, prepared.robot
+    if not robot.bodies:
+        raise RequestError(
+            "the robot has no masses, so its own weight is unknown",
+            where="weight",
+            remedy="give `bodies` of the robot, or a URDF with inertials",
+        )
+    loaded = m.present & ~m.in_flange
+    unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
+    if not unloaded.any():
+        raise RequestError(
+            "the set has only deflections, which own weight does not change",
+            where="weight",
+            remedy="give positions, `unloaded` alone or with `loaded`, or omit `weight`",
+        )
+    first, second = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
+    observation = np.concatenate([first, second])
+    covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
+    under_load = np.repeat([0.0, 1.0], [len(first), len(second)])[:, None]
+    poses = Poses(
+        angles=m.joints[observation],
+        points=np.concatenate([m.position[first], (m.position + m.deflection)[second]]),
+        present=np.concatenate([unloaded[first], loaded[second]]),
+        targets=m.targets,
+        joint_map=robot.joint_map,
+        sigma=m.sigma,
+        covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,
+    )
+    balancers = [
+        Balancer(
+            joint_index(robot, balancer.joint, f"weight.balancers[{number}].joint"),
+            balancer.on_base,
+            balancer.on_link,
+            balancer.rate,
+            balancer.pull,
+        )
+        for number, balancer in enumerate(weight.balancers)
+    ]
+    return (
+        WeightReadings(
+            poses,
+            Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
+            carried=np.ones((len(observation), len(robot.bodies))),
+            force=under_load * m.force[observation],
+            moment=under_load * m.moment[observation],
+            load_point=m.load_point[observation],
+        ),
+        observation,
+    )
+
+
+def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
+    """Return the model that predicts under loads.
+
+    Errors of masses are common to the joints in a way that intervals do not tell. By Cauchy and Schwarz
+    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, hold any correlation.
+    """
+    seen = np.array(
+        [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
+    )
+    compliance = estimate.fit.compliance  # of joints without a number, too: their products tell the sag
+    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[seen]
+    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
+    return JointModel(
+        robot,
+        compliance,
+        likelihood,
+        Constraints(Bounds.positive(robot.n), ()),
+        estimate.weight,
+        degrees_of_freedom=estimate.degrees_of_freedom if estimate.sigma_of_residuals else None,
+    )
+
+
+def _numbers(estimate: WeightEstimate) -> WeightResult:
+    torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
+    shares = rows(
+        WeightShare,
+        joint=[joint.name for joint in estimate.joints],
+        torque=np.column_stack([torque.min(axis=0), torque.max(axis=0)]),
+        largest_sag=np.where([joint.compliance is not None for joint in estimate.joints], sag, np.nan),
+        readings=estimate.shares,
+        masses=1.0 - estimate.shares,
+    )
+    return message(
+        WeightResult, estimate, joints=shares, gravity=estimate.fit.gravity, steps=estimate.fit.steps
+    )
