@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.program import Program
+    from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
     from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.library.robots import robot
     from jointstiff.service.library.verbs import Verb, import_files, pair, predict
 
     identify: Verb[TabledRun]
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     compensate: Verb[Program]
 
 __all__ = [
+    "Campaign",
     "CampaignError",
     "Client",
     "RefusedError",
@@ -49,9 +52,11 @@ __all__ = [
     "pair",
     "plan",
     "predict",
+    "robot",
 ]
 
 _HOMES = {
+    "Campaign": "campaigns",
     "CampaignError": "errors",
     "Client": "client",
     "RefusedError": "errors",
@@ -59,6 +64,7 @@ _HOMES = {
     "import_files": "verbs",
     "pair": "verbs",
     "predict": "verbs",
+    "robot": "robots",
 }
 """Modules of the names that are no kinds of work."""
 

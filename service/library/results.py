@@ -16,13 +16,15 @@ from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
 from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.reports.job import job_report, job_sheet
 from jointstiff.service.tables.files import written
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from jointstiff.schemas import run as messages
     from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.schemas.run import Campaign, CampaignRun
+    from jointstiff.schemas.run import CampaignRun
 
 OnProgress = Callable[[Progress], object]
 _WIDTH = 100
@@ -33,7 +35,7 @@ class Door(Protocol):
     """This process or a service: it knows what requests are made of by ids, and does the work."""
 
     @property
-    def campaign(self) -> Campaign | None:
+    def campaign(self) -> messages.Campaign | None:
         """Campaign that was identified; None if it is not kept."""
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
@@ -181,7 +183,7 @@ class TabledRun(Shown, Run):
                 where="run",
                 remedy="use a run that `jointstiff.identify` returned, or the client of its service",
             )
-        return campaign
+        return Campaign.of(campaign)
 
     def apply(self, action: str) -> TabledRun:
         """Apply an action that a reason advises, and identify what it changes, here or in the run's service.

@@ -452,7 +452,7 @@ class Here:
         """
         from jointstiff.service.kinds.mending import advised, mended
 
-        campaign = run.campaign.model_copy(update={"run": _options_of(run)})
+        campaign: Campaign = run.campaign.model_copy(update={"run": _options_of(run)})
         with as_campaign_error(""):
             campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
         return cast("TabledRun", function_of("identify")(campaign))

@@ -1,0 +1,445 @@
+"""Campaigns from arrays, and robots from what Python programs have: rows, URDFs, Pinocchio's models."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pinocchio as pin
+
+from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.measurement import Units
+from jointstiff.service.conversion.robots import refuse_far_point
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, RobotError
+from jointstiff.solver.robot.model import UNLIMITED, ChainJoint, KinematicChain
+from jointstiff.solver.robot.urdf import parse_xml, write_urdf
+
+FAR_POSITION: Final = 100.0
+"""Distance of a target from the origin beyond which the unit of positions is in doubt [m]."""
+LARGE_DEFLECTION: Final = 1.0
+"""Deflection beyond which the unit of positions is in doubt [m]."""
+_SIZES: Final = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT}
+_SPELLINGS: Final = {
+    "N·m": "N.m",
+    "Nm": "N.m",
+    "N·mm": "N.mm",
+    "Nmm": "N.mm",
+    "kN·m": "kN.m",
+    "kNm": "kN.m",
+    "°": "deg",
+}
+
+
+def units_of(text: Units | Mapping[str, str] | str) -> dict[str, str]:
+    """Return units by quantity of a text such as `mm, deg, N` or `m, rad, kN, kN.m`.
+
+    Raises:
+        MeasurementError: a unit is not known, or missing.
+    """
+    if isinstance(text, Units):
+        return text.model_dump(exclude_none=True)
+    if isinstance(text, Mapping):
+        return dict(text)
+    units: dict[str, str] = {}
+    for word in re.split(r"[,;\s]+", text.strip()):
+        name = _SPELLINGS.get(word, word)
+        quantity = next((quantity for quantity, sizes in _SIZES.items() if name in sizes), None)
+        if quantity is None or quantity in units:
+            known = "; ".join(f"{quantity} {', '.join(sizes)}" for quantity, sizes in _SIZES.items())
+            fault = f"a second {quantity}" if quantity else "not a unit"
+            raise MeasurementError(f"'{word}' is {fault}", where="units", remedy=f"use one of each: {known}")
+        units[quantity] = name
+    for quantity in ("length", "angle", "force"):
+        if quantity not in units:
+            raise MeasurementError(
+                f"the unit of {quantity} is missing", where="units", remedy="write them like 'mm, deg, N'"
+            )
+    return units
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayReadings:
+    """Readings of N observations of T targets as a program has them: anything that numpy understands.
+
+    Arrays, lists, data frames and columns of pandas or polars, and dictionaries of columns all do. What has
+    no number (NaN, None) in all coordinates of a target was not read.
+    """
+
+    joints: Any  # (N, n) as the controller shows them
+    forces: Any  # (N, 3) or (3,), axes of R0; None without a load
+    moments: Any  # (N, 3) or (3,), about the load point; None for none
+    load_point: Any  # (3,) or (N, 3), flange frame; None without a load
+    unloaded: Any  # (N, T, 3), (N, 3 T), (N, 3), or these by the target's name
+    loaded: Any  # the same under load
+    deflections: Any  # the same, loaded minus unloaded; with directions (N, T)
+    directions: Any  # (3,), (T, 3) or (N, T, 3), axes of R0
+    targets: Any  # names of the T targets, or their places in the flange frame by name
+    labels: Any  # (N,) labels of the observations; c01, c02, … if absent
+
+    def document(self, units: Mapping[str, str]) -> dict[str, Any]:
+        """Return the readings as fields of a measurement set.
+
+        Raises:
+            MeasurementError: shapes that do not fit, what is no number, or a length that is in another unit.
+        """
+        joints = _table(self.joints, "joints")
+        count = len(joints)
+        if joints.ndim != 2 or not np.isfinite(joints).all():
+            raise _shape("joints", joints, "a row of finite numbers for each observation, (N, n)")
+        point = None if self.load_point is None else _vectors(self.load_point, count, "load_point")
+        common = point is not None and bool((point == point[0]).all())
+        for place in () if point is None else point:
+            refuse_far_point(place.tolist(), "load_point", length=LENGTH[units["length"]])
+        places = self._places(LENGTH[units["length"]])
+        names, readings = self._readings(count, LENGTH[units["length"]])
+        forces = np.zeros((count, 3)) if self.forces is None else _vectors(self.forces, count, "forces")
+        moments = None if self.moments is None else _vectors(self.moments, count, "moments")
+        labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
+        if len(labels) != count:
+            raise MeasurementError(
+                f"{len(labels)} labels for {count} observations", where="labels", remedy="give one for each"
+            )
+        observations = [
+            {
+                "label": str(labels[i]),
+                "joints": joints[i].tolist(),
+                "force": forces[i].tolist(),
+                **({} if moments is None else {"moment": moments[i].tolist()}),
+                **({} if point is None or common else {"load_point": point[i].tolist()}),
+                "readings": readings[i],
+            }
+            for i in range(count)
+        ]
+        return {
+            "units": dict(units),
+            **({} if not places else {"flange_targets": {name: places[name] for name in names}}),
+            **({"load_point": point[0].tolist()} if point is not None and common else {}),
+            "observations": observations,
+        }
+
+    def _places(self, length: float) -> dict[str, list[float]]:
+        """Return the places of the targets in the flange frame by name; none if only names are given."""
+        if not isinstance(self.targets, Mapping):
+            return {}
+        places = {str(name): _table(place, "targets").tolist() for name, place in self.targets.items()}
+        for name, place in places.items():
+            refuse_far_point(place, f"targets['{name}']", length=length)
+        return places
+
+    def _readings(self, count: int, length: float) -> tuple[list[str], list[list[dict[str, Any]]]]:
+        """Return the names of the targets, and the readings of each observation."""
+        along = self.directions is not None
+        fields = {
+            name: value
+            for name in ("unloaded", "loaded", "deflections")
+            if (value := getattr(self, name)) is not None
+        }
+        allowed = [
+            {"unloaded", "loaded"},
+            {"deflections"},
+            *([] if self.forces is not None else [{"unloaded"}]),
+        ]
+        if set(fields) not in allowed:
+            given = " and ".join(f"`{name}`" for name in fields) or "nothing"
+            remedy = "give `unloaded` and `loaded`, or `deflections`; `unloaded` alone is for the own weight"
+            raise MeasurementError(
+                f"{given} alone cannot be used as readings", where="unloaded", remedy=remedy
+            )
+        names = self._names(next(iter(fields.values()))) or []
+        values: dict[str, FloatArray] = {}
+        for name, value in fields.items():
+            values[name], names = _by_target(value, name, count, names, components=1 if along else 3)
+            _refuse_long(values[name], name, length)
+        if "loaded" in values:
+            _refuse_long(values["loaded"] - values["unloaded"], "loaded", length, "deflection")
+        shape = next(iter(values.values())).shape[:2]
+        directions = None
+        if along:
+            stated = _table(self.directions, "directions")
+            with suppress(ValueError):
+                directions = np.broadcast_to(stated, (*shape, 3))
+            if directions is None:
+                raise _shape("directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets")
+        singular = {"deflections": "displacement" if along else "deflection"}
+        return names, [
+            [
+                {
+                    "target": target,
+                    **{
+                        singular.get(name, name): value[i, t, 0].item() if along else value[i, t].tolist()
+                        for name, value in values.items()
+                    },
+                    **({} if directions is None else {"direction": directions[i, t].tolist()}),
+                }
+                for t, target in enumerate(names)
+                if all(np.isfinite(value[i, t]).all() for value in values.values())
+            ]
+            for i in range(count)
+        ]
+
+    def _names(self, value: object) -> list[str]:
+        """Return the names of the targets as stated; none if the array says how many there are."""
+        if self.targets is not None:
+            return [str(name) for name in self.targets]
+        return [str(name) for name in value] if isinstance(value, Mapping) else []
+
+
+def _by_target(
+    value: Any,  # noqa: ANN401 - anything numpy understands
+    name: str,
+    count: int,
+    names: list[str],
+    components: int,
+) -> tuple[FloatArray, list[str]]:
+    """Return readings (N, T, components), and the names of the T targets."""
+    if isinstance(value, Mapping):
+        missing = [each for each in names or value if each not in value]
+        if missing:
+            raise MeasurementError(
+                f"there is no target '{missing[0]}'", where=name, remedy=f"use {', '.join(map(str, value))}"
+            )
+        columns = [_table(value[each], f"{name}['{each}']") for each in names or value]
+        array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
+    else:
+        array = _table(value, name)
+        if array.ndim > 0 and array.size and array[0].size % components == 0:
+            array = array.reshape(len(array), -1, components)
+    names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
+    if array.shape != (count, len(names), components):
+        wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
+        raise _shape(name, array, wanted)
+    finite = np.isfinite(array)
+    partly = np.argwhere(finite.any(axis=2) & ~finite.all(axis=2))
+    if len(partly):
+        i, t = partly[0].tolist()
+        raise MeasurementError(
+            f"the reading of target '{names[t]}' lacks a coordinate",
+            where=f"{name}[{i}]",
+            remedy="give all three, or none (NaN) if the target was not read",
+        )
+    return array, names
+
+
+def _refuse_long(values: FloatArray, name: str, length: float, what: str = "") -> None:
+    """Refuse positions and deflections that no arm reaches: their unit is another.
+
+    Raises:
+        MeasurementError: by its place.
+    """
+    deflection = bool(what) or name == "deflections"
+    size = length * np.linalg.norm(np.nan_to_num(values), axis=-1)
+    most = LARGE_DEFLECTION if deflection else FAR_POSITION
+    if size.max(initial=0.0) > most:
+        i = int(np.unravel_index(np.argmax(size), size.shape)[0])
+        raise MeasurementError(
+            f"a {'deflection' if deflection else 'position'} of {size.max():.4g} m is none of an arm",
+            where=f"{name}[{i}]",
+            remedy="check `units`; they hold for positions, deflections, the load point and sigma",
+        )
+
+
+def _vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+    """Return (N, 3) finite numbers of as many rows, or of one that holds for all."""
+    array = _table(value, name)
+    if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
+        raise _shape(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
+    return np.broadcast_to(array, (count, 3))
+
+
+def _table(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+    """Return an array of numbers of an array, lists, a data frame, or columns.
+
+    Raises:
+        MeasurementError: it has something else than numbers.
+    """
+    try:
+        if isinstance(value, Mapping):
+            value = list(value.values())
+            return np.stack([np.asarray(_plain(column), dtype=np.float64) for column in value], axis=1)
+        if isinstance(value, list | tuple) and value and all(hasattr(each, "to_numpy") for each in value):
+            return np.stack([np.asarray(_plain(column), dtype=np.float64) for column in value], axis=1)
+        return np.asarray(_plain(value), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise MeasurementError(
+            f"`{name}` is no array of numbers: {error}",
+            where=name,
+            remedy="give an array, lists of equal lengths, or columns of a data frame; NaN for what was not "
+            "read",
+        ) from None
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
+    """Return the array of a data frame or a column."""
+    return value.to_numpy() if hasattr(value, "to_numpy") else value
+
+
+def _shape(name: str, array: FloatArray, wanted: str) -> MeasurementError:
+    fault = "" if np.isfinite(array).all() else ", with places that have no number"
+    return MeasurementError(
+        f"`{name}` has the shape {array.shape}{fault}", where=name, remedy=f"give {wanted}"
+    )
+
+
+# ---- robots
+
+
+def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
+    """Return a table of Denavit and Hartenberg as the model of a robot document.
+
+    Args:
+        rows: rows of a, alpha, d, theta, with or without lower and upper limit, as anything that numpy
+            understands; or `DhRow`s and their documents, which are in m and rad.
+        convention: `standard` or `modified`.
+        units: of length and angle.
+
+    Raises:
+        RobotError: the convention is missing, or a row is not understood.
+    """
+    if convention not in {"standard", "modified"}:
+        raise RobotError(
+            "a table of Denavit and Hartenberg needs its convention",
+            where="convention",
+            remedy="say convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
+        )
+    if all(isinstance(row, Mapping) or hasattr(row, "model_dump") for row in rows):
+        plain = [row if isinstance(row, Mapping) else row.model_dump() for row in rows]
+        return {"format": "dh", "convention": convention, "rows": plain}
+    table = _table(rows, "robot")
+    if table.ndim != 2 or table.shape[1] not in {4, 6}:
+        raise RobotError(
+            f"the table has the shape {table.shape}",
+            where="robot",
+            remedy="give rows of a, alpha, d, theta, or of these with lower and upper limit",
+        )
+    length, angle = LENGTH[units["length"]], ANGLE[units["angle"]]
+    table = table * np.array([length, angle, length, angle, angle, angle])[: table.shape[1]]
+    columns = ("a", "alpha", "d", "theta", "lower", "upper")
+    return {
+        "format": "dh",
+        "convention": convention,
+        "rows": [
+            {name: number for name, number in zip(columns, row, strict=False) if np.isfinite(number)}
+            for row in table.tolist()
+        ],
+    }
+
+
+def urdf_model(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+    """Return a URDF as the model of a robot document; root and only tip are its ends if they are not stated.
+
+    Raises:
+        RobotError: it is no URDF, or several links may be the flange.
+    """
+    document = parse_xml(text)
+    joints = document.named("joint")
+    links = [link.attributes.get("name", "") for link in document.named("link")]
+    frames: dict[str, str] = {}
+    for name, stated, tag in (("base", base, "child"), ("flange", flange, "parent")):
+        found = {end.attributes.get("link") for joint in joints if (end := joint.only(tag, "joint"))}
+        ends = [link for link in links if link not in found]
+        if stated is None and len(ends) != 1:
+            some = ", ".join(ends[:8])
+            raise RobotError(
+                f"the URDF has {len(ends)} links that may be the {name}: {some}",
+                where=name,
+                remedy=f"name it: js.robot(urdf, {name}='{ends[-1] if ends else '…'}')",
+            )
+        frames[name] = ends[0] if stated is None else stated
+    return {"format": "urdf", "urdf": text, **frames}
+
+
+def pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401
+    """Return a model of Pinocchio as the model of a robot document, and its bodies with masses.
+
+    Args:
+        model: joints in one line, of one degree of freedom each.
+        flange: name of the frame that is the flange; default: the only tip behind the last joint.
+
+    Raises:
+        RobotError: it branches, a joint is of another kind, or the flange is no frame behind the last joint.
+    """
+    chain = [_pinocchio_joint(model, i) for i in range(1, model.njoints)]
+    if list(model.parents)[1:] != list(range(model.njoints - 1)):
+        raise RobotError(
+            "the model branches",
+            where="robot",
+            remedy="reduce it to the arm: pinocchio.buildReducedModel",
+        )
+    frame = _flange_frame(model, flange)
+    if frame is not None:
+        place = frame.placement
+        chain.append(ChainJoint("to_flange", "fixed", place.rotation, place.translation, _Z, None, "flange"))
+    end = chain[-1].child
+    urdf = write_urdf(KinematicChain(model.name or "robot", "base", end, tuple(chain)))
+    bodies = [
+        {
+            "name": f"body of {model.names[i]}",
+            "joint": model.names[i],
+            "mass": model.inertias[i].mass,
+            "centre": model.inertias[i].lever.tolist(),
+        }
+        for i in range(1, model.njoints)
+        if model.inertias[i].mass > 0.0
+    ]
+    return {"format": "urdf", "urdf": urdf, "base": "base", "flange": end}, bodies
+
+
+_Z: Final = np.array([0.0, 0.0, 1.0])
+
+
+def _flange_frame(model: Any, flange: str | None) -> Any:  # noqa: ANN401 - of Pinocchio
+    """Return the frame that is the flange; None if the last joint's own frame is.
+
+    Raises:
+        RobotError: there is no such frame behind the last joint, or several may be it.
+    """
+    behind = [
+        (number, frame)
+        for number, frame in enumerate(model.frames)
+        if frame.parentJoint == model.njoints - 1 and frame.type != pin.FrameType.JOINT
+    ]
+    above = {frame.parentFrame for _, frame in behind}
+    tips = [frame for number, frame in behind if number not in above and flange is None]
+    tips += [frame for _, frame in behind if frame.name == flange]
+    if len(tips) != 1 and (behind or flange is not None):
+        raise RobotError(
+            f"'{flange}' is no frame behind the last joint" if flange else "several frames may be the flange",
+            where="flange",
+            remedy=f"use one of {', '.join(frame.name for _, frame in behind)}",
+        )
+    return tips[0] if tips else None
+
+
+def _pinocchio_joint(model: Any, index: int) -> ChainJoint:  # noqa: ANN401 - a model of Pinocchio
+    """Return a joint of one degree of freedom.
+
+    Raises:
+        RobotError: it has several, or moves otherwise than about or along an axis.
+    """
+    joint, place, name = model.joints[index], model.jointPlacements[index], model.names[index]
+    motion = np.zeros(6)
+    if joint.nv == 1:
+        data = joint.createData()
+        joint.calc(data, pin.neutral(model), np.zeros(model.nv))
+        motion = np.ravel(data.S)
+    kinds: dict[JointKind, FloatArray] = {"prismatic": motion[:3], "revolute": motion[3:]}
+    moved = {kind: axis for kind, axis in kinds.items() if axis.any()}
+    if len(moved) != 1:
+        raise RobotError(
+            f"the joint '{name}' is a {joint.shortname()}",
+            where="robot",
+            remedy="only joints about or along one axis are supported: fix the others",
+        )
+    (kind, axis), limits = next(iter(moved.items())), None
+    if joint.nq == 1:
+        lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+        limits = (float(lower), float(upper)) if max(-lower, upper) < UNLIMITED else None
+    return ChainJoint(
+        name, kind, place.rotation, place.translation, axis / np.linalg.norm(axis), limits, f"{name}_link"
+    )

@@ -1,0 +1,147 @@
+"""Campaigns and robots as Python programs have them: arrays, files, names, rows, models of Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jointstiff.schemas import run as messages
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.options import RunOptions
+from jointstiff.service.library import robots
+from jointstiff.service.library.files import as_campaign_error, campaign_of, parse_document
+from jointstiff.service.library.robots import AnyUnits, plain_fields
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Numbers = npt.ArrayLike | Mapping[str, Any]
+
+
+class Campaign(messages.Campaign):
+    """One robot, one measurement set of it, and the options of the run."""
+
+    @classmethod
+    def of(cls, campaign: messages.Campaign) -> Campaign:
+        """Return the same campaign, which can be saved."""
+        return campaign if isinstance(campaign, cls) else cls.model_validate(dict(campaign))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        robot: object,
+        joints: Numbers,
+        forces: Numbers | None = None,
+        *,
+        moments: Numbers | None = None,
+        load_point: Numbers | None = None,
+        unloaded: Numbers | None = None,
+        loaded: Numbers | None = None,
+        deflections: Numbers | None = None,
+        directions: Numbers | None = None,
+        targets: Sequence[str] | Mapping[str, npt.ArrayLike] | None = None,
+        labels: Sequence[str] | None = None,
+        units: AnyUnits = "mm, deg, N",
+        sigma: float | None = None,
+        encoders: str = "motor",
+        name: str = "readings from arrays",
+        run: RunOptions | Mapping[str, Any] | None = None,
+        **header: object,
+    ) -> Campaign:
+        """Make a campaign of arrays: N observations of a robot with n joints, T targets.
+
+        Arrays, lists, data frames, and columns of pandas or polars all do. Give `unloaded` and `loaded`
+        positions, or `deflections`; with `directions`, deflections are lengths along them, as of a dial
+        gauge. Unloaded positions alone are for runs with `weight`, which need no force. A target that was
+        not read has NaN.
+
+        Args:
+            robot: anything that `jointstiff.robot` takes, such as the name of an arm of the catalogue.
+            joints: (N, n) as the controller shows them.
+            forces: (N, 3), or (3,) for all, on the robot, axes of R0.
+            moments: (N, 3) or (3,), about the load point.
+            load_point: (3,), or (N, 3), where the force acts, flange frame.
+            unloaded: (N, T, 3) positions in R0; (N, 3) of one target; or a dictionary of these by target.
+            loaded: the same under load.
+            deflections: the same, loaded minus unloaded; with `directions` (N, T) lengths. They need the
+                places of the targets.
+            directions: (3,), (T, 3) or (N, T, 3), axes of R0.
+            targets: names of the targets, or their places (3,) in the flange frame by name.
+            labels: (N,) names of the observations; c01, c02, … if absent.
+            units: units of all numbers above and of `sigma`, such as "m, rad, N" or "mm, deg, kN, kN.m".
+            sigma: standard uncertainty of one coordinate of one reading; estimated from the residuals if
+                absent.
+            encoders: encoders that close the position loop, `motor` or `secondary`.
+            name: name of the measurement set.
+            run: options of its runs, such as {"method": "complete_pose"}.
+            header: other fields of a measurement set, such as `frame`, `noise` or `operator`.
+
+        Raises:
+            CampaignError: an array does not fit, or a length is that of another unit; its `problem` says
+                which, where and what to do.
+        """
+        from jointstiff.service.conversion.arrays import ArrayReadings, units_of
+
+        described = robots.robot(robot)
+        with as_campaign_error(""):
+            arrays = ArrayReadings(
+                joints,
+                forces,
+                moments,
+                load_point,
+                unloaded,
+                loaded,
+                deflections,
+                directions,
+                targets,
+                labels,
+            )
+            readings = arrays.document(units_of(units))
+        noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
+        document = {"name": name, "encoders": encoders, **noise, **plain_fields(header), **readings}
+        options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)
+        campaign = cls(
+            robot=described,
+            measurement_set=parse_document(document, MeasurementSetDocument),
+            run=parse_document(options, messages.CampaignRun),
+        )
+        campaign.check()
+        return campaign
+
+    @classmethod
+    def read(cls, path: str | PathLike[str]) -> Campaign:
+        """Read a campaign file.
+
+        Raises:
+            CampaignError: it is none.
+            OSError: the file cannot be read.
+        """
+        return cls.of(campaign_of(path))
+
+    def check(self) -> None:
+        """Find out whether robot and readings fit together.
+
+        Raises:
+            CampaignError: they do not.
+        """
+        from jointstiff.service.library.verbs import Here
+
+        Here().measured(self)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the campaign file, which all commands and `Client` take."""
+        text = self.model_dump_json(indent=1, exclude_none=True, exclude_defaults=True)
+        Path(path).write_text(f"{text}\n", encoding="utf-8")
+
+    def __repr__(self) -> str:
+        """Return name and size."""
+        observations = self.measurement_set.observations
+        targets = {reading.target for each in observations for reading in each.readings}
+        return (
+            f"<Campaign '{self.measurement_set.name}' of '{self.robot.name}': {len(observations)} "
+            f"observations, {len(targets)} targets, {self.measurement_set.encoders} encoders>"
+        )
+
+    __str__ = __repr__

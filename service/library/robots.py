@@ -1,0 +1,88 @@
+"""Robots as Python programs have them: names of the catalogue, files, URDFs, rows, models of Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.robot import JointMap, RobotDocument
+from jointstiff.service.library.files import as_campaign_error, parse_document, read_robot
+
+AnyUnits = Units | Mapping[str, str] | str
+
+
+def robot(
+    source: object,
+    *,
+    name: str | None = None,
+    base: str | None = None,
+    flange: str | None = None,
+    convention: str | None = None,
+    units: AnyUnits = "m, rad, N",
+    joint_map: JointMap | Mapping[str, Any] | None = None,
+) -> RobotDocument:
+    """Return a robot of whatever describes it.
+
+    Args:
+        source: a robot document or a file of one; the name of an arm of the catalogue, such as "KUKA KR 210
+            R2700 extra"; a URDF, its text or file; rows of a, alpha, d, theta (and limits); or a model of
+            Pinocchio.
+        name: name of the robot.
+        base: link of a URDF whose frame is R0; default: its root.
+        flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
+        convention: of rows, `standard` or `modified` (Craig).
+        units: of the lengths and angles of rows, such as "mm, deg, N".
+        joint_map: from the controller's joints to the model's; default: identity, or that of the arm.
+
+    Raises:
+        CampaignError: it describes no robot.
+        OSError: a file cannot be read.
+    """
+    document: dict[str, Any]
+    if isinstance(source, Message | Mapping):
+        document = plain_fields(source)
+    elif isinstance(source, str | PathLike):
+        document = _of_text(str(source), base, flange)
+    else:
+        document = _of_object(source, flange, convention, units)
+    if joint_map is not None:
+        document["joint_map"] = plain_fields(joint_map)
+    return parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
+
+
+def _of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+    """Return the robot of a URDF, of a file, or of a name."""
+    if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml"}:
+        return plain_fields(read_robot(text))
+    from jointstiff.service.conversion.arrays import urdf_model
+
+    is_text = text.lstrip().startswith("<")
+    urdf = text if is_text else Path(text).read_text(encoding="utf-8-sig")
+    with as_campaign_error("robot"):
+        return {"name": "robot" if is_text else Path(text).stem, "model": urdf_model(urdf, base, flange)}
+
+
+def _of_object(source: Any, flange: str | None, convention: str | None, units: AnyUnits) -> dict[str, Any]:  # noqa: ANN401
+    """Return the robot of a model of Pinocchio, or of rows."""
+    from jointstiff.service.conversion.arrays import dh_model, pinocchio_model, units_of
+
+    with as_campaign_error("robot"):
+        if hasattr(source, "jointPlacements"):
+            model, bodies = pinocchio_model(source, flange)
+            return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
+        return {"model": dh_model(source, convention, units_of(units))}
+
+
+def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document of messages and plain values."""
+    if isinstance(fields, Message):
+        return fields.model_dump(mode="json", exclude_unset=True)
+    return {
+        name: value.model_dump(mode="json", exclude_unset=True) if isinstance(value, Message) else value
+        for name, value in fields.items()
+        if value is not None
+    }
