@@ -397,7 +397,6 @@ def _elsewhere() -> Section:
             ),
             ("role × operation; an operation without a role", "tests/service/api/test_access.py"),
             ("unfinished bodies together", "tests/service/api/test_connections.py"),
-            ("cost of a key's check", "python -m benchmarks access"),
             ("kill -9 of services and workers", "python -m benchmarks durability"),
             ("disks, locks, clocks, servers, workers, backups", "python -m benchmarks faults"),
         ),

@@ -51,8 +51,8 @@ _READERS: Final[dict[str, tuple[ModuleType, str]]] = {
 }
 """Each language with the beginnings of its statements."""
 _TAILS: Final = (
-    " \t([{)]},.-!;#%\\:=/_E*&$",
-    [
+    *" \t([{)]},.-!;#%\\:=/_E*&$",
+    *(
         "1 ",
         "1,",
         "1.",
@@ -71,9 +71,8 @@ _TAILS: Final = (
         "é",
         "[1:",
         "1e",
-        "P[",
-        "x=",
-    ],
+    ),
+    *("P[", "x="),
 )
 _LOADS: Final = (" ", "[", "Fx [", "x ]", '"', ",", "Fx [ N ] ")
 
@@ -84,8 +83,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
         (module, head, tail)
         for module, heads in _READERS.values()
         for head in heads.split("|")
-        for tails in _TAILS
-        for tail in tails
+        for tail in _TAILS
     ]
     random.Random(1).shuffle(pairs)  # noqa: S311 - a sample
     chosen = pairs[:40] if quick else [pairs[i] for i in part.of(len(pairs))]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import random
+import re
 import string
 from collections import Counter
 from collections.abc import Iterator
@@ -18,9 +19,7 @@ import httpx2
 
 from benchmarks.attacks.urdf_mutations import corpus, damaged, judged, model_of
 from benchmarks.campaigns import small_campaign
-from benchmarks.mutations import mutated
 from benchmarks.report import Figure, Part, Section
-from benchmarks.spreadsheets import HABITS, campaign_of
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 
@@ -47,6 +46,17 @@ _TYPES: Final = (
     "a/b;;=",
     "multipart/form-data",
 )
+_POINTS: Final = "P10 unloaded {0} [mm];P10 loaded {0} [mm]"
+_UPLOADED: Final = (
+    (
+        "readings.csv",
+        "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];" + ";".join(map(_POINTS.format, "xyz")) + "\n"
+        "c01;10.5;-20.25;0;0;-1471.5;1500.1;1500.2;10.5;10.6;700.3;699.1\n" * 3,
+    ),
+    ("points.txt", "c01_P10_u, 1.5, 2.25, 3.5\nc01_P10_l, 1.5, 2.25, 3.1\n" * 3),
+    ("a.src", "DEF a()\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"),
+)
+"""Sound uploads: a table, a list of points, a program."""
 _WORDS: Final = ("limit", "cursor", "wait", "name", "deleted", "archived", "state", "x")
 _METHODS: Final = ("GET", "GET", "GET", "DELETE", "PATCH", "PUT", "POST", "HEAD", "OPTIONS", "TRACE", "X")
 _SENT_AS_THEY_ARE: Final = frozenset({"events"})  # streams, which end with their client
@@ -141,21 +151,15 @@ def _requests(
 
 
 def _upload(generator: Random) -> Request:
-    upload, _, _ = mutated(generator, HABITS[generator.choice(list(HABITS))](campaign_of(generator)))
-    files = [
-        ("files", (_odd_name(generator, name), _spoilt(generator, content)))
-        for name, content in upload.files()
-    ]
-    options = (
-        json.dumps(upload.options)
-        if generator.random() < 0.9
-        else _odd_body(generator, {"show_faults": True}).decode("latin-1")
-    )
-    return (
-        "POST",
-        generator.choice(("/v1/imports",) * 9 + ("/v1/programs",)),
-        {"files": files, "data": {"options": options}},
-    )
+    """Return a table of readings or a program, its cells exchanged and its bytes damaged."""
+    name, text = generator.choice(_UPLOADED)
+    cells = re.split(r"([;,\n ])", text)
+    for _ in range(generator.randrange(4)):
+        cells[generator.randrange(len(cells))] = generator.choice((*cells, *_ODD))
+    files = [("files", (_odd_name(generator, name), _spoilt(generator, "".join(cells).encode())))]
+    options = b"{}" if generator.random() < 0.9 else _odd_body(generator, {"show_faults": True})
+    path = generator.choice(("/v1/imports",) * 9 + ("/v1/programs",))
+    return "POST", path, {"files": files, "data": {"options": options.decode("latin-1")}}
 
 
 def _odd_name(generator: Random, name: str) -> str:
@@ -186,26 +190,9 @@ def _odd_path(generator: Random, path: str) -> str:
 
 def _odd_word(generator: Random) -> str:
     """Return text for an address, with what an address cannot hold written in %."""
-    letters = string.ascii_letters + "0123456789"
-    return generator.choice(
-        (
-            *(
-                "%00",
-                "%ff",
-                "%2e%2e%2f",
-                "..",
-                "-1",
-                "1e9",
-                "",
-                "true",
-                "%F0%9F%92%A5",
-                "0" * 32,
-                "x" * 300,
-                "1",
-            ),
-            "".join(generator.choices(letters, k=8)),
-        )
-    )
+    odd = ("%00", "%ff", "%2e%2e%2f", "..", "-1", "1e9", "", "true", "%F0%9F%92%A5", "0" * 32, "x" * 300, "1")
+    letters = generator.choices(string.ascii_letters + string.digits, k=8)
+    return generator.choice((*odd, "".join(letters)))
 
 
 def _odd_body(generator: Random, body: Any) -> bytes:  # noqa: ANN401 - JSON
@@ -263,7 +250,7 @@ def _section(
         notes=(
             f"damaged URDFs: {taken}; `alone`: Pinocchio's reader refuses it, so it is compared with nothing",
             "hostile URDFs one by one: tests/solver/robot/test_urdf.py",
-            "uploads that are misread: the benchmark `importing`",
+            "uploads that are misread: tests/service/importing/test_importing_mutations.py",
             *raised[:5],
         ),
         data={"answers": answers, "models": dict(models)},

@@ -35,50 +35,18 @@ _TOLERANCE: Final = 1e-9
 """Largest difference of a pose's entries [m, 1]: both read the same decimal numbers."""
 _NUMBER: Final = re.compile(r"(?<=[\" ])[-+]?\d[\d.e+-]*(?=[\" ])")
 _NUMBERS: Final = (
-    "0",
-    "-0",
-    "1e-3",
-    "1E0",
-    "nan",
-    "inf",
-    "1e400",
-    "0x1p3",
-    "1,5",
-    "1_0",
-    "",
-    "１",
-    "3 4",
-    "1e4",
-)
+    "0", "-0", "1e-3", "1E0", "nan", "inf", "1e400", "0x1p3", "1,5", "1_0", "", "１", "3 4", "1e4",
+)  # fmt: skip
 _TYPES: Final = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar", "ball", "")
 _PIECES: Final = (
-    '"',
-    "<",
-    ">",
-    "/",
-    "&",
-    "&amp;",
-    "&x;",
-    "\0",
-    "\x1b",
-    "é",
-    "\u202e",
-    "<!--",
-    "]]>",
-    "${x}",
-    " ",
+    '"', "<", ">", "/", "&", "&amp;", "&x;", "\0", "\x1b", "é", "\u202e", "<!--", "]]>", "${x}", " ",
     "-",
-)
+)  # fmt: skip
 _ADDED: Final = (
-    '<mimic joint="slide"/>',
-    '<axis xyz="0 0 1"/>',
-    '<origin xyz="0 0 0"/>',
-    '<!DOCTYPE r [<!ENTITY x "y">]>',
-    '<xacro:include filename="x"/>',
-    "<?pi x?>",
-    "<!-- note -->",
+    '<mimic joint="slide"/>', '<axis xyz="0 0 1"/>', '<origin xyz="0 0 0"/>',
+    '<!DOCTYPE r [<!ENTITY x "y">]>', '<xacro:include filename="x"/>', "<?pi x?>", "<!-- note -->",
     "<dynamics/>",
-)
+)  # fmt: skip
 
 
 @cache

@@ -1,34 +1,74 @@
-"""Optimal designs of campaigns beside cvxpy + Clarabel and FIGAROH, in the same run."""
+"""Optimal designs of campaigns beside cvxpy + Clarabel, in the same run."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from functools import partial
 
 import cvxpy as cp
 import numpy as np
 
-from benchmarks.performance.candidate_pool import CRITERIA, READINGS, Pool
-from benchmarks.performance.figaroh_peer import run_figaroh
-from benchmarks.report import Figure, Section, seconds_text, times_table
+from benchmarks.campaigns import large_campaign
+from benchmarks.performance.peers import stacked_rows
+from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
+from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.optimum import Design, optimise
-from jointstiff.solver.design.plan import Distinct, exact_design
+from jointstiff.solver.design.optimum import (
+    AOptimality,
+    Candidates,
+    Design,
+    DesignProblem,
+    DOptimality,
+    optimise,
+)
 
-__all__ = ["run", "run_figaroh_section"]
+__all__ = ["run"]
 
-_FEW, _FIGAROH = 5_000, 1_600
+
+CANDIDATES = 5_000
+READINGS = 20
+CRITERIA = ("D", "relative A", "I")
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates: random postures under random pulls, three targets."""
+
+    rows: FloatArray  # (N, 9, 6) whitened, of relative compliances
+
+    @classmethod
+    def of(cls, count: int) -> Pool:
+        """Draw candidates."""
+        campaign = large_campaign(count)
+        rows = stacked_rows(campaign.robot, campaign.measurements)[0].reshape(-1, 9, 6)
+        return cls(rows * default_arm().compliances)
+
+    def problem(self, name: str) -> DesignProblem:
+        """State a choice, from the rows."""
+        candidates = Candidates.from_rows(self.rows)
+        return DesignProblem(candidates, self.criterion(name), READINGS, np.zeros((6, 6)))
+
+    def criterion(self, name: str) -> DOptimality | AOptimality:
+        """Return a criterion by its name."""
+        if name == "D":
+            return DOptimality(6)
+        places = self.rows[:: max(1, len(self.rows) // 500)].reshape(-1, 6)
+        return AOptimality(np.eye(6) if name == "relative A" else places.T @ places)
+
+    def information(self, weights: FloatArray) -> FloatArray:
+        """Return the information (6, 6) of weights, brought to a sum of 1."""
+        w = np.maximum(weights, 0.0)
+        M: FloatArray = READINGS * np.einsum(
+            "i,imp,imq->pq", w / w.sum(), self.rows, self.rows, optimize=True
+        )
+        return M
 
 
 def run(*, quick: bool) -> list[Section]:
     """Weights of 5,000 candidates beside cvxpy."""
-    return [_against_cvxpy(Pool.of(200 if quick else _FEW), 2 if quick else 7)]
-
-
-def run_figaroh_section(*, quick: bool) -> list[Section]:
-    """Weights of 1,600 candidates, and a list of the first 200, beside FIGAROH."""
-    return [_against_figaroh(Pool.of(60 if quick else _FIGAROH))]
+    return [_against_cvxpy(Pool.of(200 if quick else CANDIDATES), 2 if quick else 7)]
 
 
 def _weights(pool: Pool, name: str) -> Design:
@@ -70,71 +110,6 @@ def _against_cvxpy(pool: Pool, rounds: int) -> Section:
         figures=tuple(figures),
         notes=("gap: 1 − φ / bound, the bound from a sweep over all candidates",),
     )
-
-
-def _against_figaroh(pool: Pool) -> Section:
-    times = interleaved({"ours": partial(_weights, pool, "D")}, rounds=9)
-    peer = run_figaroh(pool.rows / np.sqrt(np.square(pool.rows).mean(axis=(0, 1))), READINGS)
-    if peer is None:
-        return Section("FIGAROH could not be installed", ("",), ())
-    criterion, ours = pool.criterion("D"), times.results["ours"]
-    reached = criterion.information(ours.matrix)
-    theirs = criterion.information(pool.information(np.array(peer["weights"])))
-    rows = [
-        ("ours", seconds_text(times.median("ours")), "1", "1"),
-        (
-            "SOCPOptimizer",
-            seconds_text(peer["seconds"]),
-            f"{peer['seconds'] / times.median('ours'):,.0f}",
-            f"{theirs / reached:.8f}",
-        ),
-    ]
-    figures = [
-        Figure(
-            f"{len(pool.rows):,} candidates, FIGAROH's SOCPOptimizer / ours",
-            peer["seconds"] / times.median("ours"),
-            "at least",
-            1000,
-            "×",
-        ),
-        Figure("root of the determinant, ours / SOCPOptimizer's", reached / theirs, "at least", 1.0 - 1e-9),
-    ]
-    if peer.get("detmax_list"):
-        first = pool[200]
-        chosen = peer["detmax_list"]
-        repeats = len(set(chosen)) < len(chosen)
-        listed = interleaved({"ours": lambda: _list(first, repeats=repeats)}, rounds=5)
-        K = np.einsum("imp,imq->pq", first.rows[chosen], first.rows[chosen])
-        ratio = criterion.information(listed.results["ours"].matrix) / criterion.information(K)
-        rows.append(
-            (f"list of {READINGS} of the first 200: ours", seconds_text(listed.median("ours")), "1", "1")
-        )
-        rows.append(
-            (
-                "the same: Detmax, mended",
-                seconds_text(peer["detmax_seconds"]),
-                f"{peer['detmax_seconds'] / listed.median('ours'):,.0f}",
-                f"{1 / ratio:.8f}",
-            )
-        )
-        figures.append(Figure("root of the determinant, our list / Detmax's", ratio, "at least", 1.0 - 1e-9))
-    return Section(
-        title=f"{len(pool.rows):,} candidates: ours beside FIGAROH 1.0.2, as released",
-        columns=("", "time", "time / ours", "det^(1/6) / ours"),
-        rows=tuple(rows),
-        figures=tuple(figures),
-        notes=(
-            "in an environment of its own, once, columns scaled, as it fails without; "
-            "Detmax keeps no list: the best one that it evaluated counts; both may repeat readings",
-            str(peer.get("detmax_error", "")),
-        ),
-    )
-
-
-def _list(pool: Pool, *, repeats: bool) -> object:
-    problem = pool.problem("D")
-    distinct = Distinct(np.arange(float(len(pool.joints)))[:, None], 0.0 if repeats else 0.5)
-    return exact_design(problem, optimise(problem), distinct)
 
 
 def _cvxpy_weights(pool: Pool, name: str) -> FloatArray | None:

@@ -6,37 +6,28 @@ By name only: it takes ten minutes; `--part 1/4` runs a quarter of the campaigns
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
-from time import process_time
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import nnls
 
+from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Part, Section
-from jointstiff.simulator import TARGETS, default_arm, deflections, random_configurations, robot_document
+from jointstiff.simulator import TARGETS, default_arm, random_configurations
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, default_bodies, sag
 from jointstiff.solver import (
     Body,
     Burden,
-    Measurements,
     Poses,
-    Robot,
-    Settings,
     WeightEstimate,
     WeightReadings,
-    identify,
     identify_weight,
 )
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.conic import GAP, Block, Cones, solve_weighed
+from jointstiff.solver.convex.conic import GAP
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import JointMap
-from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = [
     "BOTH",
@@ -45,15 +36,13 @@ __all__ = [
     "WRONG",
     "Way",
     "estimates",
-    "false_certificates",
     "harmful",
     "run",
     "summary",
 ]
 
 POSTURES, SIGMA, PAYLOAD = 40, 3e-5, 100.0
-CAMPAIGNS, EXACT_CAMPAIGNS, LOADED_CAMPAIGNS, PROGRAMS = 200, 1_000, 10, 1_000
-TIMES = 10
+CAMPAIGNS, EXACT_CAMPAIGNS = 200, 1_000
 SAG_CAMPAIGNS, UNMEASURED = 100, 60
 ARM, BODIES = default_arm(), default_bodies()
 LOAD_POINT = (-0.06, 0.02, 0.18)
@@ -81,47 +70,17 @@ WRONG = Way(
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
-    """Coverage, widths, certificates, time, and masses that are wrong."""
+    """Coverage, widths, sag, and masses that are wrong."""
     share = 0.1 if quick else 1.0
     counts = {KNOWN: EXACT_CAMPAIGNS, WITHIN: CAMPAIGNS, BOTH: CAMPAIGNS, WRONG: CAMPAIGNS}
     found = {way: estimates(way, part.of(max(int(share * count), 4))) for way, count in counts.items()}
-    loaded = _loaded_widths(max(int(share * LOADED_CAMPAIGNS), 2))
-    certificates = _certificate_section(part.of(int(share * PROGRAMS)))
-    sags = _sag_section(found, part)
-    return [_section(found, loaded), sags, _wrong_section(found[WRONG]), certificates, _time_section()]
+    return [_section(found), _sag_section(found, part), _wrong_section(found[WRONG])]
 
 
 def estimates(way: Way, seeds: range) -> list[WeightEstimate]:
     """Simulate campaigns and identify each."""
-    model = robot_document(ARM)["model"]
-    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    robot = default_robot(ARM)
     return [identify_weight(robot, _readings(way, seed)) for seed in seeds]
-
-
-def false_certificates(seeds: range) -> tuple[int, float]:
-    """Count certified optima that exceed the true one, and return the greatest gap.
-
-    A block of c and ζ in a box is the cone of the box's corners, so that the true optimum is a least
-    squares problem with zero or positive shares of corners, which Lawson and Hanson solve without Clarabel.
-    """
-    false, gaps = 0, []
-    for seed in seeds:
-        draws = np.random.default_rng([seed, 43])
-        boxes = draws.integers(1, 4, draws.integers(1, 5))
-        cones = Cones(tuple(Block(int(count)) for count in boxes), np.full(len(boxes), 100.0))
-        corners = [
-            np.insert(np.array(list(product((-1.0, 1.0), repeat=count))), 0, 1.0, axis=1).T
-            for count in boxes.tolist()
-        ]
-        size = sum(block.size for block in cones.blocks)
-        A = draws.standard_normal((size, size)) * 10.0 ** draws.uniform(-2.0, 0.0, size)
-        A[:, cones.first] /= np.linalg.norm(A[:, cones.first], axis=0)  # as the fit scales them
-        b = draws.standard_normal(size)
-        found = solve_weighed(A, b, cones)
-        truth = nnls(A @ block_diag(*corners), b)[1] ** 2
-        gaps.append(found.certificate.gap)
-        false += bool(found.loss > truth + GAP * float(b @ b))
-    return false, max(gaps)
 
 
 def _bodies(way: Way, draws: np.random.Generator) -> Bodies:
@@ -159,21 +118,6 @@ def _readings(way: Way, seed: int) -> WeightReadings:
     )
 
 
-def _certificate_section(seeds: range) -> Section:
-    false, gap = false_certificates(seeds)
-    return Section(
-        title=f"Stiffness without a load: {len(seeds)} drawn programs beside Lawson and Hanson's optimum",
-        columns=("", "programs"),
-        rows=(("certified, but beyond the true optimum", f"{false}"), ("greatest gap", f"{gap:.1g}")),
-        figures=(
-            Figure("false certificates", false, "at most", 0),
-            Figure("gap of a certificate, drawn programs", gap, "at most", GAP),
-        ),
-        notes=(),
-        data={"false": false, "gap": gap},
-    )
-
-
 def _ends(found: list[WeightEstimate]) -> FloatArray:
     """(campaigns, 5, 2) ends of the intervals over the true compliances; of no number, all there is."""
     everything = (0.0, np.inf)
@@ -188,44 +132,14 @@ def summary(found: list[WeightEstimate]) -> tuple[FloatArray, FloatArray, float]
     return covered, np.median(0.5 * np.ptp(ends, axis=2), axis=0), max(each.certificate.gap for each in found)
 
 
-def _loaded_widths(count: int) -> FloatArray:
-    """(5,) median half-widths of campaigns with a load in as many postures, over the true compliances."""
-    model = robot_document(ARM)["model"]
-    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
-    settings = Settings("partial_pose", "covariance", Bounds.positive(robot.n), complementary_stiffness=True)
-    widths = []
-    for seed in range(count):
-        draws = np.random.default_rng([seed, 42])
-        q = random_configurations(ARM, POSTURES, seed)
-        force, none = np.tile([0.0, 0.0, -1500.0], (POSTURES, 1)), np.zeros((POSTURES, 3))
-        before, after = deflections(ARM, q, force, none, LOAD_POINT, POINTS)
-        measurements = Measurements(
-            joints=q,
-            force=force,
-            moment=none,
-            load_point=np.tile(LOAD_POINT, (POSTURES, 1)),
-            position=before,
-            in_flange=np.zeros((POSTURES, 3), dtype=bool),
-            deflection=after - before + SIGMA * np.sqrt(2.0) * draws.standard_normal(before.shape),
-            present=np.ones((POSTURES, 3), dtype=bool),
-            sigma=SIGMA,
-        )
-        joints = identify(robot, measurements, settings).joints[JOINTS]
-        widths.append([0.5 * np.ptp(joint.compliance_interval or (0.0, np.inf)) for joint in joints])
-    return np.asarray(np.median(widths, axis=0) / ARM.compliances[JOINTS])
-
-
-def _section(found: dict[Way, list[WeightEstimate]], loaded: FloatArray) -> Section:
+def _section(found: dict[Way, list[WeightEstimate]]) -> Section:
     rows, figures = [], []
     sums = {way: summary(estimates) for way, estimates in found.items() if way is not WRONG}
     for way, (covered, width, gap) in sums.items():
         count = f"{len(found[way])} campaigns of {way.name}"
         rows.append((f"{count}: hold the truth, %", *(f"{100 * share:.1f}" for share in covered)))
         rows.append((f"{count}: half-width, %", *(f"{100 * part:.1f}" for part in width)))
-        figures.append(Figure(f"gap of the certificate, {way.name}", gap, "at most", 1e-8))
-    rows.append(
-        ("a load of 1500 N in as many postures: half-width, %", *(f"{100 * part:.1f}" for part in loaded))
-    )
+        figures.append(Figure(f"gap of the certificate, {way.name}", gap, "at most", GAP))
     known, within, both = (sums[way] for way in (KNOWN, WITHIN, BOTH))
     figures += [
         Figure(
@@ -274,8 +188,7 @@ def sag_errors(way: Way, seed: int, estimate: WeightEstimate, force: FloatArray)
     q = random_configurations(ARM, UNMEASURED, 99_999)
     many = np.tile(force, (UNMEASURED, 1))
     point = np.tile(LOAD_POINT, (UNMEASURED, 1))
-    model = robot_document(ARM)["model"]
-    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    robot = default_robot(ARM)
     positive = Constraints(Bounds.positive(robot.n))
     predicted = JointModel(robot, estimate.fit.compliance, None, positive, estimate.weight).deflect(
         LoadCases(q, many, np.zeros_like(many), point, point)
@@ -322,30 +235,4 @@ def _wrong_section(found: list[WeightEstimate]) -> Section:
         figures=(Figure("campaigns to use with a joint beyond 5 u and 20 %", unsaid, "at most", 0),),
         notes=(f"with a known payload of {PAYLOAD:g} kg as second state",),
         data={"said": said, "harmful": unsaid},
-    )
-
-
-def _time_section() -> Section:
-    """Time a fit of 40 postures beside stating and solving its convex program afresh in cvxpy."""
-    model = robot_document(ARM)["model"]
-    robot = Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
-    readings = _readings(WITHIN, 0)
-    problem = identify_weight(robot, readings).fit.reduced
-    data = {"A": problem.A, "b": problem.b / np.linalg.norm(problem.b), "cap": problem.cones.cap}
-    fit, fresh = [], []
-    for _ in range(TIMES):
-        start = process_time()
-        identify_weight(robot, readings)
-        fit.append(process_time() - start)
-        start = process_time()
-        programs.weighed.__wrapped__(len(problem.b), problem.cones.blocks).solve(data, programs.TOLERANCE)
-        fresh.append(process_time() - start)
-    ratio = float(np.median(fit) / np.median(fresh))
-    return Section(
-        title="Stiffness without a load: time of a fit with its intervals, in fresh cvxpy solves",
-        columns=("", "median of processor time"),
-        rows=((f"fit of {POSTURES} postures over a program stated, compiled and solved", f"{ratio:.1f}"),),
-        figures=(Figure("a fit in fresh solves", ratio, "at most", 10.0),),
-        notes=(),
-        data={"ratio": ratio},
     )

@@ -14,12 +14,12 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
-__all__ = ["CONFIDENCE", "METHODS", "Campaign", "Outcome", "Verdicts", "Way", "judge"]
+__all__ = ["CONFIDENCE", "METHODS", "Campaign", "Verdicts", "Way", "judge"]
 
 Campaign = tuple[Design, Measurements]
 
@@ -61,32 +61,6 @@ class Way:
         if not self.sigma_given:
             measurements = replace(measurements, sigma=None)
         return identify(robot, measurements, settings)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Estimate of one joint in one campaign; NaN if it is not observable."""
-
-    compliance: float
-    standard_uncertainty: float
-    interval: tuple[float, float]
-    one_sided: tuple[float, float]
-
-    @classmethod
-    def all_of(cls, estimate: Estimate) -> list[Outcome]:
-        """One for each joint."""
-        nothing = float("nan")
-        return [
-            cls(
-                nothing if joint.compliance is None else joint.compliance,
-                nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
-                joint.compliance_interval or (nothing, nothing),
-                (nothing, nothing)
-                if joint.one_sided is None
-                else (joint.one_sided.compliance_at_least, joint.one_sided.compliance_at_most),
-            )
-            for joint in estimate.joints
-        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +113,27 @@ class Verdicts:
 
 
 def judge(ways: Sequence[Way], campaigns: Iterable[Campaign]) -> dict[Way, Verdicts]:
-    """Identify every campaign in every way."""
+    """Identify every campaign in every way; what is not observable is NaN."""
     robot = default_robot(default_arm())
     truth: list[FloatArray] = []
-    found: dict[Way, list[list[Outcome]]] = {way: [] for way in ways}
+    found: dict[Way, list[list[tuple[float, ...]]]] = {way: [] for way in ways}
     for design, measurements in campaigns:
         truth.append(design.arm.compliances)
         for way in ways:
-            found[way].append(Outcome.all_of(way.estimate(robot, measurements)))
+            found[way].append([_numbers(joint) for joint in way.estimate(robot, measurements).joints])
+    numbers = {way: np.array(rows) for way, rows in found.items()}
     return {
-        way: Verdicts(
-            truth=np.array(truth),
-            compliance=np.array([[o.compliance for o in row] for row in rows]),
-            standard_uncertainty=np.array([[o.standard_uncertainty for o in row] for row in rows]),
-            interval=np.array([[o.interval for o in row] for row in rows]),
-            one_sided=np.array([[o.one_sided for o in row] for row in rows]),
-        )
-        for way, rows in found.items()
+        way: Verdicts(np.array(truth), each[..., 0], each[..., 1], each[..., 2:4], each[..., 4:])
+        for way, each in numbers.items()
     }
+
+
+def _numbers(joint: JointCompliance) -> tuple[float, ...]:
+    """Return compliance, standard uncertainty, interval, and one-sided bounds."""
+    nothing, bounds = float("nan"), joint.one_sided
+    return (
+        nothing if joint.compliance is None else joint.compliance,
+        nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
+        *(joint.compliance_interval or (nothing, nothing)),
+        *((bounds.compliance_at_least, bounds.compliance_at_most) if bounds else (nothing, nothing)),
+    )

@@ -108,7 +108,7 @@ def test_scatter_is_pooled_and_false_alarms_add_up_over_all_joints() -> None:
 
 
 def test_false_alarms_of_six_joints_are_below_the_rate() -> None:
-    """500 robots in control; `python -m benchmarks trend` has 20,000, and more scatter between campaigns."""
+    """500 robots in control; the settled study had 20,000, and more scatter between campaigns."""
     for rho in (0.0, 0.5):
         rng = np.random.default_rng(7)
         values = 0.02 * sqrt(1 + rho**2) * rng.standard_normal((500, 6, 23))

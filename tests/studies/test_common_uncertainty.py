@@ -10,10 +10,9 @@ from scipy.stats import binom
 from support.campaigns import estimate
 
 from benchmarks.campaigns import default_robot
-from benchmarks.designs import SIGMA, planned_design
-from benchmarks.studies.budget import expanded_by_monte_carlo, expanded_by_product, wrong_campaigns
+from benchmarks.designs import SIGMA, planned_design, with_compliances
 from benchmarks.studies.verdicts import Way, judge
-from jointstiff.simulator import TARGETS, default_arm, linear_deflections, torques
+from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.evidence.estimate import UncertaintyBudget
 from jointstiff.solver.fitting.fit import Likelihood
@@ -145,6 +144,90 @@ def test_what_is_not_told_apart_keeps_its_information():
     assert np.abs(information @ null).max() < 1e-14
     expected = np.linalg.inv(np.eye(2) + R @ S @ S.T @ R.T)  # covariance of R c
     np.testing.assert_allclose(information, R.T @ expected @ R, rtol=1e-12, atol=1e-14)
+
+
+STREAM = 21
+
+
+def expanded_by_monte_carlo(design, uncertainty, draws):
+    """Return half-widths (n,) of the intervals with equal tails, without any code of the solver."""
+    arm, plan = design.arm, design.experiment
+    units = [with_compliances(arm, unit) for unit in np.eye(len(arm.compliances))]
+    A = np.stack(
+        [linear_deflections(unit, plan.joints, *plan.wrenches, POINTS).ravel() for unit in units], axis=1
+    )
+    size = np.linalg.norm(A, axis=0)
+    H = np.linalg.pinv(A / size) / size[:, None]
+    generator = np.random.default_rng(STREAM)
+    found = []
+    for _ in range(draws):
+        force, moment, load_points, points = drawn(design, uncertainty, generator)
+        exact = linear_deflections(arm, plan.joints, force, moment, load_points, points).ravel()
+        found.append(H @ (exact + np.sqrt(2.0) * SIGMA * generator.standard_normal(exact.shape)))
+    tail = 50.0 * (1.0 - 0.95)
+    return 0.5 * np.ptp(np.percentile(found, [tail, 100.0 - tail], axis=0), axis=0)
+
+
+def expanded_by_product(design, uncertainty):
+    """Return the expanded uncertainties (n,) of the budget, for readings of exact linear springs."""
+    plan = design.experiment
+    deflection = linear_deflections(design.arm, plan.joints, *plan.wrenches, POINTS)
+    measured = replace(stated(design, deflection), common_uncertainty=uncertainty)
+    way = Way("partial pose", complementary_stiffness=False)
+    estimate = way.estimate(default_robot(design.arm), measured)
+    budget = UncertaintyBudget.of(estimate, 0.95)
+    if budget is None:
+        raise ValueError("sigma is given, so there is a budget")
+    return budget.coverage_factor * budget.total().uncertainty
+
+
+def wrong_campaigns(designs, draws, uncertainty):
+    """Campaigns whose true load and places differ from what they state.
+
+    Args:
+        designs: how many.
+        draws: campaigns of each.
+        uncertainty: of the errors, drawn once a campaign.
+    """
+    for seed in range(designs):
+        design = planned_design(default_arm(), seed=seed)
+        generator = np.random.default_rng([seed, STREAM])
+        for _ in range(draws):
+            force, moment, load_points, points = drawn(design, uncertainty, generator)
+            joints = design.experiment.joints
+            exact = np.stack(deflections(design.arm, joints, force, moment, load_points, points))
+            unloaded, loaded = exact + SIGMA * generator.standard_normal(exact.shape)
+            yield design, replace(stated(design, loaded - unloaded), common_uncertainty=uncertainty)
+
+
+def drawn(design, uncertainty, generator):
+    """Draw true forces, moments and load points (N, 3), and targets (T, 3)."""
+    plan = design.experiment
+    scale, *turn = generator.standard_normal(4)
+    rotation = rotation_by(uncertainty.direction * np.array(turn))
+    force, moment = (
+        (1.0 + uncertainty.scale * scale) * wrench @ rotation.T for wrench in (plan.forces, plan.moments)
+    )
+    load_points = plan.load_points + uncertainty.load_point * generator.standard_normal(3)
+    points = POINTS + uncertainty.target_places * generator.standard_normal(POINTS.shape)
+    return force, moment, load_points, points
+
+
+def stated(design, deflection):
+    """Return deflections (N, T, 3) of targets whose places in the flange frame are stated."""
+    plain = design.measurements(np.zeros_like(deflection), deflection, sigma=SIGMA)
+    position = np.broadcast_to(POINTS, deflection.shape).copy()
+    return replace(plain, position=position, in_flange=plain.present)
+
+
+def rotation_by(vector):
+    """Rotation (3, 3) by a vector [rad], by Rodrigues."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
 
 
 def test_intervals_hold_the_truth_where_load_and_places_are_off():

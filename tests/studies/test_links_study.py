@@ -7,7 +7,7 @@ import pytest
 from support.campaigns import prepare
 from support.shared_data import shared
 
-from benchmarks.studies.links import held_out_compensation
+from benchmarks.studies.links_fanuc import held_out_compensation
 from jointstiff.solver.links.model import MODELS
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.written_programs import moves_of, rewritten, targets_of
 
+from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs import columns
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
@@ -343,6 +344,44 @@ def test_frames_are_followed_over_calls_and_loops(content, bases):
     assert [targets[move.targets[0]].base.name for move in moves_of(program)] == [
         f"BASE_DATA[{i}]" for i in bases
     ]
+
+
+BIG = 10 * 1024 * 1024
+PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
+HOSTILE = {
+    "one letter": "A" * BIG,
+    "braces": "{" * BIG,
+    "line ends": "\n" * BIG,
+    "all bytes": bytes(range(1, 256)).decode("latin-1") * 400,
+    "deep folds": ";FOLD x\n" * 100_000,
+    "deep braces": "LIN " + "{A " * 1000 + "\n",
+    "deep loops": "LOOP\n" * 50_000 + f"LIN {PLACE}\n",
+    "NaN": PLACE.replace("1", "NaN"),
+    "huge number": "LIN " + PLACE.replace("1", "1e999"),
+    "long number": "LIN " + PLACE.replace("1", "1" * 3000),
+    "unclosed": f"LIN {PLACE[:-1]}\n" * 5000,
+    "relative": "LIN_REL {X 1}\n" * 50_000,
+    "variables": "LIN P1\n" * 50_000,
+    "brackets": "[" * (BIG // 2),
+    "quotes": '"' * 4000 + "\n" + "[1,2,'" * 600,
+}
+
+
+EVERYWHERE = ("all bytes", "brackets", "quotes", "relative")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        *(("a.src", content) for content in HOSTILE.values()),
+        *((name, HOSTILE[each]) for name in ("a.LS", "a.mod", "a.script", "a.csv") for each in EVERYWHERE),
+    ],
+    ids=lambda text: text[:8].strip(),
+)
+def test_hostile_programs_are_refused_in_few_words(name, content):
+    error = refusal(name, content)
+    assert len(str(error).encode()) < 8000
+    assert len(problem_of(error).model_dump_json().encode()) < 8000
 
 
 @pytest.mark.timeout(30)

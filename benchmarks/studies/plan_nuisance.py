@@ -1,4 +1,4 @@
-"""Plans carried out on exact springs and beams: what they promised beside what is found."""
+"""Plans with elastic links as nuisance, carried out on exact beams: what their readings predict."""
 
 from __future__ import annotations
 
@@ -11,20 +11,16 @@ from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Section
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_deflections
-from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.design.candidates import PlanRequest
 from jointstiff.solver.design.feasibility import Equipment, Loads, drawn_postures
 from jointstiff.solver.design.plan import plan_campaign
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.links.choice import Folds, Plan, chosen_weight, fit_fold, refined
 from jointstiff.solver.links.fit import first_certified
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.readings.measurements import Measurements
 
-__all__ = ["run", "run_nuisance"]
+__all__ = ["run"]
 
 _SIGMA, _FORCE = 2e-5, 1500.0
 _PLACES = np.array(list(TARGETS.values()))
@@ -36,43 +32,6 @@ _WAYS = ("links as nuisance", "joints alone", "random", "random in the work area
 
 
 def run(*, quick: bool) -> list[Section]:
-    """200 plans on exact springs: deviations of the estimates over what was promised."""
-    plans = 4 if quick else 200
-    promised, stated, deviation = (
-        np.array(part) for part in zip(*(_carried_out(seed) for seed in range(plans)), strict=True)
-    )
-    ratios = np.sqrt(np.square(deviation / promised).mean(axis=0))
-    overall = float(np.sqrt(np.square(deviation / promised).mean()))
-    sampling = 1.0 / np.sqrt(2.0 * deviation.size)
-    joints = [f"joint {j + 1}" for j in range(len(ratios))]
-    return [
-        Section(
-            title=f"Exact springs: found over promised uncertainty, {plans} plans of 8 to 30 readings",
-            columns=("", *joints, "all"),
-            rows=(
-                ("scatter / promised", *(f"{ratio:.3f}" for ratio in ratios), f"{overall:.3f}"),
-                ("stated / promised", *(f"{x:.4f}" for x in (stated / promised).mean(axis=0)), ""),
-            ),
-            figures=(
-                Figure(
-                    "plans: |root mean square of deviation / promised − 1|, less two sampling errors",
-                    abs(overall - 1.0) - 2.0 * sampling,
-                    "at most",
-                    0.01,
-                ),
-                Figure(
-                    "plans: greatest |stated / promised − 1| of an identification",
-                    float(np.abs(stated / promised - 1.0).max()),
-                    "at most",
-                    0.01,
-                ),
-            ),
-            notes=(f"sampling error of the overall ratio: {sampling:.3f}",),
-        )
-    ]
-
-
-def run_nuisance(*, quick: bool) -> list[Section]:
     """Plans with and without links as nuisance, and random ones, on exact beams."""
     arms = 2 if quick else 12
     errors = np.array([_Beams(seed).errors for seed in range(arms)])
@@ -123,31 +82,6 @@ def _measurements(
         present=present,
         sigma=_SIGMA,
     )
-
-
-def _carried_out(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what a plan promised, what the identification states, and how far it is from the springs."""
-    arm, random = default_arm(), np.random.default_rng([seed, 70])
-    robot = default_robot(arm)
-    request = PlanRequest(
-        _tools(),
-        readings=int(random.integers(8, 31)),
-        nominal=arm.compliances,
-        prior=np.full(6, np.inf),
-        candidates=300,
-        validation=0.0,
-        seed=seed,
-    )
-    plan = plan_campaign(robot, request)
-    points = np.broadcast_to(np.array(LOAD_POINT), (len(plan.joints), 3))
-    exact = deflections(arm, plan.joints, plan.force, np.zeros_like(points), points, _PLACES)
-    unloaded, loaded = np.stack(exact) + _SIGMA * random.standard_normal((2, len(points), 3, 3))
-    settings = Settings(
-        "partial_pose", "covariance", Bounds.unconstrained(robot.n), complementary_stiffness=True
-    )
-    found = identify(robot, _measurements(plan.joints, plan.force, unloaded, loaded), settings)
-    stated = np.array([joint.standard_uncertainty for joint in found.joints], dtype=np.float64)
-    return plan.uncertainty * arm.compliances, stated, found.compliance - arm.compliances
 
 
 @dataclass(frozen=True)

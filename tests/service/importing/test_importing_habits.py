@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import io
-import random
 import zipfile
 
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, sources_of, values_of
 from support.shared_data import MISSING, SHARED
 
-from benchmarks.mutations import MUTATIONS
-from benchmarks.spreadsheets import HABITS, campaign_of
-from benchmarks.studies.importing import outcome, tallies
 from jointstiff.schemas.imports import ImportOptions, ImportRequest
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.resources.imports import import_files
@@ -25,23 +21,6 @@ def refused(*files, **options):
     understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
     assert understood.faults
     return [fault.reason for fault in understood.faults]
-
-
-@pytest.mark.parametrize("habit", HABITS)
-def test_habits_as_they_are(habit):
-    generator = random.Random(7)  # noqa: S311
-    for _ in range(4):
-        campaign = campaign_of(generator)
-        assert outcome(campaign, HABITS[habit](campaign)) == "read"
-
-
-def test_mutated_files_are_never_misread():
-    by_habit, by_kind = tallies(500)
-    assert [name for tally in by_habit.values() for name in tally.misread] == []
-    assert set(by_kind) == set(MUTATIONS)
-    for tally in by_kind.values():  # both outcomes are tested
-        assert tally.counts["read"] > 5
-        assert tally.counts["refused"] > 5
 
 
 def test_the_preview_shows_how_a_header_was_put_together():
